@@ -69,6 +69,13 @@ class Walls(Group):
     flatness: float = param(
         0.01, "deviation of real walls from a plane, added to the noise of a line", unit="m", ge=0.0
     )
+    thickness: float = param(
+        0.08,
+        "walls no further behind each other along one stretch are one wall",
+        unit="m",
+        ge=0.0,
+        le=0.5,
+    )
     discount: float = param(
         2.0, "factor on the covariance of a line whose beams matching used too", ge=1.0, le=100
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.arrays import Float32, Float64
+from tccm_ros.arrays import Bool, Float32, Float64
 from tccm_ros.errors import MessageError
 from tccm_ros.records.cycle import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.records.sensors import (
@@ -43,6 +43,20 @@ MAX_SCAN_S = 60.0
 seconds."""
 
 
+ANGLE_SLACK_BEAMS, ANGLE_SLACK = 2.0, 0.01
+"""A scan's angles may contradict its number of beams by so many beams, or by this fraction of its
+field of view: drivers count an end twice or not at all, and round the increment (the lidar of
+a recorded Jackal is 1.6 beams off)."""
+
+NO_RETURN_SHELL, NO_RETURN_SHELL_M = 0.01, 0.02
+"""No returns are written within this fraction of range_max from it, or within this many m: 4 cm
+below 30 m by cob_sick_s300, 1 cm below 20 m by LMS1xx; Gazebo adds noise to them."""
+
+NO_RETURN_BEAMS, NO_RETURN_FRACTION = 3, 0.01
+"""As many beams of a scan, and this fraction of them, share one range in the shell where it says
+that nothing was seen: a wall's share one by chance, as far as its ranges are rounded."""
+
+
 def stamp_ns_from_message(stamp: Any) -> int:
     """Return a builtin_interfaces/Time in ns."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
@@ -64,10 +78,20 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
         angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max.
     ranges
         float32 (N,). The record's cannot be written, whether they come from a bag or from a
-        message, so that kernels are compiled for one kind of array.
+        message, so that kernels are compiled for one kind of array. Ranges that say that nothing
+        was seen are +inf in the record (REP-117).
+
+    Raises
+    ------
+    MessageError
+        Where a number is not finite (range_max may be infinite), where the angles contradict each
+        other or the number of beams, and where the time between beams is negative or makes the scan
+        longer than `MAX_SCAN_S`.
     """
-    angle_min, _, angle_increment, time_increment, _, range_min, range_max = map(float, numbers)
-    finite = (angle_min, angle_increment, time_increment, range_min)
+    angle_min, angle_max, angle_increment, time_increment, _, range_min, range_max = map(
+        float, numbers
+    )
+    finite = (angle_min, angle_max, angle_increment, time_increment, range_min)
     if not all(map(math.isfinite, finite)) or math.isnan(range_max):
         raise MessageError("scan has angles, times or limits that are not numbers")
     if not 0.0 <= time_increment * len(ranges) <= MAX_SCAN_S:
@@ -75,7 +99,11 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
             f"scan has {len(ranges)} beams with {time_increment:g} s between two, "
             f"expected 0 to {MAX_SCAN_S:g} s in all"
         )
-    ranges = ranges.view()
+    _check_angles(len(ranges), angle_min, angle_max, angle_increment)
+    no_returns = _no_returns(ranges, range_max)
+    ranges = (
+        ranges.view() if no_returns is None else np.where(no_returns, np.float32(np.inf), ranges)
+    )
     ranges.flags.writeable = False
     return Scan(
         stamp_ns=stamp_ns,
@@ -86,7 +114,53 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
         range_min=range_min,
         range_max=range_max,
         ranges=ranges,
+        no_returns=0 if no_returns is None else int(np.count_nonzero(no_returns)),
     )
+
+
+def _check_angles(count: int, angle_min: float, angle_max: float, increment: float) -> None:
+    """Raise MessageError where the angles of a scan contradict each other or its beams.
+
+    `angle_max` may be 2 pi away: some drivers wrap it into (-pi, pi].
+    """
+    if count < 2:
+        return
+    swept, span = (count - 1) * increment, angle_max - angle_min
+    slack = max(ANGLE_SLACK_BEAMS * abs(increment), ANGLE_SLACK * abs(span))
+    misfit = abs(swept - span)
+    is_wrapped = abs(misfit - 2.0 * math.pi) <= slack < abs(swept + span)
+    if increment == 0.0 or (misfit > slack and not is_wrapped):
+        raise MessageError(
+            f"scan of {count} beams has an angle_increment of {increment:.4g}, but goes from "
+            f"angle_min {angle_min:.4g} to angle_max {angle_max:.4g}"
+        )
+    if abs(swept) > 2.0 * math.pi + slack:
+        raise MessageError(
+            f"scan covers {swept:.4g} rad by its angle_increment, expected at most 6.28; are "
+            "its angles in degrees?"
+        )
+
+
+def _no_returns(ranges: Float32, range_max: float) -> Bool | None:
+    """Return which beams have the range that stands for nothing seen, None where none has.
+
+    A range of exactly `range_max` is one. Where many share one range beside it, or are beyond it,
+    all beams beside it are taken as no returns: noise was added to some of them.
+    """
+    if not 0.0 < range_max < math.inf:
+        return None
+    shell = max(NO_RETURN_SHELL * range_max, NO_RETURN_SHELL_M)
+    is_near = np.abs(ranges - np.float32(range_max)) <= shell
+    near = ranges[is_near]
+    if not len(near):
+        return None
+    many = max(NO_RETURN_BEAMS, NO_RETURN_FRACTION * len(ranges))
+    if len(near) >= many:
+        beyond = np.count_nonzero(near >= np.float32(range_max))
+        if max(beyond, np.unique(near, return_counts=True)[1].max()) >= many:
+            return np.asarray(is_near)
+    is_at_max = ranges == np.float32(range_max)
+    return is_at_max if is_at_max.any() else None
 
 
 def imu_record(

@@ -27,6 +27,9 @@ class Scan:
         Limits of valid ranges, m.
     ranges
         float32 (N,), m; REP-117: +inf nothing seen, -inf too close, nan invalid.
+    no_returns
+        Beams that the driver gave the range beside `range_max` that stands for nothing seen; they
+        are +inf in `ranges`.
     """
 
     stamp_ns: int
@@ -37,6 +40,7 @@ class Scan:
     range_min: float
     range_max: float
     ranges: Float32
+    no_returns: int = 0
 
     @property
     def end_ns(self) -> int:

@@ -84,11 +84,10 @@ class BaseMotion:
         above = ancestors(base, dict(self._frames.tf))
         if self.odom_frame in above[1:]:
             return self.odom_frame
-        for frame in above[:-1]:
-            edge = self._frames.tf[frame]
-            if edge.T_parent_child is None:
-                return edge.parent
-        return None
+        edges = [self._frames.tf[frame] for frame in above[:-1]]
+        on_tf = [edge for edge in edges if edge.T_parent_child is None]
+        moving = [edge for edge in on_tf if edge.track.has_moved] or on_tf
+        return moving[0].parent if moving else None
 
     def _tf_chain(self, base: str) -> Chain:
         """Return tf's chain from the odometry frame to a base."""

@@ -167,7 +167,9 @@ class ChainFinder:
             robot's own motion.
         """
         above = ancestors(laser, dict(self._frames.tf))
-        moving = [f for f in above[:-1] if self._frames.tf[f].T_parent_child is None]
+        edges = {frame: self._frames.tf[frame] for frame in above[:-1]}
+        on_tf = [frame for frame, edge in edges.items() if edge.T_parent_child is None]
+        moving = [frame for frame in on_tf if edges[frame].track.has_moved] or on_tf
         if self._kind is not MountKind.TILTING:
             return moving[0] if moving else above[-1]
         if len(moving) > 1:
@@ -201,6 +203,8 @@ class ChainFinder:
         scale, offset, source, seen = 1.0, 0.0, joint, {joint.name}
         by_name = self.model_joints()
         while source.mimic is not None:
+            if source.fault:
+                raise FrameError(source.fault)
             offset += scale * source.mimic.offset
             scale *= source.mimic.multiplier
             if source.mimic.joint in seen:
@@ -255,7 +259,8 @@ class ChainFinder:
         FrameError
             Where there is none; the message names the joints that are there.
         """
-        turning = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.is_revolute]
+        parts = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.is_revolute]
+        turning = [p for p in parts if isinstance(p, JointReading) or p.track.has_moved] or parts
         wanted = self._config.frames.tilt_joint
         if wanted:
             for part in turning:

@@ -30,7 +30,7 @@ class TfEdge:
     T_parent_child
         float64 (4, 4), None where the transform moves.
     track
-        Its samples where it moves.
+        Its samples where it came on /tf, which does not mean that it moves.
     """
 
     parent: str
@@ -95,22 +95,41 @@ class FrameTree:
         before.
         """
         parent, child = plain_name(sample.parent), plain_name(sample.child)
-        edge = self.tf.get(child)
+        edge = self._edge(parent, child)
         if edge is None:
-            if len(self.tf) >= MAX_FRAMES or parent == child:
-                return False
-            edge = self.tf[child] = TfEdge(parent, child, None, PoseTrack())
-            self.version += 1
-        if edge.parent != parent:
             return False
         if not sample.is_static:
-            return edge.track.append_pose(sample.stamp_ns, sample.T_parent_child)
+            had_moved = edge.track.has_moved
+            is_newer = edge.track.append_pose(sample.stamp_ns, sample.T_parent_child)
+            self.version += edge.track.has_moved != had_moved
+            return is_newer
         if edge.T_parent_child is None or not np.array_equal(
             edge.T_parent_child, sample.T_parent_child
         ):
             edge.T_parent_child = sample.T_parent_child
             self.version += 1
         return True
+
+    def note_transform(self, sample: TransformSample) -> None:
+        """Note the first transform of /tf of a frame, whatever its stamp.
+
+        A transform that never moves counts at any time: drivers publish it seldom, late or once.
+        """
+        child = plain_name(sample.child)
+        if child not in self.tf:
+            edge = self._edge(plain_name(sample.parent), child)
+            if edge is not None:
+                edge.track.note(sample.T_parent_child)
+
+    def _edge(self, parent: str, child: str) -> TfEdge | None:
+        """Return the edge to a child, None where it hangs on another parent."""
+        edge = self.tf.get(child)
+        if edge is None:
+            if len(self.tf) >= MAX_FRAMES or parent == child:
+                return None
+            edge = self.tf[child] = TfEdge(parent, child, None, PoseTrack())
+            self.version += 1
+        return edge if edge.parent == parent else None
 
     def clear_samples(self) -> None:
         """Forget moving transforms; what is static stays."""
@@ -228,6 +247,8 @@ def _links(
         else:
             yield inverse(edge.T_parent_child) if backwards else edge.T_parent_child, None, one
         return
+    if edge.fault:
+        raise FrameError(edge.fault)
     origin = inverse(edge.T_parent_joint) if backwards else edge.T_parent_joint
     if edge.motion == "fixed":
         yield origin, None, one

@@ -14,7 +14,7 @@ from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
-from tccm_ros.robot.tracks import Track
+from tccm_ros.robot.tracks import PoseTrack, Track
 
 
 class Posing:
@@ -95,6 +95,8 @@ class Posing:
             if not given_up:
                 sensor.awaited = track, track.heard
                 return None
+            if self._never_moved(track, needs, (start_ns, end_ns)):
+                continue
             if reason == "no joint samples":
                 mount.explain_missing(chain)
             return reason
@@ -143,6 +145,19 @@ class Posing:
             by_joint = isinstance(part, JointReading)
             needs.append(("no joint samples" if by_joint else "no transform", part.track))
         return needs
+
+    def _never_moved(
+        self, track: Track, needs: list[tuple[str, Track]], span: tuple[int, int]
+    ) -> bool:
+        """Return whether a transform of tf is known beside its samples, as it has never moved.
+
+        Of the base's motion another transform must tell that it is still heard of.
+        """
+        if not isinstance(track, PoseTrack) or track.T_constant is None:
+            return False
+        others = [t for reason, t in needs if reason == "no odometry" and t is not track]
+        is_motion = len(others) < sum(reason == "no odometry" for reason, _ in needs)
+        return not is_motion or any(t.brackets(*span, self._max_gap_ns) for t in others)
 
     def _has_no_more(self, track: Track, end_ns: int, now_ns: int) -> bool:
         """Return whether no sample can be hoped for that would bracket a record.

@@ -171,6 +171,8 @@ class Robot:
         elif taken.is_fixed:
             taken.take(record)
         else:
+            if isinstance(record, TransformSample):
+                self.frames.note_transform(record)
             self._admit(role, taken, record)
         return self._release()
 

@@ -38,6 +38,8 @@ class Sensor:
         Records that are not posed yet.
     dropped
         Records that were not posed, by reason.
+    remarks
+        Records that were taken though something about them is unusual, by what it is.
     received, posed
         Records that came, and those that were posed.
     longest_ns
@@ -51,6 +53,7 @@ class Sensor:
         self.mount = Mount(config, stream.mount, frames, joints)
         self.waiting: deque[Any] = deque()
         self.dropped: Counter[str] = Counter()
+        self.remarks: Counter[str] = Counter()
         self.received = 0
         self.posed = 0
         self.longest_ns = 0
@@ -71,6 +74,9 @@ class Sensor:
             self.refuse(reason)
             return
         self.received += 1
+        remark = self.stream.remark(record)
+        if remark is not None:
+            self.remarks[remark] += 1
         start_ns, end_ns = self.stream.time_span(record)
         self.longest_ns = max(self.longest_ns, end_ns - start_ns)
         place = len(self.waiting)

@@ -16,8 +16,8 @@ def at_its_stamp(record: Any) -> tuple[int, int]:
     return record.stamp_ns, record.stamp_ns
 
 
-def never_rejected(record: Any) -> str | None:
-    """Return None: what the reader lets through can be used."""
+def nothing_to_say(record: Any) -> str | None:
+    """Return None: what the reader lets through can be used, and is as usual."""
     return None
 
 
@@ -68,6 +68,8 @@ class Stream:
         Times of the first and the last measurement of a record, ns; its stamp by default.
     rejection_reason
         Returns why a record cannot be used, None where it can.
+    remark
+        Returns what is unusual about a record that is used, None where nothing is: it is counted.
     sees_robot
         Whether the poses carry the robot's own shapes, to be filtered out.
     companion
@@ -87,7 +89,8 @@ class Stream:
     processor: str
     event: type[Posed] = Posed
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
-    rejection_reason: Callable[[Any], str | None] = never_rejected
+    rejection_reason: Callable[[Any], str | None] = nothing_to_say
+    remark: Callable[[Any], str | None] = nothing_to_say
     sees_robot: bool = False
     companion: Companion | None = None
     max_waiting: int = 1000

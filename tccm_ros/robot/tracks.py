@@ -12,6 +12,10 @@ from tccm_ros.kernels import kernel
 MAX_SAMPLES = 16384
 """Samples that a track holds before it forgets the older half. Chosen: 160 s at 100 Hz."""
 
+SAME_POSE = 1e-7
+"""Transforms are the same whose numbers differ by less: those of single precision that a driver
+computes anew for each message."""
+
 
 class Track:
     """Samples of `width` numbers, sorted by stamp.
@@ -143,17 +147,42 @@ class PoseTrack(Track):
     ----------
     max_samples
         Bound of the history.
+
+    Attributes
+    ----------
+    T_constant
+        float64 (4, 4), the transform while all that came were the same; None before the first and
+        once it has moved.
+    has_moved
+        Whether two transforms differed.
     """
 
     def __init__(self, max_samples: int = MAX_SAMPLES):
         super().__init__(7, max_samples)
+        self.T_constant: Float64 | None = None
+        self.has_moved = False
 
     def append_pose(self, stamp_ns: int, T_a_b: Float64) -> bool:
         """Append a transform float64 (4, 4); return False where it is not the newest."""
+        self.note(T_a_b)
         return self.append(stamp_ns, pose_to_numbers(T_a_b))
 
+    def note(self, T_a_b: Float64) -> None:
+        """Compare a transform float64 (4, 4) with those that came before."""
+        if self.has_moved:
+            return
+        if self.T_constant is None:
+            self.T_constant = T_a_b
+        elif np.abs(T_a_b - self.T_constant).max() > SAME_POSE:
+            self.T_constant, self.has_moved = None, True
+
     def at(self, stamps_ns: Int64) -> Float64:
-        """Return transforms float64 (K, 4, 4) at stamps int64 (K,) that the samples bracket."""
+        """Return transforms float64 (K, 4, 4) at stamps int64 (K,).
+
+        The samples bracket the stamps, or the transform is constant.
+        """
+        if not self._count and self.T_constant is not None:
+            return np.broadcast_to(self.T_constant, (len(stamps_ns), 4, 4)).copy()
         return interpolate_transforms(self.stamps_ns, self.values, np.asarray(stamps_ns, np.int64))
 
 

@@ -1,12 +1,17 @@
 """Reading a robot description: links, joints and collision shapes.
 
-The reader is small and strict because the text comes from a topic or a file of others: no document
-type, so no entities; bounded in size; every number finite. Meshes are not loaded, only named.
+The text comes from a topic or a file of others: no document type, so no entities; bounded in size;
+every number finite. What ROS's own parser (tinyxml2) takes is read: whitespace before the
+declaration, two hyphens in a comment, prefixes that nothing declares, a bare ampersand. A fault of
+one joint is kept with it and counts where a chain needs that joint. Meshes are not loaded, only
+named.
 """
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -51,6 +56,10 @@ class Joint:
         float64 (4, 4), origin of the joint.
     axis
         Unit vector float64 (3,) in the joint's frame.
+    limits
+        Lowest and highest position, rad or m; None where there are none.
+    fault
+        What is wrong with the joint, empty where nothing is: no chain can go through it.
     """
 
     name: str
@@ -60,6 +69,8 @@ class Joint:
     T_parent_joint: Float64
     axis: Float64
     mimic: Mimic | None
+    limits: tuple[float, float] | None = None
+    fault: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +102,8 @@ class RobotModel:
         By the name of the child link.
     meshes
         Links with collision meshes, which are not loaded.
+    faults
+        What is wrong with joints and shapes, one line each; those shapes are left out.
     """
 
     name: str
@@ -99,13 +112,42 @@ class RobotModel:
     joints: dict[str, Joint]
     shapes: tuple[Shape, ...]
     meshes: tuple[str, ...]
+    faults: tuple[str, ...] = ()
 
 
-class _Builder(ElementTree.TreeBuilder):
-    """Refuses a document type before any entity in it is read."""
+_DECLARATION = re.compile(r"\A<\?xml\b.*?\?>", re.DOTALL)
+_COMMENT_OR_DATA = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
+_BARE_AMPERSAND = re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]+|#x[0-9a-fA-F]+);)")
 
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise UrdfError("robot description: a document type is not allowed; remove <!DOCTYPE")
+
+def _parse(text: str) -> ElementTree.Element:
+    """Return the root element of XML as tinyxml2 reads it, prefixes as part of the names.
+
+    Raises
+    ------
+    UrdfError
+        For a document type, before any entity in it is read, and for what is not XML.
+    """
+    text = _DECLARATION.sub("", text.lstrip("\ufeff \t\r\n"))
+    parts, at = [], 0
+    for found in _COMMENT_OR_DATA.finditer(text):
+        data = "" if found.group().startswith("<!--") else found.group()
+        parts += [_BARE_AMPERSAND.sub("&amp;", text[at : found.start()]), data]
+        at = found.end()
+    parts.append(_BARE_AMPERSAND.sub("&amp;", text[at:]))
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate("utf-8")
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    try:
+        parser.Parse("".join(parts).encode("utf-8", "replace"), True)
+        return builder.close()
+    except (expat.ExpatError, ValueError, AssertionError) as error:
+        raise UrdfError(f"robot description: not XML ({one_line(error, limit=80)})") from None
+
+
+def _refuse_doctype(*_: object) -> None:
+    raise UrdfError("robot description: a document type is not allowed; remove <!DOCTYPE")
 
 
 def read_urdf(text: str) -> RobotModel:
@@ -115,24 +157,22 @@ def read_urdf(text: str) -> RobotModel:
     ------
     UrdfError
         For text that is not a URDF, has a document type, is too large, names unknown links or is
-        not one tree.
+        not one tree. Faults of single joints and shapes are told by `RobotModel.faults`.
     """
     size = len(text.encode("utf-8", "replace"))
     if size > MAX_URDF_BYTES:
         raise UrdfError(f"robot description: {size} bytes, at most {MAX_URDF_BYTES} are read")
     if not text.strip():
         raise UrdfError("robot description: empty")
-    try:
-        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise UrdfError(f"robot description: not XML ({one_line(error, limit=80)})") from None
+    root = _parse(text)
     if root.tag != "robot":
         raise UrdfError(f"robot description: <robot> is expected, found <{root.tag[:40]}>")
     links = _links(root)
     joints = _joints(root, set(links))
-    return RobotModel(
-        root.get("name", ""), _root_link(links, joints), links, joints, *_shapes(root)
-    )
+    shapes, meshes, faults = _shapes(root)
+    faults = [*(joint.fault for joint in joints.values() if joint.fault), *faults]
+    name = root.get("name", "")
+    return RobotModel(name, _root_link(links, joints), links, joints, shapes, meshes, tuple(faults))
 
 
 def _links(root: ElementTree.Element) -> tuple[str, ...]:
@@ -171,40 +211,60 @@ def _joints(root: ElementTree.Element, links: set[str]) -> dict[str, Joint]:
             raise UrdfError(f"robot description: link '{joint.child}' has two parents")
         names.add(joint.name)
         joints[joint.child] = joint
-    for joint in joints.values():
-        if joint.mimic is not None and joint.mimic.joint not in names:
-            raise UrdfError(
-                f"robot description: joint '{joint.name}' mimics no joint '{joint.mimic.joint}'"
-                + suggest(joint.mimic.joint, names)
-            )
+    for child, joint in joints.items():
+        if joint.mimic is not None and joint.mimic.joint not in names and not joint.fault:
+            fault = f"joint '{joint.name}' mimics no joint '{joint.mimic.joint}'"
+            joints[child] = replace(joint, fault=fault + suggest(joint.mimic.joint, names))
     return joints
 
 
 def _joint(element: ElementTree.Element) -> Joint:
+    """Return a joint; one with a fault of its own has no place."""
     name = _name(element, "joint")
-    where = f"joint '{name}'"
+    ends = [element.find(end) for end in ("parent", "child")]
+    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    try:
+        return _movement(
+            element, Joint(name, "fixed", parent, child, np.eye(4), np.eye(3)[0], None)
+        )
+    except UrdfError as error:
+        fault = str(error).removeprefix("robot description: ")
+        return Joint(name, "loose", parent, child, np.eye(4), np.eye(3)[0], None, fault=fault)
+
+
+def _movement(element: ElementTree.Element, joint: Joint) -> Joint:
+    """Return a joint with its origin and how it moves."""
+    where = f"joint '{joint.name}'"
     kind = element.get("type", "")
     if kind not in (*MOVING, "fixed", "floating", "planar"):
         raise UrdfError(f"robot description: {where} has no type '{kind}'")
-    ends = [element.find(end) for end in ("parent", "child")]
-    parent, child = ("" if end is None else end.get("link", "") for end in ends)
-    axis = np.array([1.0, 0.0, 0.0])
+    axis = joint.axis
     found = element.find("axis")
-    if found is not None:
+    if found is not None and kind in MOVING:
         axis = _numbers(found.get("xyz", "1 0 0"), 3, f"{where} axis")
     length = float(np.linalg.norm(axis))
-    if kind in MOVING and length < 1e-9:
+    if length < 1e-9:
         raise UrdfError(f"robot description: {where} has an axis of zero length")
-    motion = MOVING.get(kind, "fixed" if kind == "fixed" else "loose")
-    return Joint(
-        name,
-        motion,
-        parent,
-        child,
-        _origin(element, where),
-        axis / max(length, 1e-9),
-        _mimic(element, where),
+    return replace(
+        joint,
+        motion=MOVING.get(kind, "fixed" if kind == "fixed" else "loose"),
+        T_parent_joint=_origin(element, where),
+        axis=axis / length,
+        mimic=_mimic(element, where),
+        limits=_limits(element, kind),
     )
+
+
+def _limits(element: ElementTree.Element, kind: str) -> tuple[float, float] | None:
+    """Return the limits of a joint, None where there are none that leave it a way to go."""
+    found = element.find("limit")
+    if found is None or kind not in ("revolute", "prismatic"):
+        return None
+    try:
+        low, high = (float(found.get(end, "0")) for end in ("lower", "upper"))
+    except ValueError:
+        return None
+    return (low, high) if -np.inf < low < high < np.inf else None
 
 
 def _mimic(element: ElementTree.Element, where: str) -> Mimic | None:
@@ -260,9 +320,13 @@ def _root_link(links: tuple[str, ...], joints: dict[str, Joint]) -> str:
     return roots[0]
 
 
-def _shapes(root: ElementTree.Element) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+def _shapes(
+    root: ElementTree.Element,
+) -> tuple[tuple[Shape, ...], tuple[str, ...], list[str]]:
+    """Return the shapes, the links with meshes, and what is wrong with shapes that are left out."""
     shapes: list[Shape] = []
     meshes: list[str] = []
+    faults: list[str] = []
     for link in root.findall("link"):
         name = link.get("name", "")
         for collision in link.findall("collision"):
@@ -273,11 +337,14 @@ def _shapes(root: ElementTree.Element) -> tuple[tuple[Shape, ...], tuple[str, ..
             if found.tag not in ("box", "sphere", "cylinder"):
                 meshes.append(name)
                 continue
-            size = _half_extents(found, f"collision of link '{name}'")
-            shapes.append(
-                Shape(name, found.tag, size, _origin(collision, f"collision of link '{name}'"))
-            )
-    return tuple(shapes), tuple(dict.fromkeys(meshes))
+            where = f"collision of link '{name}'"
+            try:
+                size, T_link_shape = _half_extents(found, where), _origin(collision, where)
+            except UrdfError as error:
+                faults.append(str(error).removeprefix("robot description: "))
+            else:
+                shapes.append(Shape(name, found.tag, size, T_link_shape))
+    return tuple(shapes), tuple(dict.fromkeys(meshes)), faults
 
 
 def _half_extents(element: ElementTree.Element, where: str) -> Float64:

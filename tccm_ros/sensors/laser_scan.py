@@ -7,7 +7,7 @@ the pose of its own time.
 
 import math
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,21 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.cdr.reading import read_scan
 from tccm_ros.config import Config
+from tccm_ros.config.sensors import ScanFilter
 from tccm_ros.geometry import inverse, level
 from tccm_ros.records import PosedScan, Scan
 from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_message
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
+
+NOTHING_SEEN = "nothing seen"
+NO_LIMITS = "range_min is not below range_max"
+OUT_OF_LIMITS = "no range between range_min and range_max"
+TOO_FAR = "all ranges beyond scan.max_range: are they millimetres?"
+"""Why scans without a hit are dropped."""
+
+NO_RETURNS = "ranges at range_max are taken as nothing seen"
+"""What is said of scans whose driver writes `range_max` where nothing is."""
 
 
 def scan_from_message(message: Any) -> Scan:
@@ -52,14 +62,47 @@ def time_span(scan: Scan) -> tuple[int, int]:
     return (stamp_ns, end_ns) if end_ns >= stamp_ns else (end_ns, stamp_ns)
 
 
-def rejection_reason(scan: Scan) -> str | None:
-    """Return why a scan cannot be used, None where it can."""
+def rejection_reason(scan: Scan, limits: ScanFilter | None = None) -> str | None:
+    """Return why a scan cannot be used, None where it can.
+
+    Parameters
+    ----------
+    scan
+        Of one laser.
+    limits
+        Limits of the configuration, in addition to the scan's own.
+    """
     if len(scan.ranges) == 0:
         return "empty"
     numbers = (scan.angle_min, scan.angle_increment, scan.time_increment)
     if not all(map(math.isfinite, numbers)):
         return "malformed"
-    return "malformed" if abs(scan.time_increment) * len(scan.ranges) > MAX_SCAN_S else None
+    if abs(scan.time_increment) * len(scan.ranges) > MAX_SCAN_S:
+        return "malformed"
+    return _reason_of_ranges(scan, limits)
+
+
+def _reason_of_ranges(scan: Scan, limits: ScanFilter | None) -> str | None:
+    """Return why no beam of a scan hit anything, None where one did."""
+    low, high = scan.range_min, scan.range_max
+    if limits is not None:
+        low, high = max(low, limits.min_range), min(high, limits.max_range)
+    ranges = scan.ranges
+    if ((ranges >= low) & (ranges <= high) & (ranges > 0.0)).any():
+        return None
+    if not low < high:
+        return NO_LIMITS
+    seen = ranges[np.isfinite(ranges) & (ranges > 0.0)]
+    if not len(seen):
+        return NOTHING_SEEN
+    if (seen > high).all() and scan.range_max > high:
+        return TOO_FAR
+    return OUT_OF_LIMITS
+
+
+def remark(scan: Scan) -> str | None:
+    """Return what is unusual about a scan that is used, None where nothing is."""
+    return NO_RETURNS if scan.no_returns else None
 
 
 TILT_SCAN = Stream(
@@ -73,12 +116,18 @@ TILT_SCAN = Stream(
     event=PosedScan,
     time_span=time_span,
     rejection_reason=rejection_reason,
+    remark=remark,
     sees_robot=True,
 )
 
 LEVEL_SCAN = replace(
     TILT_SCAN, role="scan", mount=MountKind.LEVEL, processor="slam", sees_robot=False
 )
+
+
+def scan_stream(stream: Stream, config: Config) -> Stream:
+    """Return the stream of a laser whose scans are judged by the limits of a configuration."""
+    return replace(stream, rejection_reason=partial(rejection_reason, limits=config.scan))
 
 
 def bearings(scan: Scan) -> Float64:

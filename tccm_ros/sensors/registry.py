@@ -10,7 +10,7 @@ from tccm_ros.robot import Stream
 from tccm_ros.sensors.camera_image import camera_stream, is_compressed_picture
 from tccm_ros.sensors.depth_image import depth_reader, depth_stream
 from tccm_ros.sensors.detections import detections_stream
-from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
+from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN, scan_stream
 from tccm_ros.sensors.point_cloud import cloud_stream
 
 
@@ -19,8 +19,8 @@ def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
     config = config or Config()
     sensors = config.sensors
     return (
-        *(replace(TILT_SCAN, role=topic) for topic in sensors.tilt_scans),
-        LEVEL_SCAN,
+        *(scan_stream(replace(TILT_SCAN, role=topic), config) for topic in sensors.tilt_scans),
+        scan_stream(LEVEL_SCAN, config),
         *map(depth_stream, sensors.depth_images),
         *map(cloud_stream, sensors.point_clouds),
         *map(detections_stream, sensors.detections),

@@ -8,6 +8,7 @@ map does not constrain: along a corridor the result and its covariance are those
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,9 @@ from tccm_ros.slam.matching.correlation import SEARCH_WEIGHT, correlate
 from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
+from tccm_ros.slam.matching.visibility import passes_and_hits
 from tccm_ros.slam.odometry_model import OdometryScale, gyro_yaw_variance, odometry_covariance
-from tccm_ros.slam.se2 import between, compose, fuse, inverse, rotate_covariance
+from tccm_ros.slam.se2 import between, compose, fuse, inverse, rotate_covariance, transform_points
 
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw), m and rad, of an unknown motion between two scans (chosen)."""
@@ -37,14 +39,19 @@ STEADY_COV = np.diag([0.15**2, 0.15**2, 0.15**2])
 """Covariance of (x, y, yaw), m and rad, of the change of motion between two scans without odometry:
 within what robots accelerate (chosen)."""
 
+STEADY_TIME = 0.1
+"""Time (s) since the last match to which `STEADY_COV` belongs; its standard deviation grows with it
+(lasers of 10 Hz)."""
+
 MIN_ANGLE_STEP, MAX_ANGLE_STEPS = 0.012, 25
 """Yaw step (rad) of a search, small enough for alignment; steps to either side at most (chosen)."""
 
 WINDOW_SIGMAS, MAX_WINDOW = 3.0, (1.0, 0.8)
 """Half width of the search in standard deviations of odometry; its maximum, m and rad (chosen)."""
 
-WIDE_WINDOW = (1.0, 0.6)
-"""Half width (m, rad) of the search for a scan that matches badly (chosen)."""
+WIDE_WINDOW, MAX_WIDE_WINDOW = (1.0, 0.6), (3.0, 0.8)
+"""Half width (m, rad) of the search for a scan that matches badly; its maximum, where the pose has
+not been known for a while (chosen)."""
 
 MIN_POINTS = 5
 """Points of a scan that is matched at all (chosen)."""
@@ -143,6 +150,48 @@ class TrackedPose:
     cov: Float64
 
 
+def decaying_motion(velocity: Float64, seconds: float) -> Float64:
+    """Return the motion (3,) in a time (s) of a robot that brakes, from its velocity (3,).
+
+    It is never longer than the velocity times `DECAY_TIME`.
+    """
+    return np.asarray(velocity * (-np.expm1(-seconds / DECAY_TIME) * DECAY_TIME))
+
+
+def decayed(velocity: Float64, seconds: float, information: Float64, prior_cov: Float64) -> Float64:
+    """Return a velocity after what no scan observes of it has decayed.
+
+    The pose is the mean, weighted by information, of the prediction and of the match; the weight of
+    the prediction W = (I + P^-1)^-1 P^-1 tells which part of the motion is its own. In the norm of
+    P^-1, W is symmetric with eigenvalues between 0 and 1: the velocity never grows.
+
+    Parameters
+    ----------
+    velocity
+        float64 (3,), the mean over the time, m/s and rad/s.
+    seconds
+        The time.
+    information
+        float64 (3, 3) of the match alone on (x, y, yaw) in the frame of the pose.
+    prior_cov
+        float64 (3, 3), P, covariance of the prediction, in the same frame.
+    """
+    weight = np.linalg.inv(np.eye(3) + prior_cov @ information)
+    # At the end of the time over its mean, of a velocity that decays by e in `DECAY_TIME`.
+    x = seconds / DECAY_TIME
+    return np.asarray(velocity - (1.0 - x / np.expm1(x)) * (weight @ velocity))
+
+
+def _since(since_ns: int | None, scan: LevelScan, is_so: bool) -> int | None:
+    """Return since when something is so: from the stamp of a scan on, None where it is not."""
+    return (scan.stamp_ns if since_ns is None else since_ns) if is_so else None
+
+
+class _StampedPose(NamedTuple):
+    stamp_ns: int
+    pose: Float64
+
+
 @dataclass(slots=True)
 class _LocalMap:
     lines: LineMap
@@ -178,10 +227,15 @@ class FrontEnd:
     tracked: list[TrackedPose] = field(default_factory=list)
     pose: Float64 = field(default_factory=lambda: np.zeros(3))
     is_lost: bool = False
+    # Where a match was last used; since when the pose is not known, and since when scans see
+    # through the surfaces of the map.
+    _matched: _StampedPose | None = None
     _unmatched_ns: int | None = None
+    _elsewhere_ns: int | None = None
     _map: _LocalMap | None = None
     _last: LevelScan | None = None
-    _step: Float64 = field(default_factory=lambda: np.zeros(3))
+    # Mean of the newest motion, (m/s, m/s, rad/s) in the frame of the pose before.
+    _velocity: Float64 = field(default_factory=lambda: np.zeros(3))
     _moved: bool = False
     _stood: bool = False
     _contradictions: int = 0
@@ -201,8 +255,10 @@ class FrontEnd:
         if self.is_lost:
             self.begin_session()
         if self._last is None:
-            self.pose = np.zeros(3) if start is None else np.asarray(start, float)
+            if scan.has_odometry or not self.keyframes:
+                self.pose = np.zeros(3) if start is None else np.asarray(start, float)
             self._add_keyframe(scan, np.zeros((3, 3)), np.zeros(3))
+            self._matched = _StampedPose(scan.stamp_ns, self.pose.copy())
             cov = np.zeros((3, 3))
         else:
             cov = self._track(scan)
@@ -216,12 +272,15 @@ class FrontEnd:
         """Begin another session: the next scan is somewhere else."""
         if self._last is not None:
             self.session += 1
-        self.is_lost, self._unmatched_ns = False, None
+        self.is_lost, self._unmatched_ns, self._elsewhere_ns = False, None, None
         self._map = self._last = self._information = None
-        self._step, self._contradictions = np.zeros(3), 0
+        self._velocity, self._contradictions = np.zeros(3), 0
 
     def contradicts(self, stamp_ns: int) -> bool:
-        """Return whether scans have contradicted odometry for a while at a stamp."""
+        """Return whether for a while before a stamp the pose was not known.
+
+        Scans contradict odometry, or there is none and they match nothing.
+        """
         since_ns = self._unmatched_ns
         return since_ns is not None and stamp_ns - since_ns > NOTICE_TIME * 1e9
 
@@ -240,11 +299,7 @@ class FrontEnd:
         self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
         self._check_standing(scan, prior, prior_cov)
         self._check_lost(scan, inliers)
-        self._step = between(before, self.pose)
-        if not self._believes_odometry(scan):
-            # Constant velocity, but for the part that is the prediction's own.
-            decay = 1.0 - np.exp((self._last.stamp_ns - scan.stamp_ns) * 1e-9 / DECAY_TIME)
-            self._step = self._step - decay * (cov @ np.linalg.inv(prior_cov) @ self._step)
+        self._update_velocity(scan, before, prior_cov)
         moved = between(keyframe.pose, self.pose)
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
         graph = self.config.graph
@@ -254,12 +309,26 @@ class FrontEnd:
             and distance + yaw > EARLY_FRACTION * graph.keyframe_distance
         )
         # A scan of another place must not enter the map that is to tell so.
-        if (far or early) and not self._is_contradicted():
+        if (far or early) and not self._is_contradicted() and not self._is_hidden(scan, inliers):
             systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
             self._add_keyframe(scan, cov, systematic)
             return np.zeros((3, 3))
         return cov
+
+    def _update_velocity(self, scan: LevelScan, before: Float64, prior_cov: Float64) -> None:
+        """Note the motion that led to a scan, from the pose before it or the last known one."""
+        assert self._matched is not None
+        observed, seconds = self._information is not None, self._seconds_to(scan)
+        if observed:
+            before, seconds = self._matched.pose, (scan.stamp_ns - self._matched.stamp_ns) * 1e-9
+        self._velocity = between(before, self.pose) / seconds
+        if not self._believes_odometry(scan):
+            information = np.zeros((3, 3)) if self._information is None else self._information
+            information = rotate_covariance(information, -float(self.pose[2]))
+            self._velocity = decayed(self._velocity, seconds, information, prior_cov)
+        if observed:
+            self._matched = _StampedPose(scan.stamp_ns, self.pose.copy())
 
     def _systematic(self, scan: LevelScan, cov: Float64) -> Float64:
         """Return by how much odometry's scale moves a scan since its keyframe, one sigma of it.
@@ -294,13 +363,15 @@ class FrontEnd:
         heading, and walls determine it nearly everywhere.
         """
         assert self._last is not None
+        assert self._matched is not None
         step = self._scale.corrected(between(self._last.odom, scan.odom))
         since = self._scale.corrected(between(self._anchor_odom, scan.odom))
         if step.any():
             self._moved, self._contradictions = True, 0
         if not self._believes_odometry(scan):
-            expected = compose(self.pose, self._step)
-            return expected, expected, STEADY_COV
+            expected = compose(self.pose, decaying_motion(self._velocity, self._seconds_to(scan)))
+            unknown_s = (scan.stamp_ns - self._matched.stamp_ns) * 1e-9
+            return expected, expected, STEADY_COV * max(1.0, unknown_s / STEADY_TIME) ** 2
         if step.any():
             self._use_gyro(scan, step)
         expected = compose(self.pose, step)
@@ -330,6 +401,11 @@ class FrontEnd:
         if self._gyro_s is not None:
             self._gyro_s += (scan.stamp_ns - self._last.stamp_ns) * 1e-9
 
+    def _seconds_to(self, scan: LevelScan) -> float:
+        """Return the time (s) from the scan before to a scan."""
+        assert self._last is not None
+        return (scan.stamp_ns - self._last.stamp_ns) * 1e-9
+
     def _believes_odometry(self, scan: LevelScan) -> bool:
         return scan.has_odometry and self._contradictions < CONTRADICTING_SCANS
 
@@ -347,26 +423,64 @@ class FrontEnd:
             self._anchor_cov, self._gyro_s = STEADY_COV, 0.0
 
     def _check_lost(self, scan: LevelScan, inliers: float) -> None:
-        """Note how long scans have contradicted odometry that said that the robot stood.
+        """Note how long the pose has not been known, and whether the robot is elsewhere.
 
-        Whoever is carried by a lift sees the other floor as the door opens, and drives on at once.
+        Scans contradict odometry that said that the robot stood: whoever is carried by a lift sees
+        the other floor as the door opens, and drives on at once. Without odometry, a scan that
+        matches nothing leaves the pose unknown. People who hide the map let none of it be seen
+        through: the place is the same, and the search for it goes on.
         """
+        unknown = (
+            self._map is not None
+            and self.config.matching.enabled
+            and self._information is None
+            and not self._believes_odometry(scan)
+        )
         is_seen_through = (
             self._map is not None
             and inliers < LOST_INLIERS
-            and (self._stands(scan) or self._is_contradicted())
+            and (unknown or self._stands(scan) or self._is_contradicted())
             and seen_through(self.pose, scan, self._map.lines) > LOST_FRACTION
         )
-        if not is_seen_through:
-            self._unmatched_ns = None
-        elif self._unmatched_ns is None:
-            self._unmatched_ns = scan.stamp_ns
-        elif scan.stamp_ns - self._unmatched_ns > LOST_TIME * 1e9:
-            self.is_lost = True
+        self._unmatched_ns = _since(self._unmatched_ns, scan, unknown or is_seen_through)
+        self._elsewhere_ns = _since(self._elsewhere_ns, scan, is_seen_through)
+        since_ns = self._elsewhere_ns
+        self.is_lost = since_ns is not None and scan.stamp_ns - since_ns > LOST_TIME * 1e9
 
     def _is_contradicted(self) -> bool:
-        """Return whether it is open if the newest scans are of the map's place."""
+        """Return whether it is open where in the map the newest scans are."""
         return self._unmatched_ns is not None
+
+    def _is_accidental(self, scan: LevelScan, result: Alignment, prior: Prior) -> bool:
+        """Return whether a match without odometry is by accident.
+
+        It is further from the prediction than robots drive; or it is to find the pose again, and
+        fits no better than one for which the search is widened.
+        """
+        if self._believes_odometry(scan):
+            return False
+        deviation = between(prior.pose, result.pose)
+        is_far = deviation @ prior.information @ deviation > CONTRADICTION_CHI2
+        finds_again = self._unmatched_ns is not None
+        return bool(is_far) or (finds_again and result.inliers < MIN_INLIERS)
+
+    def _is_hidden(self, scan: LevelScan, inliers: float) -> bool:
+        """Return whether people who have come hide the map from a scan without odometry.
+
+        Most of its points that fit nothing are where the map's scans saw nothing: they are no new
+        surfaces. With such a scan in the map, the next ones would follow whoever walks past.
+        """
+        if inliers >= EARLY_KEYFRAME_INLIERS or self._believes_odometry(scan):
+            return False
+        recent = self._recent_keyframes()
+        ends = [transform_points(k.pose, k.scan.points) for k in recent]
+        passes, hits = passes_and_hits(
+            transform_points(self.pose, scan.points),
+            np.concatenate([transform_points(k.pose, k.scan.origin[None]) for k in recent]),
+            np.array([len(x) for x in ends]),
+            np.concatenate(ends),
+        )
+        return float(np.mean(passes > hits)) > 0.5 * (1.0 - inliers)
 
     def _stands(self, scan: LevelScan) -> bool:
         """Return whether wheels that have turned before say that the robot stands."""
@@ -397,14 +511,15 @@ class FrontEnd:
         if self._map is None or not self.config.matching.enabled or len(scan.points) < MIN_POINTS:
             return predicted, prior_cov, 1.0
         result = self._align_near(scan, predicted, prior, prior_cov, self._window(prior_cov))
+        known = Prior(prior, np.asarray(np.linalg.inv(prior_cov), np.float64))
         if result.inliers < MIN_INLIERS and not self._stands(scan):
-            wide = self._search_wide(scan, predicted, result)
+            wide = self._search_wide(scan, predicted, prior_cov, result)
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
                 result, prior_cov = wide, LOOSE_COV
                 self._odometry_pose, self._anchor_odom = wide.pose.copy(), scan.odom
                 self._anchor_cov, self._gyro_s = LOOSE_COV, 0.0
-        if result.inliers < MIN_USED_INLIERS:
+        if result.inliers < MIN_USED_INLIERS or self._is_accidental(scan, result, known):
             return predicted, UNUSED_INFLATION * prior_cov, result.inliers
         self._information = information = result.information / self.config.matching.correlated_beams
         cov = fuse(information, float(result.pose[2]), prior_cov)
@@ -443,16 +558,28 @@ class FrontEnd:
             known,
         )
 
-    def _search_wide(self, scan: LevelScan, predicted: Float64, near: Alignment) -> Alignment:
+    def _search_wide(
+        self, scan: LevelScan, predicted: Float64, prior_cov: Float64, near: Alignment
+    ) -> Alignment:
         """Search around the predicted pose and the last one: odometry may have jumped."""
+        window, min_quality = WIDE_WINDOW, -np.inf
+        if not self._believes_odometry(scan):
+            # As far as the robot can have driven: what hides the map must not move it.
+            sigma, min_quality = float(prior_cov[0, 0] ** 0.5), MIN_USED_INLIERS
+            low = self._window(STEADY_COV)[0], WIDE_WINDOW[1]
+            window = (
+                min(max(low[0], sigma), MAX_WIDE_WINDOW[0]),
+                min(max(low[1], sigma), MAX_WIDE_WINDOW[1]),
+            )
+        goes_on = compose(self.pose, decaying_motion(self._velocity, self._seconds_to(scan)))
         found = [
-            self._align_near(scan, centre, centre, LOOSE_COV, WIDE_WINDOW)
-            for centre in (predicted, self.pose, compose(self.pose, self._step))
+            self._align_near(scan, centre, centre, LOOSE_COV, window)
+            for centre in (predicted, self.pose, goes_on)
         ]
         quality = [self._match_quality(scan, alignment) for alignment in (near, *found)]
         best = int(np.argmax(quality[1:]))
         gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
-        return found[best] if quality[1 + best] > quality[0] + gain else near
+        return found[best] if quality[1 + best] > max(quality[0] + gain, min_quality) else near
 
     def _match_quality(self, scan: LevelScan, alignment: Alignment) -> float:
         assert self._map is not None
@@ -474,9 +601,12 @@ class FrontEnd:
         self._anchor_cov, self._gyro_s = np.zeros((3, 3)), 0.0
         self._rebuild_map()
 
-    def _rebuild_map(self) -> None:
+    def _recent_keyframes(self) -> list[GraphKeyframe]:
         recent = self.keyframes[-self.config.matching.submap_keyframes :]
-        recent = [keyframe for keyframe in recent if keyframe.session == self.session]
+        return [keyframe for keyframe in recent if keyframe.session == self.session]
+
+    def _rebuild_map(self) -> None:
+        recent = self._recent_keyframes()
         poses = np.stack([k.pose for k in recent])
         lines = make_line_map(poses, [k.scan for k in recent])
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, LOCAL_LEVELS))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from random_robots import pinocchio_poses, trees
 from robots import TILTING, joint, robot
 
-from tccm_ros.errors import UrdfError
+from tccm_ros.errors import FrameError, UrdfError
 from tccm_ros.robot.chain import JointReading
 from tccm_ros.robot.frames import build_chain, find_path
 from tccm_ros.robot.tracks import ScalarTrack
@@ -88,25 +88,9 @@ BROKEN = {
         robot([joint("a", "fixed", "x", "y"), joint("b", "fixed", "y", "x")], None, ["base"]),
         "form a ring",
     ),
-    "an unknown type": (TILTING.replace("revolute", "ball"), "has no type 'ball'"),
-    "no number": (TILTING.replace("0.1 0 1.0", "0.1 0 high"), "3 numbers expected"),
-    "not finite": (TILTING.replace("0.1 0 1.0", "0.1 0 nan"), "3 numbers expected"),
-    "two numbers": (TILTING.replace("0.1 0 1.0", "0.1 0"), "3 numbers expected"),
-    "no axis": (TILTING.replace("0 1 0", "0 0 0"), "axis of zero length"),
     "a joint twice": (
         robot([joint("a", "fixed", "x", "y"), joint("a", "fixed", "y", "z")]),
         "joint 'a' is there twice",
-    ),
-    "mimics nothing": (
-        robot([joint("a", "revolute", "x", "y", more='<mimic joint="b"/>')]),
-        "mimics no joint 'b'",
-    ),
-    "a negative box": (
-        robot(
-            [joint("a", "fixed", "x", "y")],
-            {"x": '<collision><geometry><box size="1 -1 1"/></geometry></collision>'},
-        ),
-        "negative size",
     ),
     "entities": (
         '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]>'
@@ -126,6 +110,76 @@ def test_broken_descriptions_are_one_clean_error(text, message):
         read_urdf(text)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+FAULTS = {
+    "an unknown type": (TILTING.replace("revolute", "ball"), "has no type 'ball'"),
+    "no number": (TILTING.replace("0.1 0 1.0", "0.1 0 high"), "3 numbers expected"),
+    "not finite": (TILTING.replace("0.1 0 1.0", "0.1 0 nan"), "3 numbers expected"),
+    "two numbers": (TILTING.replace("0.1 0 1.0", "0.1 0"), "3 numbers expected"),
+    "no axis": (TILTING.replace("0 1 0", "0 0 0"), "axis of zero length"),
+    "mimics nothing": (
+        TILTING.replace(
+            'name="tilt" type="revolute">', 'name="tilt" type="revolute"><mimic joint="tillt"/>'
+        ),
+        "mimics no joint 'tillt'; did you mean 'tilt'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_of_a_joint_counts_where_a_chain_needs_it(text, message):
+    model = read_urdf(text)
+    assert len(model.faults) == 1
+    assert message in model.faults[0]
+    with pytest.raises(FrameError) as caught:
+        build_chain(find_path("base", "laser", dict(model.joints)), lambda joint: None)
+    assert str(caught.value) == model.faults[0]
+    beside = build_chain(find_path("base", "front_laser", dict(model.joints)), lambda joint: None)
+    assert beside.parts == ()
+
+
+def test_a_shape_with_a_fault_is_left_out():
+    body = '<collision><geometry><box size="1 -1 1"/></geometry></collision>'
+    model = read_urdf(robot([joint("a", "fixed", "x", "y")], {"x": body}))
+    assert model.shapes == ()
+    assert model.faults == ("collision of link 'x': a negative size",)
+
+
+ACCEPTED_BY_ROS = {
+    "whitespace before the declaration": f'\n  <?xml version="1.0"?>\n{TILTING}',
+    "a byte order mark": f'\ufeff<?xml version="1.0"?>{TILTING}',
+    "another encoding": f'<?xml version="1.0" encoding="us-ascii"?>{TILTING}',
+    "hyphens in a comment": TILTING.replace("</robot>", "<!-- --- base <link --- --></robot>"),
+    "a prefix of nothing": TILTING.replace("</robot>", "<gazebo><a:b c:d='e'/></gazebo></robot>"),
+    "a bare ampersand": TILTING.replace("</robot>", "<gazebo a='b & c'>d && e</gazebo></robot>"),
+    "an entity of nothing": TILTING.replace("</robot>", "<gazebo>&nbsp;</gazebo></robot>"),
+    "data": TILTING.replace("</robot>", "<gazebo><![CDATA[<!-- & ]]></gazebo></robot>"),
+}
+
+
+@pytest.mark.parametrize("text", ACCEPTED_BY_ROS.values(), ids=ACCEPTED_BY_ROS)
+def test_descriptions_that_ros_reads_are_read(text):
+    model = read_urdf(text)
+    assert set(model.joints) == {"head", "cradle", "laser", "front_laser"}
+    assert model.faults == ()
+
+
+def test_an_entity_in_a_name_is_decoded():
+    assert read_urdf('<robot><link name="a&amp;b&#33;"/></robot>').root == "a&b!"
+
+
+def test_limits_are_those_that_leave_a_way_to_go():
+    def limits(text):
+        described = joint("a", "revolute", "x", "y")
+        start = described.index("<limit")
+        limit = f"<limit {text}/></joint>" if text else "</joint>"
+        return read_urdf(robot([described[:start] + limit])).joints["y"].limits
+
+    assert limits('lower="-0.5" upper="1.5" effort="1" velocity="2"') == (-0.5, 1.5)
+    assert limits('upper="1"') == (0.0, 1.0)
+    for text in ("", 'effort="1"', 'lower="1" upper="-1"', 'lower="low"', 'upper="inf"'):
+        assert limits(text) is None
 
 
 def test_a_huge_description_is_not_parsed():

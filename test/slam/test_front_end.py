@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import plan
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import between2, planar
-from tccm_ros.slam.front_end import FrontEnd
+from tccm_ros.geometry import planar
+from tccm_ros.slam.front_end import FrontEnd, decayed, decaying_motion
 from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.odometry_model import odometry_covariance
 
@@ -48,20 +51,116 @@ def test_a_robot_that_stands_before_a_pole_keeps_its_heading(seed):
     assert np.abs(poses[:, 2]).max() < np.radians(0.2)
 
 
-def test_without_odometry_a_motion_that_nothing_observes_decays():
-    """The robot was driving, and matching saw it, before it came to where nothing tells."""
-    approach = np.column_stack([np.linspace(0.0, 3.0, 31), np.zeros((31, 2))])
-    run = plan.drive(NICHES, approach, beams=361, odometry=False)
-    front = FrontEnd(Config())
-    for posed in run.scans:
-        front.add(make_level_scan(posed, Config()))
-    seen = front.pose
-    plain = plan.drive(CORRIDOR, STANDING[:30], beams=361, odometry=False)
-    for k, posed in enumerate(plain.scans):
-        scan = replace(posed.scan, stamp_ns=run.scans[-1].scan.stamp_ns + (k + 1) * 10**8)
+@pytest.mark.parametrize("seed", [1, 3])
+def test_without_odometry_a_motion_that_nothing_observes_decays(seed):
+    """Beyond the last niche at 9.4 m, nothing tells that the robot drives on."""
+    poses = np.column_stack([np.arange(0.0, 14.0, 0.1), np.zeros((140, 2))])
+    run = plan.drive(NICHES, poses, beams=361, odometry=False, seed=seed)
+    _, found = follow(run)
+    # At 1 m/s, a motion that decays in 0.5 s goes on for 0.5 m, one that does not for 4.5 m.
+    assert np.abs(found[95:, 0] - 9.5).max() < 0.8
+
+
+FINITE = {"allow_nan": False, "allow_infinity": False}
+
+
+def matrices(scale):
+    """Return a strategy of positive semidefinite matrices (3, 3) up to about `scale`."""
+    entry = st.floats(-1.0, 1.0, **FINITE)
+    square = arrays(float, (3, 3), elements=entry)
+    return st.builds(lambda A, e: scale * 10.0**e * (A @ A.T), square, st.floats(-6.0, 0.0))
+
+
+@given(
+    velocity=arrays(float, 3, elements=st.floats(-5.0, 5.0, **FINITE)),
+    seconds=st.floats(0.01, 10.0),
+    information=matrices(1e6),
+    cov=matrices(10.0),
+)
+def test_the_decay_of_the_velocity_is_a_contraction(velocity, seconds, information, cov):
+    cov = cov + 1e-4 * np.eye(3)
+    after = decayed(velocity, seconds, information, cov)
+    weight = np.linalg.inv(cov)
+    before, now = (float(v @ weight @ v) for v in (velocity, after))
+    assert now <= before * (1.0 + 1e-6) + 1e-9
+    # Where nothing is observed, as much is left as at the end of an exponential decay.
+    x = seconds / 0.5
+    unobserved = decayed(velocity, seconds, np.zeros((3, 3)), cov)
+    assert unobserved == pytest.approx(velocity * x / np.expm1(x), abs=1e-9)
+    assert np.abs(decaying_motion(velocity, seconds)).max() <= 0.5 * np.abs(velocity).max()
+
+
+# A room of 10 m with two cupboards; the robot drives 4 m at 0.5 m/s, and stands for 4 s.
+ROOM = np.concatenate(
+    [
+        plan.box(-2.0, -5.0, 8.0, 5.0),
+        plan.box(2.0, 2.0, 3.0, 2.6),
+        plan.box(5.0, -4.0, 5.5, -3.0),
+    ]
+)
+SPEED, STOPS_AT = 0.5, 8.0
+BEARINGS = np.linspace(-np.pi / 2, np.pi / 2, 361)
+
+
+def crowded(ranges, pose, time, people, seed):
+    """Return ranges with people who walk around the robot, 0.6 to 1.2 m away."""
+    random = np.random.default_rng(seed)
+    start, distance, yaw_rate = (
+        random.uniform(*x, people) for x in ((0, 6.3), (0.6, 1.2), (-1, 1))
+    )
+    angle = start + yaw_rate * time
+    middles = pose[:2] + np.column_stack([np.cos(angle), np.sin(angle)]) * distance[:, None]
+    middles += 0.3 * np.sin(5.0 * time + start)[:, None]
+    walls = np.concatenate([plan.box(x - 0.2, y - 0.2, x + 0.2, y + 0.2) for x, y in middles])
+    return np.minimum(ranges, plan.cast(walls, [*pose, 0.1, 0.0, 0.0], BEARINGS))
+
+
+def drive_in_the_room(rate, *, seed, gap=0.0, people=0, crowd_time=3.0):
+    """Return errors (N,) of the position, the stamps at which lost is said, and the front end."""
+    times = np.arange(0.0, 12.0, 1.0 / rate)
+    poses = np.column_stack([SPEED * np.minimum(times, STOPS_AT), np.zeros((len(times), 2))])
+    run = plan.drive(ROOM, poses, seed=seed, beams=361, odometry=False)
+    front, errors, lost = FrontEnd(Config()), [], []
+    for pose, time, posed in zip(poses, times, run.scans):
+        if 4.0 <= time < 4.0 + gap:
+            continue
+        scan = replace(posed.scan, stamp_ns=10**18 + int(time * 1e9))
+        if people and 4.0 <= time < 4.0 + crowd_time:
+            ranges = crowded(scan.ranges, pose, time, people, seed)
+            scan = replace(scan, ranges=ranges.astype(np.float32))
         front.add(make_level_scan(replace(posed, record=scan), Config()))
-    # At 1 m/s, a motion that decays in 0.5 s goes on for 0.5 m, one that does not for 3 m.
-    assert between2(seen, front.pose)[0] < 0.8
+        errors.append(float(np.hypot(*(front.pose - pose)[:2])))
+        if front.contradicts(scan.stamp_ns):
+            lost.append(time)
+    return np.array(errors), lost, front
+
+
+@pytest.mark.parametrize("rate", [5, 10])
+@pytest.mark.parametrize("gap", [0.0, 3.0])
+def test_without_odometry_a_gap_and_slow_scans_lose_nothing(rate, gap):
+    errors, lost, front = drive_in_the_room(rate, seed=0, gap=gap)
+    assert errors.max() < 0.02
+    assert not lost
+    assert front.session == 0
+
+
+@pytest.mark.parametrize("rate", [5, 10])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_without_odometry_a_crowd_hides_the_room_and_lost_is_said(rate, seed):
+    errors, lost, front = drive_in_the_room(rate, seed=seed, people=24)
+    # The robot drives 1.5 m in the crowd; its last trusted motion says at most 0.25 m of it.
+    assert errors.max() < 1.5 + 0.25
+    assert min(lost) < 4.0 + 2.0
+    assert max(lost) < 4.0 + 3.0 + 0.5
+    assert errors[-1] < 0.02
+    assert front.session == 0
+
+
+@pytest.mark.parametrize("rate", [5, 10])
+def test_without_odometry_a_few_people_do_not_carry_the_robot_along(rate):
+    errors, _, front = drive_in_the_room(rate, seed=3, people=8)
+    assert errors.max() < 0.05
+    assert front.session == 0
 
 
 @pytest.mark.parametrize("seed", range(3))

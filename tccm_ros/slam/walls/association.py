@@ -20,13 +20,8 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.kernels import kernel
 from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.walls.lines import Lines
-
-WALL_FIELDS = (
-    "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
-)  # fmt: skip
-POOLED = np.dtype([(name, np.float64) for name in WALL_FIELDS])
-"""A wall: moments of its segments weighed by length (m), the sum of the directions that they face,
-the line of them all, and its lowest and highest position along its tangent."""
+from tccm_ros.slam.walls.merging import merge_walls
+from tccm_ros.slam.walls.pooled import POOLED, extend_pooled, pool_segment
 
 JOINT_CHI2_PER_LINE = 6.0
 """Maximum chi-square per line of the joint fit of a scan's lines to their walls with one common
@@ -57,6 +52,9 @@ class WallTable:
         float64 (W,), of each wall in map as pooled, phi on the side away from the viewers.
     extent
         float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
+    roughness
+        float64 (W,), standard deviation of its lines across the wall, m: they bow, are rough, and
+        poses err.
     """
 
     keyframe: Int64
@@ -65,6 +63,7 @@ class WallTable:
     phi: Float64
     rho: Float64
     extent: Float64
+    roughness: Float64
 
     def __len__(self) -> int:
         return len(self.phi)
@@ -82,7 +81,13 @@ class WallTable:
         # The entry at the end is for observations of no wall (-1), also where there is no wall.
         renumbered = np.append(number, -1)[wall]
         return WallTable(
-            self.keyframe, self.line, renumbered, self.phi[keep], self.rho[keep], self.extent[keep]
+            self.keyframe,
+            self.line,
+            renumbered,
+            self.phi[keep],
+            self.rho[keep],
+            self.extent[keep],
+            self.roughness[keep],
         )
 
 
@@ -114,6 +119,7 @@ class WallAssociation:
         limits = config.walls
         self._gates = _Gates(limits.gate_distance, limits.gate_angle, limits.max_gap)
         self._pooled = np.zeros(0, POOLED)
+        self._ends = np.zeros((0, 2, 2))
         self.keyframe, self.line, self.wall = np.zeros((3, 0), np.int64)
 
     def add(self, first: int, poses: Float64, lines: Sequence[Lines]) -> None:
@@ -140,14 +146,25 @@ class WallAssociation:
         v_phi = np.concatenate([x.cov[:, 0, 0] for x in lines])
         segments = _Segments(keyframe, ends, phi, v_phi, poses[keyframe, :2].copy())
         wall, self._pooled = _associate(segments, self._gates, self._pooled)
+        self._ends = np.concatenate([self._ends, ends])
         self.keyframe = np.append(self.keyframe, first + keyframe)
         self.line, self.wall = np.append(self.line, line), np.append(self.wall, wall)
+
+    def merge(self, thickness: float) -> None:
+        """Merge walls that were seen along one stretch, nearer to each other than a thickness (m).
+
+        Walls that became part of others have no observations any more.
+        """
+        self.wall = merge_walls(self._ends, self.wall, self._pooled, thickness)
 
     def table(self) -> WallTable:
         """Return all walls, those that are not confirmed as well."""
         pooled = self._pooled
         extent = np.stack([pooled["low"], pooled["high"]], axis=1)
-        return WallTable(self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent)
+        roughness = np.sqrt(pooled["across"])
+        return WallTable(
+            self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent, roughness
+        )
 
 
 def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> WallTable:
@@ -164,6 +181,7 @@ def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> W
     """
     association = WallAssociation(config)
     association.add(0, poses, lines)
+    association.merge(config.walls.thickness)
     return association.table().keep(association.wall, min_confirmations(config, len(poses)))
 
 
@@ -193,37 +211,6 @@ class _Gates(NamedTuple):
     distance: float
     angle: float
     max_gap: float
-
-
-@kernel
-def _pool(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
-    """Add the segment a-b to a wall of dtype `POOLED`, but for its extent."""
-    length = np.hypot(b[0] - a[0], b[1] - a[1])
-    cx, cy = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
-    hx, hy = 0.5 * (b[0] - a[0]), 0.5 * (b[1] - a[1])
-    w.mass += length
-    w.x += length * cx
-    w.y += length * cy
-    w.xx += length * (cx * cx + hx * hx / 3.0)
-    w.xy += length * (cx * cy + hx * hy / 3.0)
-    w.yy += length * (cy * cy + hy * hy / 3.0)
-    w.cos += length * np.cos(facing)
-    w.sin += length * np.sin(facing)
-    mx, my = w.x / w.mass, w.y / w.mass
-    sxx, sxy, syy = w.xx / w.mass - mx * mx, w.xy / w.mass - mx * my, w.yy / w.mass - my * my
-    phi = 0.5 * np.arctan2(2.0 * sxy, sxx - syy) + 0.5 * np.pi
-    if np.cos(phi) * w.cos + np.sin(phi) * w.sin < 0.0:
-        phi -= np.pi
-    w.phi = phi
-    w.rho = np.cos(phi) * mx + np.sin(phi) * my
-
-
-@kernel
-def _extend(w: Any, ends: Float64) -> None:  # pragma: no cover - compiled
-    nx, ny = np.cos(w.phi), np.sin(w.phi)
-    for e in range(2):
-        t = -ny * ends[e, 0] + nx * ends[e, 1]
-        w.low, w.high = min(w.low, t), max(w.high, t)
 
 
 @kernel
@@ -280,8 +267,8 @@ def _associate(
             if k < 0:
                 k, count = count, count + 1
                 wall[i], pooled[k].low, pooled[k].high = k, np.inf, -np.inf
-            _pool(pooled[k], segments.ends[i, 0], segments.ends[i, 1], segments.phi[i])
-            _extend(pooled[k], segments.ends[i])
+            pool_segment(pooled[k], segments.ends[i, 0], segments.ends[i, 1], segments.phi[i])
+            extend_pooled(pooled[k], segments.ends[i])
         start = max(stop, start + 1)
     return wall, pooled[:count].copy()
 

@@ -146,13 +146,16 @@ class GrowingWalls:
         groups, last = self._association.table(), self.table
         count = max(len(last), max(self._walls, default=-1) + 1)
         phi, rho, extent = np.zeros(count), np.zeros(count), np.zeros((count, 2))
+        roughness = np.zeros(count)
         phi[: len(last)], rho[: len(last)], extent[: len(last)] = last.phi, last.rho, last.extent
+        roughness[: len(last)] = last.roughness
         sizes = np.bincount(groups.wall[groups.wall >= 0], minlength=len(groups))
         for g in np.argsort(sizes, kind="stable").tolist():
             w = self._walls[g]
             if w >= 0:
                 phi[w], rho[w], extent[w] = groups.phi[g], groups.rho[g], groups.extent[g]
-        return WallTable(groups.keyframe, groups.line, wall, phi, rho, extent)
+                roughness[w] = max(roughness[w], groups.roughness[g])
+        return WallTable(groups.keyframe, groups.line, wall, phi, rho, extent, roughness)
 
     def _add_corners(
         self, observations: WallTable, lines: Sequence[Lines], first: int, known: int

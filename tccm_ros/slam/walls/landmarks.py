@@ -60,7 +60,7 @@ def wall_factors(
     for k, i, w in zip(table.keyframe, table.line, table.wall):
         if w < 0:
             continue
-        x, cov = lines[k], line_covariance(lines[k], i, config)
+        x, cov = lines[k], line_covariance(lines[k], i, config, table.roughness[w])
         key = wall_key(int(w))
         factors.append(WallObservation(keys[k], key, float(x.phi[i]), float(x.rho[i]), cov))
     return factors

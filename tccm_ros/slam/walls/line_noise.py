@@ -9,15 +9,16 @@ from tccm_ros.config import Config
 from tccm_ros.slam.walls.lines import Lines
 
 
-def line_covariance(lines: Lines, i: int, config: Config) -> Float64:
+def line_covariance(lines: Lines, i: int, config: Config, roughness: float = 0.0) -> Float64:
     """Return the covariance (2, 2) of (phi, rho) with which line i says where its wall is.
 
     Matching has used the same beams, so that the errors of both are correlated. Two estimates of
     unknown correlation are added by covariance intersection with equal weights: the covariance of
-    a line is doubled (``walls.discount``), and the flatness of real walls is added.
+    a line is doubled (``walls.discount``), and the flatness of real walls is added: that of this
+    wall, `roughness` (m), or that of all (``walls.flatness``), whichever is larger.
     """
     discounted = lines.cov[i] * config.walls.discount
-    return discounted + _flatness_covariance(lines, i, config.walls.flatness**2)
+    return discounted + _flatness_covariance(lines, i, max(config.walls.flatness, roughness) ** 2)
 
 
 def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:

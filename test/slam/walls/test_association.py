@@ -1,6 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import plan
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2
@@ -63,6 +67,62 @@ def test_walls_at_a_distance_of_twenty_centimetres_stay_two():
     assert sorted(np.round(table.rho, 6)) == [1.8, 2.0]
 
 
+def drive_past(points, sigma, seed, error):
+    """Return 12 poses along y and the lines that each sees of points (N, 2) ahead of them.
+
+    Poses err by `error` (m, rad); ranges by `sigma` (m).
+    """
+    random = np.random.default_rng(seed)
+    true = np.column_stack([np.zeros(12), np.linspace(-1.5, 1.5, 12), random.normal(0, 0.2, 12)])
+    lines = []
+    for x, y, yaw in true:
+        c, s = np.cos(yaw), np.sin(yaw)
+        seen = (points - [x, y]) @ np.array([[c, -s], [s, c]])
+        rays = np.hypot(*seen.T)[:, None]
+        seen = seen * (1.0 + random.normal(0.0, sigma, rays.shape) / rays)
+        lines.append(extract_lines(seen, np.zeros(2), Config()))
+    return true + random.normal(size=true.shape) * [error[0], error[0], error[1]], lines
+
+
+@given(
+    bow=st.floats(-0.06, 0.06),
+    length=st.floats(2.5, 5.0),
+    seed=st.integers(0, 1000),
+    error=st.tuples(st.floats(0.0, 0.02), st.floats(0.0, 0.015)),
+)
+@settings(max_examples=40)
+def test_a_wall_of_any_bow_is_one_wall(bow, length, seed, error):
+    """Panels bow by some centimetres, and split and merge cuts each view of them elsewhere."""
+    t = np.linspace(-1.0, 1.0, 240)
+    panel = np.column_stack([3.0 + bow * (1.0 - t * t), 0.5 * length * t])
+    table = associate_walls(*drive_past(panel, 0.005, seed, error), Config())
+    assert len(table) == 1
+    assert np.ptp(table.extent[0]) == pytest.approx(length, abs=0.25)
+    # The parabola leaves 2 bow / sqrt(45) about its line, and poses what they err.
+    expected = np.hypot(abs(bow) * 2.0 / np.sqrt(45.0), np.hypot(error[0], 3.0 * error[1]))
+    assert table.roughness[0] < 2.0 * expected + 0.01
+
+
+@pytest.mark.parametrize("offset", [0.07, 0.1, -0.08])
+def test_the_front_of_a_cupboard_stays_a_wall_of_its_own(offset):
+    """It is before the middle of the wall: what is seen of the wall goes on beside it."""
+    y = np.linspace(-2.5, 2.5, 400)
+    x = np.where(np.abs(y) < 0.7, 3.0 - offset, 3.0)
+    table = associate_walls(*drive_past(np.column_stack([x, y]), 0.003, 0, (0.0, 0.0)), Config())
+    assert len(np.unique(np.round(table.rho, 2))) == 2
+    assert sorted({round(float(r), 2) for r in table.rho}) == sorted([3.0, round(3.0 - offset, 2)])
+
+
+@pytest.mark.parametrize("degrees", [8, 15, 30])
+def test_a_door_leaf_that_is_ajar_stays_a_wall_of_its_own(degrees):
+    y = np.linspace(-2.5, 2.5, 400)
+    open_by = np.where(y > 1.0, np.tan(np.radians(degrees)) * (y - 1.0), 0.0)
+    points = np.column_stack([3.0 - open_by, y])[y < 2.0]
+    table = associate_walls(*drive_past(points, 0.003, 0, (0.0, 0.0)), Config())
+    assert len(table) == 2
+    assert np.degrees(abs(table.phi[0] - table.phi[1])) == pytest.approx(degrees, abs=1.0)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_wrong_labels_of_a_fifth_of_the_observations_are_taken_out(seen, seed):
     """Lines given to a wrong wall are thrown out; the poses stay where they are."""
@@ -72,7 +132,7 @@ def test_wrong_labels_of_a_fifth_of_the_observations_are_taken_out(seen, seed):
     wall = table.wall.copy()
     wrong = (random.random(len(wall)) < 0.2) & (wall >= 0)
     wall[wrong] = random.integers(0, len(table), wrong.sum())
-    mixed = WallTable(table.keyframe, table.line, wall, table.phi, table.rho, table.extent)
+    mixed = replace(table, wall=wall)
     changed = wall != table.wall
     keys, graph = graph_of(poses, lines)
     checked = check_walls(mixed, lines, poses, graph, keys, config).table
@@ -124,7 +184,7 @@ def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):
         number = np.append(np.argsort(order), -1)
         turned = WallTable(
             table.keyframe, table.line, number[table.wall],
-            table.phi[order], table.rho[order], table.extent[order],
+            table.phi[order], table.rho[order], table.extent[order], table.roughness[order],
         )  # fmt: skip
         keys, graph = graph_of(poses, lines)
         found.append(check_walls(turned, lines, poses, graph, keys, Config()).unit_variance)

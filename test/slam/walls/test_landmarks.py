@@ -39,7 +39,7 @@ def test_a_wall_that_is_not_flat_shifts_and_rotates_its_line(middle, length):
 def table_of(phi, lengths):
     none = np.zeros(0, np.int64)
     extent = np.column_stack([np.zeros(len(phi)), lengths])
-    return WallTable(none, none, none, np.array(phi), np.ones(len(phi)), extent)
+    return WallTable(none, none, none, np.array(phi), np.ones(len(phi)), extent, np.zeros(len(phi)))
 
 
 @pytest.mark.parametrize("count", [MIN_WALLS, MIN_WALLS + 1, 9])

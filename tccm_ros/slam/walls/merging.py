@@ -1,0 +1,149 @@
+"""Merging of walls: pieces that several keyframes see on one line are one wall.
+
+Panels bow, lasers bend and poses err, so that the lines of one wall differ by some centimetres and
+degrees, and association begins a new wall with one that fits none. Of two surfaces that face the
+same side, one behind the other, a laser sees the one in front: what was seen along the same
+stretch, no further away than a wall is thick, is one wall. Surfaces side by side (the front of a
+cupboard, a door that is ajar) are walls of their own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.kernels import kernel
+from tccm_ros.slam.walls.pooled import add_pooled, extend_pooled
+
+MIN_OVERLAP = 0.5
+"""Two walls were seen along one stretch if it is more than this fraction of the shorter one."""
+
+BIN = 0.05
+"""Length (m) of a bin along a wall in which it was seen or not: a tenth of a line (chosen)."""
+
+MIN_COSINE = 0.94
+"""Cosine of the angle (20 deg) between the lines of one wall, at least: as `MAX_DPHI` of
+association."""
+
+
+class _Members(NamedTuple):
+    """The segments of each wall as linked lists: first and last of each wall, next of each."""
+
+    first: Int64
+    last: Int64
+    after: Int64
+
+
+@kernel
+def merge_walls(
+    ends: Float64, wall: Int64, pooled: Any, thickness: float
+) -> Int64:  # pragma: no cover - compiled
+    """Merge walls in place; return the wall of each segment.
+
+    Each wall takes those that are one with it, the longest wall first.
+
+    Parameters
+    ----------
+    ends
+        float64 (N, 2, 2), segments in map.
+    wall
+        int64 (N,), the wall of each, or -1.
+    pooled
+        Walls of dtype `POOLED`; one that became part of another has no mass any more.
+    thickness
+        Largest rms distance (m) between the lines of two walls where both were seen.
+    """
+    wall, count = wall.copy(), len(pooled)
+    members = _Members(np.full(count, -1), np.full(count, -1), np.full(len(wall), -1))
+    for i in range(len(wall)):
+        if wall[i] >= 0:
+            _append(members, wall[i], i, i)
+    order = np.argsort(-pooled["mass"])
+    for place in range(count):
+        a = order[place]
+        later = place + 1
+        while later < count and pooled[a].mass > 0.0:
+            b = order[later]
+            later += 1
+            if pooled[b].mass > 0.0 and _are_one(a, b, ends, pooled, members, thickness):
+                add_pooled(pooled[a], pooled[b])
+                pooled[b].mass = 0.0
+                _append(members, a, members.first[b], members.last[b])
+                pooled[a].low, pooled[a].high = np.inf, -np.inf
+                i = members.first[a]
+                while i >= 0:
+                    wall[i] = a
+                    extend_pooled(pooled[a], ends[i])
+                    i = members.after[i]
+                later = place + 1
+    return wall
+
+
+@kernel
+def _append(members: _Members, wall: int, first: int, last: int) -> None:  # pragma: no cover
+    if members.first[wall] < 0:
+        members.first[wall] = first
+    else:
+        members.after[members.last[wall]] = first
+    members.last[wall] = last
+
+
+@kernel
+def _are_one(
+    a: int, b: int, ends: Float64, pooled: Any, members: _Members, thickness: float
+) -> bool:  # pragma: no cover - compiled
+    """Return whether two walls were seen along one stretch, and near to each other there."""
+    dphi = pooled[b].phi - pooled[a].phi
+    if np.cos(dphi) < MIN_COSINE:
+        return False
+    # Over the position t along the tangent of a, b is offset + slope t behind it.
+    offset, slope = pooled[b].rho / np.cos(dphi) - pooled[a].rho, -np.tan(dphi)
+    low, high = _extent(b, pooled[a].phi, ends, members)
+    start, stop = max(low, pooled[a].low), min(high, pooled[a].high)
+    if stop <= start or abs(offset + slope * 0.5 * (start + stop)) > thickness:
+        return False
+    first, last = min(low, pooled[a].low), max(high, pooled[a].high)
+    bins = int((last - first) / BIN) + 1
+    seen_a = _seen(a, pooled[a].phi, ends, members, first, bins)
+    seen_b = _seen(b, pooled[a].phi, ends, members, first, bins)
+    both, squares = 0, 0.0
+    for k in range(bins):
+        if seen_a[k] and seen_b[k]:
+            both += 1
+            squares += (offset + slope * (first + (k + 0.5) * BIN)) ** 2
+    if both <= MIN_OVERLAP * min(seen_a.sum(), seen_b.sum()):
+        return False
+    return bool(squares <= both * thickness * thickness)
+
+
+@kernel
+def _extent(
+    wall: int, phi: float, ends: Float64, members: _Members
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return the lowest and highest position of a wall's segments along a tangent."""
+    nx, ny, low, high = np.cos(phi), np.sin(phi), np.inf, -np.inf
+    i = members.first[wall]
+    while i >= 0:
+        for e in range(2):
+            t = -ny * ends[i, e, 0] + nx * ends[i, e, 1]
+            low, high = min(low, t), max(high, t)
+        i = members.after[i]
+    return low, high
+
+
+@kernel
+def _seen(
+    wall: int, phi: float, ends: Float64, members: _Members, first: float, bins: int
+) -> Bool:  # pragma: no cover - compiled
+    """Return in which bins along a tangent, from `first` on, a wall has segments."""
+    nx, ny, seen = np.cos(phi), np.sin(phi), np.zeros(bins, np.bool_)
+    i = members.first[wall]
+    while i >= 0:
+        t0 = -ny * ends[i, 0, 0] + nx * ends[i, 0, 1] - first
+        t1 = -ny * ends[i, 1, 0] + nx * ends[i, 1, 1] - first
+        for k in range(int(min(t0, t1) / BIN), min(int(max(t0, t1) / BIN) + 1, bins)):
+            seen[k] = True
+        i = members.after[i]
+    return seen

@@ -22,9 +22,9 @@ from tccm_ros.bags.reader import CDR, DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
-from tccm_ros.records import CameraImage
+from tccm_ros.records import CameraImage, DepthImage, PointCloud, Scan
 from tccm_ros.records.building import frame_name
-from tccm_ros.robot import Robot, Stream
+from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.camera_image import (
     CHANNELS,
@@ -47,7 +47,17 @@ MAX_READ_NS = 5_000_000_000
 ROBOT_ROLES = ("odom", "joint_states")
 """What tells of the robot itself: taken by type where there is one topic of it alone."""
 
+OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
+"""Roles that tell of frames: without any of them a level laser or a lidar is the base."""
+
 LASER = READERS["scan"].message_type
+
+SETTINGS = {
+    (Scan, MountKind.TILTING): "sensors.tilt_scans",
+    (DepthImage, MountKind.ANY): "sensors.depth_images",
+    (PointCloud, MountKind.ANY): "sensors.point_clouds",
+}
+"""What names the topics of a kind of sensor."""
 
 
 @dataclass(slots=True)
@@ -68,6 +78,8 @@ class TopicChoice:
         Messages of each role that can be read.
     unread
         One line for messages on these topics that cannot be read, and their number.
+    doubts
+        Topics of which any could be meant, by role.
     """
 
     topics: dict[str, str]
@@ -77,12 +89,31 @@ class TopicChoice:
     named: frozenset[str] = frozenset()
     counts: dict[str, int] = field(default_factory=dict)
     unread: dict[str, int] = field(default_factory=dict)
+    doubts: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def notes(self) -> list[str]:
         """Lines for a user: topics taken by their type, and messages that cannot be read."""
         unread = (f"{why}: {n} messages are not read" for why, n in self.unread.items())
         return [*self.found, *unread]
+
+    def doubt_lines(self) -> list[str]:
+        """Return a line for each role of which several topics could be meant."""
+        lines = []
+        for role, candidates in self.doubts.items():
+            names = " or ".join(f"--remap {role}:={topic}" for topic in candidates)
+            stream = next(stream for stream in self.streams if stream.role == role)
+            setting = SETTINGS.get((stream.record, stream.mount))
+            off = f", or --set {setting}=[] to use none" if setting else ""
+            lines.append(
+                f"no topic {self.topics[role]}, and several could be meant; use {names}{off}"
+            )
+        return lines
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether nothing that can be read tells of frames or odometry."""
+        return not any(self.counts[role] for role in OF_FRAMES)
 
     @property
     def readers(self) -> dict[str, MessageReader]:
@@ -94,7 +125,9 @@ class TopicChoice:
         return readers
 
 
-def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) -> TopicChoice:
+def choose_topics(
+    reader: BagReader, config: Config, remap: Sequence[str] = (), *, may_doubt: bool = False
+) -> TopicChoice:
     """Return the topics of a replay.
 
     Parameters
@@ -105,6 +138,8 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
         `sensors` names the topics.
     remap
         ``scan:=/base_scan`` for topics with other names.
+    may_doubt
+        Whether several topics that could be meant are `TopicChoice.doubts`; else they are an error.
 
     Raises
     ------
@@ -130,6 +165,8 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
     search.find_depth_images(config)
     search.find_clouds(config)
     search.find_pictures(config)
+    for doubt in () if may_doubt else choice.doubt_lines():
+        raise TopicError(f"{reader.path}: {doubt}")
     choice.streams = tuple(search.with_reader(stream) for stream in streams)
     _count_messages(reader, choice)
     return choice
@@ -216,16 +253,11 @@ class _Search:
         self._choice.found.append(f"{topic} is taken for {role}: {what}")
         self._choice.found_roles.append(role)
 
-    def _take_only(self, role: str, candidates: Sequence[str], what: str, setting: str) -> None:
-        """Take the only candidate; raise TopicError where there are several."""
+    def _take_only(self, role: str, candidates: Sequence[str], what: str) -> None:
+        """Take the only candidate; several are in doubt."""
         if len(candidates) > 1:
-            names = " or ".join(f"--remap {role}:={topic}" for topic in candidates)
-            off = f", or --set {setting}=[] to use none" if setting else ""
-            raise TopicError(
-                f"{self._reader.path}: no topic {self._choice.topics[role]}, and several could be "
-                f"meant; use {names}{off}"
-            )
-        if candidates:
+            self._choice.doubts[role] = list(candidates)
+        elif candidates:
             self._take(role, candidates[0], what)
 
     def find_robot(self) -> None:
@@ -249,7 +281,7 @@ class _Search:
             is_tilting = role in tilting
             fits = [name for name in lasers if (name in moved) == is_tilting]
             what = "the only laser that a joint moves" if is_tilting else "the only level laser"
-            self._take_only(role, fits, what, "sensors.tilt_scans" if is_tilting else "")
+            self._take_only(role, fits, what)
 
     def find_depth_images(self, config: Config) -> None:
         """Take the only depth image that has a calibration beside it."""
@@ -267,10 +299,9 @@ class _Search:
             roles[0],
             [image.topic for image in images],
             "the only depth image with a camera_info",
-            "sensors.depth_images",
         )
         self._depth = images
-        for image in images:
+        for image in images if len(images) == 1 else ():
             self._take_calibration(camera_info_topic(roles[0]), image)
 
     def _take_calibration(self, role: str, image: DepthTopic) -> None:
@@ -294,7 +325,7 @@ class _Search:
             for topic in self._free(CLOUD_READER.message_type)
             if self._cloud_frame(topic) not in (None, *frames)
         ]
-        self._take_only(roles[0], clouds, "the only point cloud", "sensors.point_clouds")
+        self._take_only(roles[0], clouds, "the only point cloud")
 
     def find_pictures(self, config: Config) -> None:
         """Take the only topic of pictures that has a calibration beside it, plain or compressed.
@@ -388,12 +419,25 @@ def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robo
     return robot.frames.model is not None or bool(robot.frames.tf)
 
 
-def laser_is_base(topic: str) -> str:
-    """Return the line that says how a bare laser is mapped."""
+def sensor_is_base(topic: str, record: type) -> str:
+    """Return the line that says how a bare laser or lidar is mapped."""
+    sensor, scans = ("laser", "its scans") if record is Scan else ("sensor", "level scans of it")
     return (
-        f"{topic} without frames and odometry: the laser is the base, and moves as matching of its "
-        "scans says"
+        f"{topic} without frames and odometry: the {sensor} is the base, and moves as matching of "
+        f"{scans} says"
     )
+
+
+def with_level_scans(config: Config, choice: TopicChoice) -> Config:
+    """Return the configuration for a recording; a cloud that is all makes level scans, to move."""
+    sensors = [s for s in choice.streams if choice.counts[s.role] and not s.is_occasional]
+    is_alone = [sensor.record for sensor in sensors] == [PointCloud]
+    if not (choice.is_bare and is_alone) or "level_from" in config.sensors.model_fields_set:
+        return config
+    made = config.model_copy(deep=True)
+    made.sensors.level_from = "points"
+    made.sensors.point_clouds = (sensors[0].role,)
+    return made
 
 
 def _robot_inputs() -> Iterator[str]:

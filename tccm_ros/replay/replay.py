@@ -66,6 +66,8 @@ class Summary:
         Seconds of the bag in a second of processing.
     found_topics
         One line for each topic that was taken by its type, and for a laser that is the base.
+    why_empty
+        A line for surfaces and one for walls, each where there are none.
     """
 
     out: Path
@@ -73,6 +75,7 @@ class Summary:
     seconds: dict[str, float]
     real_time_factor: float
     found_topics: tuple[str, ...] = ()
+    why_empty: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -80,6 +83,7 @@ class Summary:
             "out": str(self.out),
             **asdict(self.content),
             "real_time_factor": self.real_time_factor,
+            "why_empty": list(self.why_empty),
         }
 
     def text(self) -> str:
@@ -101,7 +105,7 @@ class Summary:
         if (self.out / "report.html").exists():
             lines.append(f"pictures  {self.out / 'map.png'}, {self.out / 'map3d.png'}")
             lines.append(f"report    {self.out / 'report.html'}  (open it in a browser)")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.why_empty])
 
 
 def _factor_text(factor: float) -> str:
@@ -172,7 +176,14 @@ def replay(
             stages.run("report", lambda: _write_page(results, drawn[1], folder, clock))
         if stages.failed:
             content = _write_summary(folder, outcome)
-    return Summary(Path(out), content, clock.seconds, factor, outcome.found_topics)
+    return Summary(
+        Path(out),
+        content,
+        clock.seconds,
+        factor,
+        outcome.found_topics,
+        tuple(outcome.why_empty()),
+    )
 
 
 def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:

@@ -6,7 +6,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from tccm_ros.bags.reader import BagPaths, BagReader
-from tccm_ros.bags.topics import TopicChoice, choose_topics, laser_is_base
+from tccm_ros.bags.topics import (
+    TopicChoice,
+    choose_topics,
+    sensor_is_base,
+    with_level_scans,
+)
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.progress import Bars, Silent
@@ -65,6 +70,9 @@ def run_bag(
     with BagReader(bag) as reader:
         choice = choose_topics(reader, config, remap)
         _check_there(reader, choice)
+        config, asked = with_level_scans(config, choice), config
+        if config is not asked:
+            choice = choose_topics(reader, config, remap)
         topics = choice.topics
         reader.add_readers(choice.readers)
         compile_kernels(_processors(choice), config, bars)
@@ -176,8 +184,8 @@ def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> N
 
 def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[str]:
     for role, sensor in pipeline.robot.sensors.items():
-        if sensor.posed and sensor.mount.is_base:
-            yield laser_is_base(choice.topics[role])
+        if sensor.posed and sensor.mount.is_base and choice.counts[role]:
+            yield sensor_is_base(choice.topics[role], sensor.stream.record)
 
 
 def _missing_extra(pipeline: Pipeline) -> Iterator[str]:

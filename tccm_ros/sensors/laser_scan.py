@@ -121,7 +121,12 @@ TILT_SCAN = Stream(
 )
 
 LEVEL_SCAN = replace(
-    TILT_SCAN, role="scan", mount=MountKind.LEVEL, processor="slam", sees_robot=False
+    TILT_SCAN,
+    role="scan",
+    mount=MountKind.LEVEL,
+    processor="slam",
+    sees_robot=False,
+    can_be_base=True,
 )
 
 

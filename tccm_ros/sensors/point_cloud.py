@@ -60,7 +60,7 @@ def rejection_reason(cloud: PointCloud) -> str | None:
     return None if len(cloud.points) else "empty"
 
 
-def cloud_stream(topic: str) -> Stream:
+def cloud_stream(topic: str, *, can_be_base: bool = False) -> Stream:
     """Return the stream of the point clouds on a topic, whose name is the role of the stream."""
     return Stream(
         role=topic,
@@ -73,6 +73,7 @@ def cloud_stream(topic: str) -> Stream:
         rejection_reason=rejection_reason,
         sees_robot=True,
         max_waiting=MAX_WAITING,
+        can_be_base=can_be_base,
     )
 
 

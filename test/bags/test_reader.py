@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 import zstandard
-from bag_copies import foreign_bag, mcap_bag, read, rosbags_bag
+from bag_copies import foreign_bag, mcap_bag, read, ros1_name, rosbags_bag
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Chunk
@@ -280,10 +280,6 @@ def test_offered_qos_is_kept(tmp_path):
         assert bag.qos("/scan") == Qos(reliable=False, depth=7)
         assert bag.qos("/tf_static") == Qos(latched=True, depth=1)
         assert bag.qos("/robot_description") == Qos(latched=True, depth=1)
-
-
-def ros1_name(msgtype):
-    return msgtype.replace("/msg/", "/")
 
 
 @pytest.mark.parametrize("profile", ["ros1", "ros2", ""])

@@ -85,3 +85,8 @@ def foreign_bag(path, messages, *, profile="ros2", name=str, **of_messages):
             writer.add_message(channels[topic, kind], stamp, data, stamp)
         writer.finish()
     return path
+
+
+def ros1_name(msgtype):
+    """Return the name of a type as ROS 1 writes it: ``package/Type``."""
+    return msgtype.replace("/msg/", "/")

@@ -5,8 +5,8 @@ Usage: python bench/bench_signs.py [FOLDER] [--prefix a_]
 FOLDER holds photographs and signs.json: of each the texts of its signs, the pixel of each number
 and the height of its digits. A stage keeps a number when one of its boxes covers the middle of the
 number and is at most `TALLEST` times as high; a sign is right when the number is one of its words.
-Times are those that the processor spends in `SignDetector.detect`, without reading the file: the
-least of three.
+Times are those that the processor spends in `SaliencyDetector.detect`, without reading the file:
+the least of three.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from tccm_ros.arrays import Float64
-from tccm_ros.signs.detector import SignDetector
+from tccm_ros.signs.saliency_detector import SaliencyDetector
 
 TALLEST = 6.0
 
@@ -47,7 +47,7 @@ def main() -> None:
         print(f"skipped, there are no photographs in {arguments.folder}")
         return
     truth = json.loads((arguments.folder / "signs.json").read_text())
-    detector = SignDetector()
+    detector = SaliencyDetector()
     counts = dict.fromkeys(("numbers", "salient", "classified", "top", "read", "false"), 0)
     times, empty = [], []
     for picture in (p for p in truth if p["file"].startswith(arguments.prefix)):

@@ -387,11 +387,14 @@ def recover(
 @app.command()
 def signs(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="pictures: JPEG, PNG")],
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
 ) -> None:
     """Detect and read the door signs of pictures; print a line of JSON for each picture."""
+    from tccm_ros.config.reader import read_config
     from tccm_ros.replay.picture_files import signs_of_pictures
 
-    for line in signs_of_pictures(images):
+    for line in signs_of_pictures(images, read_config(config, set).signs):
         typer.echo(json.dumps(line, ensure_ascii=False))
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.arrays import Float64
 from tccm_ros.calibrate.agreement import Agreement, compare
+from tccm_ros.calibrate.beam_timing import BeamTiming, read_beam_timing
 from tccm_ros.calibrate.combine_recordings import combine_recordings
 from tccm_ros.calibrate.estimate import estimate
 from tccm_ros.calibrate.layout import Trust
@@ -53,6 +54,8 @@ class Calibration:
         How well several bags agree on the rig, None for one.
     assumptions
         What the result rests on, one sentence each.
+    beams
+        When the beams of the level laser are measured, None where that is as configured.
     """
 
     bags: tuple[str, ...]
@@ -63,6 +66,7 @@ class Calibration:
     rooms: tuple[Room, ...]
     agreement: Agreement | None
     assumptions: tuple[str, ...]
+    beams: BeamTiming | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain numbers, rounded to 1e-6."""
@@ -90,6 +94,9 @@ class Calibration:
             "rooms": [room.to_json() for room in self.rooms],
             "agreement": None if self.agreement is None else self.agreement.to_json(),
             "assumptions": list(self.assumptions),
+            "scan": None
+            if self.beams is None
+            else {"reverse": self.beams.reverse, "time_offset": self.beams.time_offset},
         }
 
     def text(self) -> str:
@@ -103,6 +110,11 @@ class Calibration:
             lines.append(f"  {q.name:<18} {q.value * factor:9.4f}{sigma} {unit}".rstrip() + remark)
         for room in self.rooms:
             lines += [f"  {room.bag}" for _ in self.rooms[1:2]] + room.text()
+        if self.beams is not None:
+            order = "from the last to the first" if self.beams.reverse else "in their order"
+            lines.append(
+                f"  level laser: beams {order}, stamps {1e3 * self.beams.time_offset:+.0f} ms"
+            )
         return "\n".join([*lines, *(f"  {text}" for text in self.assumptions)])
 
     def yaml(self) -> str:
@@ -118,12 +130,23 @@ class Calibration:
             "/**:",
             "  ros__parameters:",
             *self._tilt_joint_lines(),
+            *self._beam_lines(),
             "    rig:",
         ]
         for key, value in self.rig.model_dump(mode="json", include=set(CORRECTIONS)).items():
             text = json.dumps(value)
             lines.append(f"      {key}: {text}{self._comment(key)}")
         return "\n".join(lines) + "\n"
+
+    def _beam_lines(self) -> list[str]:
+        """Return the lines that tell when the beams of the level laser are measured."""
+        if self.beams is None:
+            return []
+        return [
+            "    scan:",
+            f"      reverse: {json.dumps(self.beams.reverse)}",
+            f"      time_offset: {self.beams.time_offset}",
+        ]
 
     def _tilt_joint_lines(self) -> list[str]:
         """Return the lines that name the tilt joint of a head, by which a camera is corrected."""
@@ -198,7 +221,17 @@ def calibrate(
     return Calibration(
         recording.bags, _rig(observability, config.rig), config.rig, observability, recording,
         rooms(observability, recording), agreement, _assumptions(recording, trust),
+        _beams(paths, config, remap),
     )  # fmt: skip
+
+
+def _beams(paths: Sequence[Path | str], config: Config, remap: Sequence[str]) -> BeamTiming | None:
+    """Return the times that the first bag tells in which they are not as configured."""
+    for path in paths:
+        found = read_beam_timing(path, config, remap)
+        if found is not None and found.is_significant:
+            return found.best
+    return None
 
 
 def _assumptions(recording: Recording, trust: Trust) -> tuple[str, ...]:

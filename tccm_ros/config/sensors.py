@@ -112,6 +112,19 @@ class ScanFilter(Group):
     )
     min_range: float = param(0.0, "ranges below this are dropped", unit="m", ge=0.0)
     max_range: float = param(30.0, "ranges above this are dropped", unit="m", gt=0.0)
+    reverse: bool = param(
+        False,
+        "the beams of the level laser were measured from the last to the first",
+        read_only=True,
+    )
+    time_offset: float = param(
+        0.0,
+        "added to the stamps of the level laser; negative where its driver stamps too late",
+        unit="s",
+        ge=-1.0,
+        le=1.0,
+        read_only=True,
+    )
     self_filter: bool = param(
         True, "drop points inside the robot's own collision boxes, spheres and cylinders"
     )

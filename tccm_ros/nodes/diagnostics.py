@@ -10,6 +10,9 @@ from rclpy.node import Node
 
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.inputs import Blocking
+from tccm_ros.nodes.refusals import kind_of
+
+NAMES = {DiagnosticStatus.WARN: "the warning", DiagnosticStatus.ERROR: "the error"}
 
 PERIOD_S = 1.0
 """Between two messages on /diagnostics, s: the rate that diagnostic_updater has by default."""
@@ -23,14 +26,14 @@ class InputStatus:
     ----------
     topic
         Resolved name.
-    problem
+    problems
         What is wrong with it, `Blocking` where the node cannot work without it.
     values
         Its figures.
     """
 
     topic: str
-    problem: str | None
+    problems: tuple[str, ...]
     values: Mapping[str, object]
 
 
@@ -47,6 +50,8 @@ class Diagnostics:
         Returns the figures to show.
     inputs
         Returns the state of each input.
+    said
+        Returns problems that are logged elsewhere.
     """
 
     def __init__(
@@ -55,9 +60,12 @@ class Diagnostics:
         problems: Callable[[], Sequence[str]],
         values: Callable[[], Mapping[str, object]],
         inputs: Callable[[], Sequence[InputStatus]],
+        said: Callable[[], Sequence[str]],
     ):
         self._node, self._problems, self._values, self._inputs = node, problems, values, inputs
+        self._said = said
         self._logged: set[str] = set()
+        self._level = DiagnosticStatus.OK
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = steady_timer(node, PERIOD_S, self.publish)
 
@@ -66,17 +74,27 @@ class Diagnostics:
         if not self._node.context.ok():
             return
         problems = list(self._problems())
+        kinds = {kind_of(text) for text in problems}
         for text in problems:
-            if text not in self._logged:
+            if kind_of(text) not in self._logged:
                 self._log(text)
-        self._logged = set(problems)
+        self._logged = kinds
+        problems += self._said()
+        self._say_better(problems)
         name = self._node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[_status(name, problems, self._values())])
         for state in self._inputs():
-            found = [state.problem] if state.problem else []
-            message.status.append(_status(f"{name}: {state.topic}", found, state.values))
+            status = _status(f"{name}: {state.topic}", state.problems, state.values)
+            message.status.append(status)
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def _say_better(self, problems: Sequence[str]) -> None:
+        """Say that a level has gone down, and what is left."""
+        before, self._level = self._level, _level(problems)
+        if self._level < before:
+            left = f"; still: {'; '.join(problems)}" if problems else ""
+            self._node.get_logger().info(f"{NAMES[before]} is over{left}")
 
     def _log(self, text: str) -> None:
         logger = self._node.get_logger()
@@ -86,13 +104,17 @@ class Diagnostics:
             logger.warning(text)
 
 
+def _level(problems: Sequence[str]) -> bytes:
+    """Return the level of the gravest problem."""
+    if any(isinstance(text, Blocking) for text in problems):
+        return bytes(DiagnosticStatus.ERROR)
+    return bytes(DiagnosticStatus.WARN if problems else DiagnosticStatus.OK)
+
+
 def _status(name: str, problems: Sequence[str], values: Mapping[str, object]) -> DiagnosticStatus:
     """Return a status whose level is that of the gravest problem."""
-    level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
-    if any(isinstance(text, Blocking) for text in problems):
-        level = DiagnosticStatus.ERROR
     return DiagnosticStatus(
-        level=level,
+        level=_level(problems),
         name=name,
         hardware_id="tccm_ros",
         message="; ".join(problems) or "ok",

@@ -6,8 +6,10 @@ no publisher, another type, an incompatible QoS or no messages is named, with wh
 
 from __future__ import annotations
 
+import statistics
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rclpy.node import Node
@@ -34,6 +36,11 @@ SAME_CLOCK_S = 60.0
 """A latency above this is none: stamps are a recording's, or another clock's. Chosen."""
 
 
+LATENCIES = 15
+"""Records whose median latency is compared with that of other inputs. Chosen: 0.3 s of odometry, 15
+s of a slow camera; what arrives late once is none."""
+
+
 class Blocking(str):
     """A problem that keeps the node from its work; other problems are warnings."""
 
@@ -48,6 +55,8 @@ class Input:
     ----------
     topic
         Resolved name.
+    name
+        As it was subscribed to.
     type_name
         ``package/msg/Name``.
     watch
@@ -64,9 +73,12 @@ class Input:
         Messages that could not be used.
     latency_s
         Between the stamp and the arrival of the last record; None where that tells nothing.
+    latencies_s
+        Of the last records.
     """
 
     topic: str
+    name: str
     type_name: str
     watch: Watch
     count: int = 0
@@ -76,11 +88,16 @@ class Input:
     instead: tuple[str, ...] = ()
     refused: int = 0
     latency_s: float | None = None
+    latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
 
     def note(self, arrival_ns: int, stamp_ns: int) -> None:
         """Note when a record came and its stamp."""
         latency_s = (arrival_ns - stamp_ns) * 1e-9
         self.latency_s = latency_s if abs(latency_s) < SAME_CLOCK_S else None
+        if self.latency_s is None:
+            self.latencies_s.clear()
+        else:
+            self.latencies_s.append(latency_s)
 
 
 class Inputs:
@@ -136,7 +153,7 @@ class Inputs:
             Resolved names of topics: where one of them is heard, this one is not needed.
         """
         name = self._node.resolve_topic_name(topic)
-        entry = Input(name, type_name, watch, instead=tuple(instead))
+        entry = Input(name, topic, type_name, watch, instead=tuple(instead))
         self._inputs.append(entry)
 
         def counted(message: Any, info: Any) -> None:
@@ -189,6 +206,14 @@ class Inputs:
         """Return the messages that were sent but not received, by topic, where there are any."""
         return {entry.topic: entry.lost for entry in self._inputs if entry.lost}
 
+    def latencies(self) -> dict[str, float]:
+        """Return the median latency of each stream of measurements, s, by topic."""
+        return {
+            entry.topic: statistics.median(tuple(entry.latencies_s))
+            for entry in self._inputs
+            if entry.watch != "event" and len(entry.latencies_s) == LATENCIES
+        }
+
     def awaited(self, optional: Collection[str] = ()) -> list[str]:
         """Return the topics that nothing has come on yet, without those that may stay silent.
 
@@ -217,9 +242,10 @@ class Inputs:
         """Return why an input gives nothing, `Blocking` where it is needed, and what to do."""
         if self._start_ns is None:
             self._start_ns = self._now()
-        text = self._problem(entry)
-        is_needed = entry.watch == "needed" and not self._is_replaced(entry)
-        return Blocking(text) if text and is_needed else text
+        text, is_needed = self._problem(entry), self._is_needed(entry)
+        # Who is there and has said nothing yet may be about to.
+        is_awaited = not entry.count and self.is_published(entry.topic)
+        return Blocking(text) if text and is_needed and not is_awaited else text
 
     def _now(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
@@ -244,21 +270,29 @@ class Inputs:
             return self._incompatible[entry.topic]
         if entry.watch == "event" or not self._is_silent(entry) or self._has_ended(entry):
             return None
-        is_needed = entry.watch == "needed" and not self._is_replaced(entry)
-        if not publishers and (is_needed or entry.count):
+        if not publishers and (self._is_needed(entry) or entry.count):
+            instead = "".join(f" or '{topic}'" for topic in entry.instead if not entry.count)
             return (
-                f"nobody publishes '{entry.topic}'; start its driver, or remap the topic"
+                f"nobody publishes '{entry.topic}'{instead}; start its driver, or remap the topic"
                 f"{self._elsewhere(entry)}"
             )
         if not publishers or (entry.watch == "needed" and entry.count):
             return None
+        if not entry.count:
+            return (
+                f"waits for '{entry.topic}': {len(publishers)} publisher(s) are there and have "
+                "sent nothing yet; if that goes on, look at the driver, its QoS and the network"
+            )
         return (
             f"'{entry.topic}' is silent; {len(publishers)} publisher(s) are there: "
             "look at the driver, its QoS and the network"
         )
 
-    def _is_replaced(self, entry: Input) -> bool:
-        return any(other.count for other in self._inputs if other.topic in entry.instead)
+    def _is_needed(self, entry: Input) -> bool:
+        """Return whether the node works with nothing else: what a robot lacks it does without."""
+        others = (other for other in self._inputs if other.topic in entry.instead)
+        is_replaced = any(other.count or self.is_published(other.topic) for other in others)
+        return entry.watch == "needed" and not is_replaced
 
     def _has_ended(self, entry: Input) -> bool:
         """Return whether all inputs have ended together, as a drive or a recording does."""

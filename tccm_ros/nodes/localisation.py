@@ -135,6 +135,23 @@ class LocalisationPublisher:
         """Note why the place of a session is looked for, and what will have placed it."""
         self._searching, self._next_by = reason, placed_by
 
+    def note_wait(self, reason: str) -> None:
+        """Note what the search for a place waits for."""
+        if reason and reason != self._searching:
+            self._searching, self._shown_ns = reason, -1
+            if self._state == LocalisationState.SEARCHING:
+                self._logger.info(f"searching: {reason}")
+
+    def note_told(self, tracker: Tracker, *, is_taken: bool) -> None:
+        """Note whether the pose that was told fits, or the one that was known fits better."""
+        if is_taken:
+            self._place(BY_REQUEST, tracker.current_pose().stamp_ns, tracker)
+            self._logger.info("the pose that was told fits what the scans see, and is taken")
+        else:
+            self._logger.warning("the pose that was told fits worse than the known one: not taken")
+        self._shown_ns = -1
+        self.show(tracker)
+
     def show(self, tracker: Tracker) -> None:
         """Publish the state of the newest scan, where it has changed or is a second old."""
         state, live = tracker.state, tracker.current_pose()
@@ -152,15 +169,17 @@ class LocalisationPublisher:
             self.note_search("the robot was carried, and its place is looked for", BY_LOOP)
         if state == LocalisationState.TRACKING and self._state != LocalisationState.LOST:
             self._sign = tracker.placed_by_sign
-            self._placed_by = self._next_by if self._sign < 0 else BY_SIGN
-            self._placed_ns = stamp_ns
-            self._keyframe = tracker.solved_keyframe
+            self._place(self._next_by if self._sign < 0 else BY_SIGN, stamp_ns, tracker)
         self._state, self._since_ns = state, stamp_ns
         reason = self.reason
         if state in (LocalisationState.LOST, LocalisationState.SEARCHING):
             self._logger.warning(f"{state.name.lower()}: {reason}")
         elif state == LocalisationState.TRACKING:
             self._logger.info("the place of the robot in the map is known")
+
+    def _place(self, placed_by: int, stamp_ns: int, tracker: Tracker) -> None:
+        self._placed_by, self._placed_ns = placed_by, stamp_ns
+        self._keyframe = tracker.solved_keyframe
 
     @property
     def reason(self) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -331,7 +331,7 @@ class SurfaceMapClient:
         return future
 
     def _pose(self, T: ArrayLike) -> Any:
-        return pose_message(self._types, np.asarray(T, np.float64))
+        return pose_message(self._types, _rigid(T))
 
     # --- what comes by itself ---
 
@@ -367,6 +367,24 @@ def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:
     if isinstance(filter.labels, str):
         raise TypeError(f"filter.labels is {filter.labels!r}; expected a list of labels")
     return filter
+
+
+def _rigid(T: ArrayLike) -> NDArray[np.float64]:
+    """Return a pose as float64 (4, 4).
+
+    Raises
+    ------
+    ValueError
+        Where it is none: a matrix of zeros has a quaternion all the same.
+    """
+    matrix = np.asarray(T, np.float64)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"a pose of shape {matrix.shape}; expected (4, 4)")
+    R = matrix[:3, :3]
+    is_rotation = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
+    if not (np.isfinite(matrix).all() and is_rotation):
+        raise ValueError(f"a pose whose upper left 3 x 3 is no rotation: {R.tolist()}")
+    return matrix
 
 
 def _lengths(size: Sequence[float]) -> tuple[float, float, float]:

@@ -37,10 +37,12 @@ from tccm_ros.nodes.drops import DropWatch
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake import Intake
+from tccm_ros.nodes.latencies import lagging
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ready import found_on
+from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.ros_types import RosidlMessages, is_installed
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import has_tf2_msgs
@@ -131,7 +133,7 @@ class SensorNode(Node):
         self.bulk_types = TypestoreMessages()
         self.intake = shared.intake if shared else Intake(self, partial(self.refuse, "intake"))
         self.inputs = Inputs(self, self.config.qos.silence, self.intake)
-        self.refused: Counter[str] = Counter()
+        self.refusals = Refusals(self.get_logger().error)
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
         self.saved_note, self._unsaved = "", ""
@@ -151,7 +153,7 @@ class SensorNode(Node):
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.diagnostics = Diagnostics(
-            self, self.all_problems, self._all_values, self._input_states
+            self, self.all_problems, self._all_values, self._input_states, self.refusals.problems
         )
         if self.config.save.autosave_minutes > 0.0:
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self.autosave)
@@ -314,9 +316,10 @@ class SensorNode(Node):
                         entry.note(entry.last_ns, record.stamp_ns)
                     now = stamp_on_receipt(self, record, spans.get(role)) if on_receipt else record
                     take(role, now)
+                self.refusals.note_used(entry.name)
             except TccmError as error:
                 entry.refused += 1
-                self.refuse(topic or role, error)
+                self.refuse(entry.name, error)
 
         entry = self.inputs.subscribe(
             type_name, topic or role, callback, qos, watch=watch, raw=True, instead=instead
@@ -346,10 +349,8 @@ class SensorNode(Node):
             self.offer([record])
 
     def refuse(self, what: str, error: Exception) -> None:
-        """Count a message that cannot be used, and say why the first time."""
-        self.refused[what] += 1
-        if self.refused[what] == 1:
-            self.get_logger().error(f"{what}: {one_line(error)}")
+        """Count a message that cannot be used, or a step that failed, and say why."""
+        self.refusals.note(what, error)
 
     # --- in the worker ---
 
@@ -500,8 +501,14 @@ class SensorNode(Node):
         """Return what is wrong now, one line each; nothing is, where the node is not to work."""
         if not self.is_active:
             return []
-        found = [*self.inputs.problems(), *self._problems()]
+        found = [*self.inputs.problems(), *self._lagging().values(), *self._problems()]
         return [*found, *self._drops.problems(self.dropped + self.overload)]
+
+    def _lagging(self) -> dict[str, str]:
+        """Return the inputs that come later than the others, and what to do, by topic."""
+        if self.config.qos.stamp == "receive":
+            return {}
+        return lagging(self.inputs.latencies(), self.config.sync_timeout)
 
     def _problems(self) -> Iterable[str]:
         if is_clock_missing(self):
@@ -522,7 +529,7 @@ class SensorNode(Node):
 
     def _input_states(self) -> list[InputStatus]:
         used = {self.resolve_topic_name(role): n for role, n in self.used().items()}
-        states = []
+        states, late = [], self._lagging()
         for entry in self.inputs:
             received, latency_s = entry.count, entry.latency_s
             taken = min(used.get(entry.topic, received - entry.refused), received)
@@ -533,13 +540,18 @@ class SensorNode(Node):
                 "used": taken,
                 "latency [s]": "" if latency_s is None else f"{latency_s:.3f}",
             }
-            states.append(InputStatus(entry.topic, self.inputs.problem(entry), values))
+            found = (
+                self.refusals.problem(entry.name), self.inputs.problem(entry),
+                late.get(entry.topic),
+            )  # fmt: skip
+            problems = tuple(text for text in found if text)
+            states.append(InputStatus(entry.topic, problems, values))
         return states
 
     def _all_values(self) -> dict[str, object]:
         received = {f"received {topic}": n for topic, n in self.inputs.counts().items()}
         lost = {f"lost {topic}": n for topic, n in self.inputs.lost().items()}
-        refused = {f"refused {topic}": n for topic, n in sorted(self.refused.items())}
+        refused = {f"refused {topic}": n for topic, n in sorted(self.refusals.counts.items())}
         dropped = {
             f"dropped: {why}": n for why, n in sorted((self.dropped + self.overload).items())
         }

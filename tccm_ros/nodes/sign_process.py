@@ -20,12 +20,12 @@ NICENESS = 5
 
 
 def answer_pictures(connection: Connection) -> None:
-    """Answer each picture that comes, until the other end is closed.
+    """Answer each picture that comes after the configuration, until the other end is closed.
 
     An answer is a pair: what the picture tells, and why nothing can be read, a sentence
     that is empty where all is well.
     """
-    processor = SignProcessor(Config())
+    processor = SignProcessor(Config.model_validate_json(connection.recv()))
     while True:
         try:
             posed = connection.recv()

@@ -122,7 +122,7 @@ class SignReader:
                 self.problem = "the process that reads door signs ended three times"
             return
         self._deaths, self.problem = 0, problem
-        self.counts["pictures"] += 1
+        self.counts["pictures"] += bool(told)
         self.counts["signs"] += sum(type(event) is SignMeasurement for event in told)
         if session == self._session:
             self._on_signs(told)
@@ -145,6 +145,7 @@ class SignReader:
             process_group=0,
         )
         theirs.close()
+        ours.send(self._config.model_dump_json())
         return ours
 
     def _note_error(self, error: Exception) -> None:

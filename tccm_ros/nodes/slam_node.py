@@ -29,12 +29,12 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.sign_reader import SignReader
-from tccm_ros.nodes.solver import Solver
+from tccm_ros.nodes.solver import Answer, Solver
 from tccm_ros.nodes.solver_channel import (
     GRID,
     GRID_TOPIC,
-    Failed,
     Messages,
+    Placed,
     PoseStamp,
     Solved,
 )
@@ -45,6 +45,7 @@ from tccm_ros.records import (
     LabelCorrection,
     ObjectBoxes,
     Odometry,
+    PosedScan,
     PoseGuess,
     Scan,
     SurfaceCloud,
@@ -57,7 +58,7 @@ from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams, stream_for_topic
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.reading import missing_extra
-from tccm_ros.slam.tracking import Tracker
+from tccm_ros.slam.tracking import SolvedMap, Tracker
 
 SOLVE_PERIOD_S = 2.0
 """Shortest time between two solutions, s. Chosen."""
@@ -113,6 +114,7 @@ class SlamNode(SensorNode):
         self._shown_ns = -1
         self._has_tilt_scan = False
         self._saved_keyframes = 0
+        self._is_told = False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
         self.localisation = LocalisationPublisher(
             self,
@@ -239,6 +241,9 @@ class SlamNode(SensorNode):
             self._unsolved["records"] += 1
             self._complete_from = self.solver.next_number
         self.solver.feed(event)
+        is_scan = isinstance(event, PosedScan)
+        if is_scan and (self._is_told or not self.processor.is_localised):
+            self.solver.flush()  # each scan may tell where the robot is
 
     def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
         """Give what a picture tells to the solver: it belongs to the picture's stamp."""
@@ -290,10 +295,12 @@ class SlamNode(SensorNode):
         """Whether nothing places this session in the map that was loaded yet."""
         return self._saved_keyframes > 0 and not self.processor.counts["level scans"]
 
-    def _on_answer(self, answer: Solved | Messages | Failed) -> None:
+    def _on_answer(self, answer: Answer) -> None:
         if isinstance(answer, Solved):
             self._programs.receive(answer)
             self.worker.post(lambda: self._show(answer))
+        elif isinstance(answer, Placed):
+            self.worker.post(lambda: self._take_place(answer))
         elif isinstance(answer, Messages):
             self.worker.post(lambda: self._outputs.publish(answer.messages))
         else:
@@ -306,13 +313,30 @@ class SlamNode(SensorNode):
         )
         if not self.solver.is_of_session(solved) or solved.resets != self._resets:
             return
-        self.processor.take(solved.map)
+        self._take_map(solved.map)
+        self._outputs.publish_solution(solved.messages)
+        self._programs.show(solved.number)
+
+    def _take_place(self, placed: Placed) -> None:
+        """Take over where the robot is, as soon as it is found, or what that waits for."""
+        if not self.solver.is_of_session(placed) or placed.resets != self._resets:
+            return
+        if placed.map is None:
+            self.localisation.note_wait(placed.waits_for)
+            return
+        self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
+        was_told, self._is_told = self._is_told, False
+        self._take_map(placed.map)
+        if was_told:
+            self.localisation.note_told(self.processor, is_taken=placed.is_told)
+
+    def _take_map(self, solved: SolvedMap) -> None:
+        """Have the live pose take what a solution corrects."""
+        self.processor.take(solved)
         self.live.is_localised = self.processor.is_localised
         if self._shown_ns >= 0:
             self.live.correct(self.processor.current_pose())
             self.localisation.show(self.processor)
-        self._outputs.publish_solution(solved.messages)
-        self._programs.show(solved.number)
 
     @property
     def _resets(self) -> int:
@@ -335,6 +359,7 @@ class SlamNode(SensorNode):
             raise MapError(NO_MAP)
         guess = replace(guess, stamp_ns=guess.stamp_ns or self.newest_ns)
         self.localisation.note_search("the pose that was told is compared with scans", BY_REQUEST)
+        self._is_told = True
         self.processor.add(guess)
         self._solve_with(guess)
         self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
@@ -388,7 +413,7 @@ class SlamNode(SensorNode):
         self._keeper.forget()
         self.signs.begin()
         self._shown_ns = -1
-        self._has_tilt_scan = False
+        self._has_tilt_scan = self._is_told = False
         self.newest_ns = self._complete_from = 0
         self._unsolved.clear()
 
@@ -555,7 +580,8 @@ class SlamNode(SensorNode):
                     "is not"
                 )
         if not self.live.is_localised:
-            yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
+            reason = self.localisation.reason
+            yield f"the robot is not found in the map: {reason}; map -> odom is not published"
         yield from self._problems_of_signs()
         yield from self.solver.problems()
         if self.solver.newest is not None:

@@ -26,6 +26,7 @@ from tccm_ros.nodes.solver_channel import (
     Feed,
     Journal,
     Messages,
+    Placed,
     Show,
     Solve,
     Solved,
@@ -41,6 +42,9 @@ MAX_DEATHS = 3
 
 END_S = 0.5
 """Time for the process to end by itself, s: it holds nothing that would be lost (chosen)."""
+
+
+Answer = Solved | Placed | Messages | Failed
 
 
 @dataclass
@@ -70,7 +74,7 @@ class Solver:
     config
         All groups; a change is an event (`feed`).
     on_answer
-        Called with each `Solved`, `Messages` and `Failed`, in a thread of its own.
+        Called with each `Answer`, in a thread of its own.
 
     Attributes
     ----------
@@ -80,7 +84,7 @@ class Solver:
         How often the process died and was started again.
     """
 
-    def __init__(self, config: Config, on_answer: Callable[[Solved | Messages | Failed], None]):
+    def __init__(self, config: Config, on_answer: Callable[[Answer], None]):
         self._config, self._on_answer = config, on_answer
         self._changed = threading.Condition(threading.RLock())
         self._waiting: list[Any] = []
@@ -221,7 +225,7 @@ class Solver:
         with self._changed:
             return self._changed.wait_for(lambda: self._last >= number or self.is_dead, timeout_s)
 
-    def is_of_session(self, answer: Solved) -> bool:
+    def is_of_session(self, answer: Solved | Placed) -> bool:
         """Return whether an answer is of this session, and not of one before it."""
         return answer.session == self._session.number
 

@@ -163,6 +163,28 @@ class Solved(NamedTuple):
     archive: int = -1
 
 
+class Placed(NamedTuple):
+    """A session has got a place in the map, or waits for something else than before.
+
+    Attributes
+    ----------
+    session, resets
+        As of `Solved`.
+    map
+        Where the robot is, before anything is solved; None while that is not known.
+    waits_for
+        Why it is not; empty where it is.
+    is_told
+        Whether it is where somebody has told.
+    """
+
+    session: int
+    resets: int
+    map: SolvedMap | None
+    waits_for: str
+    is_told: bool
+
+
 class Messages(NamedTuple):
     """The answer to `Show`.
 

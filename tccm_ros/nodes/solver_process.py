@@ -36,6 +36,7 @@ from tccm_ros.nodes.solver_channel import (
     Failed,
     Feed,
     Messages,
+    Placed,
     PoseStamp,
     Show,
     Solve,
@@ -46,6 +47,7 @@ from tccm_ros.results.labels_file import with_labels
 from tccm_ros.results.map_file import MapContent, load_map
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
+from tccm_ros.slam.live_estimate import NO_WALLS
 from tccm_ros.slam.occupancy import RESOLUTION_M
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces.saved_map import SavedMap
@@ -71,6 +73,7 @@ class SolverProcess:
         self._journal = -1
         self._read = 0
         self._slam = SurfaceSlam(Config())
+        self._walls, self._told_place = NO_WALLS, self._place
         self._shown: dict[str, TopicMessage] = {}
         self._builder = SolutionMessageBuilder(self._types, "map")
         self._do: dict[type, Callable[[Any], None]] = {
@@ -108,6 +111,7 @@ class SolverProcess:
             os.close(self._journal)
         self._session, self._journal, self._read = begin.session, journal, 0
         self._slam, self._shown = slam, {}
+        self._walls, self._told_place = NO_WALLS, self._place
         self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
         self._connection.send(Began(begin.session, slam.walls.first_keyframe))
 
@@ -127,10 +131,28 @@ class SolverProcess:
                 setattr(self._slam.config, group, getattr(event, group))
         else:
             self._slam.add(event)
+            self._tell_place()
+
+    @property
+    def _place(self) -> tuple[int, bool, str]:
+        walls = self._slam.walls
+        return walls.session, walls.has_place_now, walls.waits_for
+
+    def _tell_place(self) -> None:
+        """Tell the node at once where the robot is, or what that waits for."""
+        if self._place == self._told_place:
+            return
+        self._told_place = self._place
+        slam = self._slam
+        placed = slam.placed_map(self._walls)
+        resets, told = slam.counts["resets"], slam.walls.is_where_told
+        self._connection.send(Placed(self._session, resets, placed, slam.walls.waits_for, told))
 
     def _solve(self, solve: Solve) -> None:
         start = time.monotonic()
         solution = self._slam.solve(every_covariance=False, is_final=solve.is_final)
+        solved_map = self._slam.solved_map(solution)
+        self._walls = solved_map.walls
         saved = self._slam.saved(solution)
         frame = self._slam.config.frames.map_name
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
@@ -143,7 +165,7 @@ class SolverProcess:
                 self._slam.counts["resets"],
                 solution.stamp_ns,
                 MapContent.of(saved, solution),
-                self._slam.solved_map(solution),
+                solved_map,
                 pack_scene(solution, frame, solution.grid, self._types),
                 serialised,
                 time.monotonic() - start,

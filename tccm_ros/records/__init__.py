@@ -39,7 +39,7 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
-from tccm_ros.records.signs import SIGN, Sign, SignSighting
+from tccm_ros.records.signs import SIGN, RefusedSign, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
     FormerPlace,
@@ -84,6 +84,7 @@ __all__ = [
     "PoseGuess",
     "Posed",
     "PosedScan",
+    "RefusedSign",
     "RobotDescription",
     "RollPitch",
     "Room",

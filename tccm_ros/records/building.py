@@ -85,8 +85,8 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     ------
     MessageError
         Where a number is not finite (range_max may be infinite), where the angles contradict each
-        other or the number of beams, and where the time between beams is negative or makes the scan
-        longer than `MAX_SCAN_S`.
+        other or the number of beams, and where the time between beams makes the scan longer than
+        `MAX_SCAN_S`.
     """
     angle_min, angle_max, angle_increment, time_increment, _, range_min, range_max = map(
         float, numbers
@@ -94,10 +94,10 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     finite = (angle_min, angle_max, angle_increment, time_increment, range_min)
     if not all(map(math.isfinite, finite)) or math.isnan(range_max):
         raise MessageError("scan has angles, times or limits that are not numbers")
-    if not 0.0 <= time_increment * len(ranges) <= MAX_SCAN_S:
+    if not abs(time_increment) * len(ranges) <= MAX_SCAN_S:
         raise MessageError(
             f"scan has {len(ranges)} beams with {time_increment:g} s between two, "
-            f"expected 0 to {MAX_SCAN_S:g} s in all"
+            f"expected at most {MAX_SCAN_S:g} s in all"
         )
     _check_angles(len(ranges), angle_min, angle_max, angle_increment)
     no_returns = _no_returns(ranges, range_max)

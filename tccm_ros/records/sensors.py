@@ -22,7 +22,7 @@ class Scan:
     angle_min, angle_increment
         Bearing of the first beam and step between beams, rad; the step may be negative.
     time_increment
-        Time between beams, s.
+        Time between beams, s; negative where the last beam was measured first.
     range_min, range_max
         Limits of valid ranges, m.
     ranges

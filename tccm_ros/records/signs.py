@@ -63,3 +63,22 @@ class Sign:
     covariance: Float64
     wall: int | None
     views: tuple[SignSighting, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RefusedSign:
+    """Text that was read at one place as the number of a room, and is no door sign.
+
+    Attributes
+    ----------
+    number
+        As most pictures say.
+    position
+        float64 (3,), in map, m.
+    reason
+        Why it is none.
+    """
+
+    number: str
+    position: Float64
+    reason: str

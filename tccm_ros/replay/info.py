@@ -22,6 +22,7 @@ from tccm_ros.bags.topics import (
     sensor_is_base,
     with_level_scans,
 )
+from tccm_ros.calibrate.beam_timing import read_beam_timing
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError
 from tccm_ros.records import DepthImage, PointCloud
@@ -81,7 +82,8 @@ def bag_info(path: Path | str) -> BagInfo:
     """Read the topics of a bag.
 
     Messages are read only where a topic has another name than usual, and only those of the first
-    seconds; of images and their calibrations the first.
+    seconds; of images and their calibrations the first. Of a level laser and odometry the first two
+    minutes are read: they tell when its beams were measured.
 
     Raises
     ------
@@ -89,7 +91,18 @@ def bag_info(path: Path | str) -> BagInfo:
         If the bag is missing, empty or damaged.
     """
     with BagReader(path) as reader:
-        return BagInfo(Path(path), reader.duration, reader.topics(), _notes(reader))
+        notes = _notes(reader)
+        duration, topics = reader.duration, reader.topics()
+    return BagInfo(Path(path), duration, topics, [*notes, *_beam_notes(path)])
+
+
+def _beam_notes(path: Path | str) -> list[str]:
+    """Return what to set where the beams of the level laser were measured at other times."""
+    try:
+        timing = read_beam_timing(path)
+    except TopicError:  # told already
+        return []
+    return [timing.text()] if timing is not None and timing.is_significant else []
 
 
 def _notes(reader: BagReader) -> list[str]:

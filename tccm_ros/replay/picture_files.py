@@ -10,8 +10,10 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tccm_ros.arrays import UInt8
+from tccm_ros.config.signs import Signs
 from tccm_ros.errors import PictureError, one_line
-from tccm_ros.signs.detector import DetectedSign, SignDetector
+from tccm_ros.signs.detector import sign_detector
+from tccm_ros.signs.measurement import DetectedSign, RefusedText
 
 
 def read_picture(path: Path) -> UInt8:
@@ -33,8 +35,17 @@ def read_picture(path: Path) -> UInt8:
         raise PictureError(f"{path}: cannot be read: {one_line(error)}") from error
 
 
-def signs_of_pictures(paths: Iterable[Path]) -> Iterator[dict[str, Any]]:
+def signs_of_pictures(
+    paths: Iterable[Path], settings: Signs | None = None
+) -> Iterator[dict[str, Any]]:
     """Return for each picture its file and its door signs, as a line of JSON has them.
+
+    Parameters
+    ----------
+    paths
+        Of the pictures.
+    settings
+        Which detector, and its settings; None for the default.
 
     Raises
     ------
@@ -43,10 +54,14 @@ def signs_of_pictures(paths: Iterable[Path]) -> Iterator[dict[str, Any]]:
     PictureError
         At the first file that cannot be read.
     """
-    detector = SignDetector()
+    detector = sign_detector(settings or Signs())
     for path in paths:
-        signs = detector.detect(read_picture(path))
-        yield {"file": str(path), "signs": [_entry(sign) for sign in signs]}
+        found = detector.search(read_picture(path))
+        yield {
+            "file": str(path),
+            "signs": [_entry(sign) for sign in found.signs],
+            "refused": [_refused(text) for text in found.refused],
+        }
 
 
 def _entry(sign: DetectedSign) -> dict[str, Any]:
@@ -56,4 +71,12 @@ def _entry(sign: DetectedSign) -> dict[str, Any]:
         "pixel": np.round(sign.pixel, 2).tolist(),
         "box": np.round(sign.box, 2).tolist(),
         "confidence": round(sign.confidence, 4),
+    }
+
+
+def _refused(text: RefusedText) -> dict[str, Any]:
+    return {
+        "text": text.text,
+        "pixel": np.round(text.pixel, 2).tolist(),
+        "reason": text.reason,
     }

@@ -107,7 +107,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "labels.json": LabelsFile.of(solution.corrected_labels),
         "walls.json": WallsFile.of(slam.walls),
         "objects.json": ObjectsFile.of(solution.objects, solution.free_places, placements),
-        "signs.json": SignsFile.of(slam.signs),
+        "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
     }
     trajectory = Trajectory(solution.trajectory_ns, spatial(solution.trajectory))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import Sign
+from tccm_ros.records import RefusedSign, Sign
 from tccm_ros.results.models import Covariance3, Vector, array_type
 from tccm_ros.results.numbers import Stamp
 
@@ -69,6 +69,25 @@ class SignEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RefusedEntry:
+    """What was read as a room's number and is no door sign, as `records.RefusedSign`.
+
+    Attributes
+    ----------
+    number
+        As most pictures say.
+    position
+        float64 (3,), in map, m.
+    reason
+        Why it is none.
+    """
+
+    number: str
+    position: Vector
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SignsFile:
     """signs.json: the door signs of the map.
 
@@ -76,14 +95,18 @@ class SignsFile:
     ----------
     signs
         By id.
+    refused
+        What was read at one place and is no sign.
     """
 
     signs: tuple[SignEntry, ...] = ()
+    refused: tuple[RefusedEntry, ...] = ()
 
     @classmethod
-    def of(cls, signs: Iterable[Sign]) -> SignsFile:
+    def of(cls, signs: Iterable[Sign], refused: Iterable[RefusedSign] = ()) -> SignsFile:
         """Return the model of signs.json."""
-        return cls(tuple(_entry(sign) for sign in signs))
+        entries = (RefusedEntry(r.number, r.position, r.reason) for r in refused)
+        return cls(tuple(_entry(sign) for sign in signs), tuple(entries))
 
 
 def _entry(sign: Sign) -> SignEntry:

@@ -17,7 +17,7 @@ from tccm_ros.robot.frames import FrameTree, plain_name
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.self_shapes import ShapeModel
 from tccm_ros.robot.tilt_angle import TiltReadout
-from tccm_ros.robot.tracks import merge_stamps
+from tccm_ros.robot.tracks import Track, merge_stamps
 
 SAMPLE_STEP_NS = 10_000_000
 """Poses are given at least this often, so that what lies between is a short arc."""
@@ -38,11 +38,6 @@ class Mount:
         What is known of the robot, shared by all its sensors.
     can_be_base
         Whether the sensor is the base where nothing tells of any frame.
-
-    Attributes
-    ----------
-    problem
-        The last reason for which no chain was found, None if there was none.
     """
 
     def __init__(
@@ -54,7 +49,8 @@ class Mount:
         *,
         can_be_base: bool = False,
     ):
-        self.problem: FrameError | None = None
+        self._no_chain: FrameError | None = None
+        self._no_samples: tuple[FrameError, Track] | None = None
         self._kind = kind
         self._frames = frames
         self._joints = joints
@@ -81,6 +77,13 @@ class Mount:
     def odometry_chain(self) -> Chain | None:
         """From the frame that odometry follows to the base, None where they are the same."""
         return self._finder.odometry_chain
+
+    @property
+    def problem(self) -> FrameError | None:
+        """Why the newest record has no way to the base, or which joint was never heard of."""
+        if self._no_samples is not None and len(self._no_samples[1]):
+            self._no_samples = None
+        return self._no_chain or (None if self._no_samples is None else self._no_samples[0])
 
     def clear_samples(self) -> None:
         """Forget everything that has a stamp, as after a jump of the clock."""
@@ -110,6 +113,7 @@ class Mount:
             self._version = self._frames.version
         chain = self._chains.get(frame)
         if chain is not None:
+            self._no_chain = None
             return chain
         try:
             chain = self._finder.find(plain_name(frame), final=final)
@@ -120,13 +124,13 @@ class Mount:
         except FrameError as error:
             if not final:
                 return None
-            self.problem = error
+            self._no_chain = error
             raise
         if chain is None or (part is not None and not self._tilt.follow(part, final=final)):
             return None
         if part is not None or self._kind is not MountKind.ANY:
             chain.fixed[0] = self._T_correction @ chain.fixed[0]
-        self._chains[frame] = chain
+        self._chains[frame], self._no_chain = chain, None
         return chain
 
     def _is_corrected(self, chain: Chain) -> bool:
@@ -172,12 +176,13 @@ class Mount:
 
     def explain_missing(self, chain: Chain) -> None:
         """Set `problem` where a joint of the chain was never heard of."""
-        silent = [part.name for part, _ in chain.parts if not len(part.track)]
+        silent = [part for part, _ in chain.parts if not len(part.track)]
         if silent:
-            self.problem = FrameError(
-                f"no samples of joint '{silent[-1]}' in the joint states, which moves the laser"
-                + suggest(silent[-1], self._joints.heard())
+            error = FrameError(
+                f"no samples of joint '{silent[-1].name}' in the joint states, which moves the "
+                "laser" + suggest(silent[-1].name, self._joints.heard())
             )
+            self._no_samples = error, silent[-1].track
 
     def pose_stamps(self, chain: Chain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
         """Return the stamps at which poses are needed so that what lies between is a short arc.

@@ -39,7 +39,7 @@ from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
-from tccm_ros.robot.streams import Companion, Stream
+from tccm_ros.robot.streams import Companion, Stream, as_it_came
 
 COMPLETE_STEP_NS = 20_000_000
 """Message time goes on by this much before streams are said to be complete again (chosen): the
@@ -67,6 +67,8 @@ class _Input:
         Whether message time follows the stamps.
     is_fixed
         Whether the records are true for all time, whatever their stamp.
+    correct
+        Returns a record without the errors of its driver that are configured.
     """
 
     record: type
@@ -76,6 +78,7 @@ class _Input:
     source: str = ""
     keeps_time: bool = True
     is_fixed: bool = False
+    correct: Callable[[Any, Config], Any] = as_it_came
 
 
 class Robot:
@@ -106,6 +109,7 @@ class Robot:
     def __init__(
         self, config: Config, streams: Iterable[Stream], *, expects_odometry: bool = False
     ):
+        self._config = config
         self.frames = FrameTree()
         self.joints = JointTracks(round(config.rig.joint_time_offset * 1e9))
         self.motion = BaseMotion(config, self.frames)
@@ -166,6 +170,7 @@ class Robot:
                 f"no stream takes a {type(record).__name__} on '{role}'"
                 + suggest(role, self._inputs)
             )
+        record = taken.correct(record, self._config)
         if taken.pose and not _is_finite(getattr(record, taken.pose)):
             taken.refuse("malformed")
         elif taken.is_fixed:
@@ -213,7 +218,9 @@ class Robot:
             "imu": _Input(Imu, self._add_imu, refuse, keeps_time=False),
         }
         for role, sensor in self.sensors.items():
-            inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
+            inputs[role] = _Input(
+                sensor.stream.record, sensor.add, sensor.refuse, correct=sensor.stream.correct
+            )
         for role, companions in self._companions_by_role().items():
             # Drivers publish a calibration once, or with a stamp of 0.
             inputs[role] = _Input(

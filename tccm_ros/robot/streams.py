@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.config import Config
 from tccm_ros.records import Posed
 from tccm_ros.robot.chain_finder import MountKind
 
@@ -19,6 +20,11 @@ def at_its_stamp(record: Any) -> tuple[int, int]:
 def nothing_to_say(record: Any) -> str | None:
     """Return None: what the reader lets through can be used, and is as usual."""
     return None
+
+
+def as_it_came(record: Any, config: Config) -> Any:
+    """Return a record as it is: nothing is known of errors of its driver."""
+    return record
 
 
 class Companion(NamedTuple):
@@ -70,6 +76,8 @@ class Stream:
         Returns why a record cannot be used, None where it can.
     remark
         Returns what is unusual about a record that is used, None where nothing is: it is counted.
+    correct
+        Returns a record without the errors of its driver that are configured.
     sees_robot
         Whether the poses carry the robot's own shapes, to be filtered out.
     companion
@@ -94,6 +102,7 @@ class Stream:
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
     rejection_reason: Callable[[Any], str | None] = nothing_to_say
     remark: Callable[[Any], str | None] = nothing_to_say
+    correct: Callable[[Any, Config], Any] = as_it_came
     sees_robot: bool = False
     companion: Companion | None = None
     max_waiting: int = 1000

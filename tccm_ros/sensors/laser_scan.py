@@ -40,7 +40,7 @@ def scan_from_message(message: Any) -> Scan:
     ------
     MessageError
         Where angles or limits are not finite (range_max may be infinite), or where the time
-        between beams is negative or makes the scan longer than `MAX_SCAN_S`.
+        between beams makes the scan longer than `MAX_SCAN_S`.
     """
     ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
     numbers = (
@@ -120,6 +120,22 @@ TILT_SCAN = Stream(
     sees_robot=True,
 )
 
+
+def timed_scan(scan: Scan, config: Config) -> Scan:
+    """Return a scan with the times of its beams corrected by ``scan.reverse`` and the offset.
+
+    Beam i of N of a reversed scan was measured at ``stamp + (N - 1 - i) * time_increment``.
+    """
+    reverse, offset = config.scan.reverse, config.scan.time_offset
+    if (not reverse and offset == 0.0) or rejection_reason(scan) is not None:
+        return scan
+    stamp_ns = scan.stamp_ns + round(offset * 1e9)
+    if not reverse:
+        return replace(scan, stamp_ns=stamp_ns)
+    stamp_ns += scan.end_ns - scan.stamp_ns
+    return replace(scan, stamp_ns=stamp_ns, time_increment=-scan.time_increment)
+
+
 LEVEL_SCAN = replace(
     TILT_SCAN,
     role="scan",
@@ -127,6 +143,7 @@ LEVEL_SCAN = replace(
     processor="slam",
     sees_robot=False,
     can_be_base=True,
+    correct=timed_scan,
 )
 
 

@@ -1,112 +1,57 @@
-"""Door signs in a picture, as section III.A.2 of the surface mapping paper detects them.
+"""Door signs in a picture: all its text first, then which of it is a sign."""
 
-Saliency proposes boxes, histograms of oriented gradients and an SVM decide which may show the
-number of a sign, and what they accept is read.
-"""
+from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from typing import Protocol
 
-import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
-from tccm_ros.arrays import Float32, Float64, UInt8
-from tccm_ros.signs.classifier import SignClassifier, read_classifier
-from tccm_ros.signs.numbers import is_list, normalised, room_number
+from tccm_ros.arrays import UInt8
+from tccm_ros.config.signs import Signs
+from tccm_ros.signs.measurement import DetectedSign, RefusedText, SearchedText
+from tccm_ros.signs.numbers import normalised, room_number
+from tccm_ros.signs.plates import (
+    MIN_CONFIDENCE,
+    OTHER_CONFIDENCE,
+    ReadLine,
+    lines_of_notices,
+    plate_of,
+    refusal,
+)
 from tccm_ros.signs.reading import TextLine, TextReader
-from tccm_ros.signs.saliency import salient_boxes
-
-MAX_REGIONS = 12
-"""Largest number of boxes of a picture that are searched for text. Chosen: 5 to 10 ms for each."""
-
-MARGIN_X, MARGIN_Y = 0.5, 0.6
-"""What is searched for text beyond a box, in its heights. Chosen: the other lines of a plate."""
-
-MAX_MARGIN = 60.0
-"""Height of a box above which the margin does not grow, pixels. Chosen: it holds a whole plate."""
-
-CUT = 1
-"""Part of the pixels that may saturate when the contrast of a region is stretched, %. Chosen."""
-
-FINDER_AREA = 144.0**2
-"""Size to which what is searched for text is scaled, pixels. Chosen: the finder needs some 10 ms
-for it, and finds a number of a fifth of its height."""
+from tccm_ros.signs.saliency_detector import SaliencyDetector
 
 MAX_SCALE = 2.0
-"""Largest scale for that, of small boxes. Chosen."""
-
-MAX_LINES = 3
-"""Largest number of lines of a plate that are read. Chosen."""
-
-LIST_DISTANCE = (1.0, 6.0)
-"""How far beside and above or below a number other lines are looked for, in its heights. Chosen:
-three rows of a list, so that its first and last ones are known too; no poster beside a plate."""
-
-LIST_LINE = 14.0
-"""Height of the number for that, pixels. Chosen: the finder finds lines of ten and more."""
-
-MIN_CONFIDENCE = 0.8
-"""Least mean probability of the characters of a number. Chosen."""
-
-OTHER_CONFIDENCE = 0.6
-"""The same of the other lines. Chosen."""
+"""Largest scale of a picture for the finder. Chosen: an enlarged one shows nothing new."""
 
 
-@dataclass(frozen=True)
-class DetectedSign:
-    """A door sign in a picture.
+class Detector(Protocol):
+    """Finds and reads door signs."""
 
-    Attributes
-    ----------
-    text
-        All lines of the plate that were read, from top to bottom, joined by spaces.
-    number
-        The number of the room, capital letters.
-    pixel
-        float64 (2,), middle of the number, pixels from the left and the top.
-    box
-        float64 (4,), left, top, width and height of the number, pixels.
-    confidence
-        Mean probability of the characters of the number, 0 to 1.
-    corners
-        float64 (4, 2), of the number's line: top left, top right, bottom right, bottom left,
-        pixels.
+    def search(self, pixels: UInt8) -> SearchedText:
+        """Return the text of a picture, uint8 (H, W) brightness, or (H, W, 3) RGB."""
+
+
+def sign_detector(settings: Signs) -> Detector:
+    """Return the detector that a configuration chooses.
+
+    Raises
+    ------
+    MissingExtraError
+        When what reads text is not installed.
     """
-
-    text: str
-    number: str
-    pixel: Float64
-    box: Float64
-    confidence: float
-    corners: Float64
-
-
-@dataclass(frozen=True)
-class Proposals:
-    """What is known of a picture before anything is read.
-
-    Attributes
-    ----------
-    boxes
-        float64 (N, 4), left, top, right and bottom of what stands out, pixels.
-    scores
-        float32 (N,), of the classifier.
-    accepted
-        float64 (K, 4), boxes that are read, the best first; no two of them overlap much.
-    """
-
-    boxes: Float64
-    scores: Float32
-    accepted: Float64
+    if settings.detector == "published":
+        return SaliencyDetector()
+    return SignDetector(settings.detector_side)
 
 
 class SignDetector:
-    """Detects and reads door signs.
+    """Detects and reads door signs by their text.
 
     Parameters
     ----------
-    classifier
-        Which boxes may show a number; None for the one of the package.
+    side
+        Short side of a picture as it is searched for text, pixels.
 
     Raises
     ------
@@ -114,17 +59,15 @@ class SignDetector:
         When what reads text is not installed.
     """
 
-    def __init__(self, classifier: SignClassifier | None = None) -> None:
-        self._reader = TextReader()
-        self._classifier = classifier or read_classifier()
-
-    @property
-    def threshold(self) -> float:
-        """Least score of a box that is accepted."""
-        return self._classifier.threshold
+    def __init__(self, side: int = Signs().detector_side) -> None:
+        self._reader, self._side = TextReader(), side
 
     def detect(self, pixels: UInt8) -> list[DetectedSign]:
-        """Return the door signs of a picture, from left to right.
+        """Return the door signs of a picture, from left to right."""
+        return self.search(pixels).signs
+
+    def search(self, pixels: UInt8) -> SearchedText:
+        """Return the door signs of a picture, and its text that is none, with the reasons.
 
         Parameters
         ----------
@@ -132,124 +75,44 @@ class SignDetector:
             uint8 (H, W) brightness, or (H, W, 3) red, green, blue.
         """
         picture = Image.fromarray(pixels).convert("RGB")
-        found: list[DetectedSign] = []
-        for box in self.propose(np.asarray(picture.convert("L"))).accepted:
-            if any(_is_inside(sign.pixel, box) for sign in found):
+        scale = min(self._side / min(picture.size), MAX_SCALE)
+        lines = self._reader.find(picture, scale, everywhere=False)
+        notices = lines_of_notices(lines)
+        read = [self._read(picture, line) for line in lines if line not in notices]
+        read = [r for r in read if r.text]
+        signs: list[DetectedSign] = []
+        reasons: list[tuple[ReadLine, str]] = []
+        on_signs: list[ReadLine] = []
+        for own in sorted(read, key=lambda r: -r.line.height):
+            if own in on_signs:
                 continue
-            sign = self._read(picture, box)
-            if sign is not None and not any(_is_inside(sign.pixel, _corners(s.box)) for s in found):
-                found.append(sign)
-        return sorted(found, key=lambda sign: float(sign.pixel[0]))
-
-    def propose(self, gray: UInt8) -> Proposals:
-        """Return what stands out of a picture, and what of it is to be read.
-
-        Parameters
-        ----------
-        gray
-            uint8 (H, W), brightness.
-        """
-        boxes = salient_boxes(gray)
-        scores = self._classifier.scores(gray, boxes)
-        accepted: list[Float64] = []
-        for k in np.argsort(-scores, kind="stable"):
-            if scores[k] < self._classifier.threshold or len(accepted) == MAX_REGIONS:
-                break
-            if not any(_overlap(boxes[k], box) > 0.3 for box in accepted):
-                accepted.append(boxes[k])
-        return Proposals(boxes, scores, np.array(accepted).reshape(-1, 4))
-
-    def _read(self, whole: Image.Image, box: Float64) -> DetectedSign | None:
-        """Return the door sign whose number a box of a picture shows, None where it shows none."""
-        margin = min(float(box[3] - box[1]), MAX_MARGIN) * np.array([MARGIN_X, MARGIN_Y])
-        low = np.maximum(np.floor(box[:2] - margin), 0.0)
-        high = np.minimum(np.ceil(box[2:] + margin), whole.size)
-        part = whole.crop(tuple(np.append(low, high).astype(int)))
-        picture = ImageOps.autocontrast(part, CUT)
-        scale = min(math.sqrt(FINDER_AREA / float(np.prod(high - low))), MAX_SCALE)
-        lines = self._reader.find(picture, scale)
-        box = box - np.tile(low, 2)
-        near = [k for k, line in enumerate(lines) if _is_inside(line.center, box)]
-        near = sorted(near, key=lambda k: -lines[k].height)[:MAX_LINES]
-        for k in near:
-            text, confidence = self._reader.read(picture, lines[k])
-            number = room_number(normalised(text))
-            if number is None or confidence < MIN_CONFIDENCE:
+            if own.number is None:
+                reasons.append((own, _why_no_number(own)))
                 continue
-            if is_list([line.height for line in lines], k) or self._is_row(whole, lines[k], low):
-                return None
-            sign = self._sign(picture, lines, k, (normalised(text), number, confidence))
-            own = sign.box + np.append(low, [0.0, 0.0])
-            return replace(sign, pixel=sign.pixel + low, box=own, corners=sign.corners + low)
-        return None
+            plate = plate_of(own, read)
+            reason = refusal(plate, read)
+            if reason:
+                reasons.append((own, reason))
+            else:
+                signs.append(plate.sign())
+                on_signs += [*plate.parts, *plate.others]
+        refused = [RefusedText("", line.center, "a line of a notice") for line in notices]
+        refused += [
+            RefusedText(r.text, r.line.center, reason) for r, reason in reasons if r not in on_signs
+        ]
+        return SearchedText(
+            sorted(signs, key=lambda sign: float(sign.pixel[0])),
+            sorted(refused, key=lambda r: float(r.pixel[1])),
+        )
 
-    def _is_row(self, whole: Image.Image, line: TextLine, low: Float64) -> bool:
-        """Return whether a line is a row of a list or notice, by what is around it.
-
-        Parameters
-        ----------
-        whole
-            The picture, RGB.
-        line
-            Of text, in a region of the picture.
-        low
-            float64 (2,), left and top of the region, pixels.
-        """
-        distance = np.array(LIST_DISTANCE) * line.height
-        corner = np.maximum(np.floor(line.corners.min(axis=0) + low - distance), 0.0)
-        end = np.minimum(np.ceil(line.corners.max(axis=0) + low + distance), whole.size)
-        around = whole.crop(tuple(np.append(corner, end).astype(int)))
-        picture = ImageOps.autocontrast(around, CUT)
-        found = self._reader.find(picture, min(LIST_LINE / line.height, MAX_SCALE))
-        heights = [line.height, *(other.height for other in found)]
-        own = line.center + low - corner
-        same = [k for k, other in enumerate(found, 1) if _is_inside(own, _bounds(other))]
-        return is_list([h for k, h in enumerate(heights) if k not in same], 0)
-
-    def _sign(
-        self, picture: Image.Image, lines: list[TextLine], own: int, read: tuple[str, str, float]
-    ) -> DetectedSign:
-        """Return a sign with its other lines, pixels counted from the corner of the region.
-
-        Parameters
-        ----------
-        picture
-            The region, RGB.
-        lines
-            Those near the number, from top to bottom.
-        own
-            Index of the number's line.
-        read
-            Its text, the number and the confidence.
-        """
-        texts = {own: read[0]}
-        others = [k for k in range(len(lines)) if k != own]
-        for k in sorted(others, key=lambda k: abs(k - own))[: MAX_LINES - 1]:
-            text, confidence = self._reader.read(picture, lines[k])
-            if confidence >= OTHER_CONFIDENCE and normalised(text):
-                texts[k] = normalised(text)
-        joined = " ".join(texts[k] for k in sorted(texts))
-        corners = lines[own].corners
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        box = np.append(low, high - low)
-        return DetectedSign(joined, read[1], lines[own].center, box, read[2], corners)
+    def _read(self, picture: Image.Image, line: TextLine) -> ReadLine:
+        text, confidence = self._reader.read(picture, line)
+        text = normalised(text)
+        number = room_number(text) if confidence >= MIN_CONFIDENCE else None
+        return ReadLine(line, text, confidence, number)
 
 
-def _bounds(line: TextLine) -> Float64:
-    """Return left, top, right and bottom of a line."""
-    return np.append(line.corners.min(axis=0), line.corners.max(axis=0))
-
-
-def _corners(box: Float64) -> Float64:
-    """Return left, top, right and bottom of a box of left, top, width and height."""
-    return np.append(box[:2], box[:2] + box[2:])
-
-
-def _is_inside(pixel: Float64, box: Float64) -> bool:
-    return bool(np.all(pixel >= box[:2]) and np.all(pixel <= box[2:]))
-
-
-def _overlap(a: Float64, b: Float64) -> float:
-    """Return the common area of two boxes as a part of the smaller one."""
-    common = np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0.0))
-    return float(common / min(np.prod(a[2:] - a[:2]), np.prod(b[2:] - b[:2])))
+def _why_no_number(line: ReadLine) -> str:
+    if line.confidence < OTHER_CONFIDENCE:
+        return f"unsure ({line.confidence:.2f})"
+    return "no number of a room"

@@ -15,6 +15,9 @@ from tccm_ros.kernels import kernel
 PATCH_WIDTH, PATCH_HEIGHT = 64, 32
 """Size to which each region is scaled, pixels. Chosen: a number of three to five characters."""
 
+PATCH_SHAPE = (PATCH_HEIGHT, PATCH_WIDTH)
+"""Of a patch as an array."""
+
 CELL = 8
 """Edge of a cell, pixels (Dalal and Triggs)."""
 

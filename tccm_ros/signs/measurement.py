@@ -3,8 +3,73 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from tccm_ros.arrays import Float32, Float64
+from tccm_ros.arrays import Float64, UInt8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectedSign:
+    """A door sign in a picture.
+
+    Attributes
+    ----------
+    text
+        All lines of the plate that were read, from top to bottom, joined by spaces.
+    number
+        The number of the room, capital letters; the name on a plate without one.
+    pixel
+        float64 (2,), middle of the number, pixels from the left and the top.
+    box
+        float64 (4,), left, top, width and height of the number, pixels.
+    confidence
+        Mean probability of the characters of the number, 0 to 1.
+    corners
+        float64 (4, 2), of the number: top left, top right, bottom right, bottom left, pixels.
+    plate
+        float64 (4, 2), of all lines of the plate, likewise.
+    """
+
+    text: str
+    number: str
+    pixel: Float64
+    box: Float64
+    confidence: float
+    corners: Float64
+    plate: Float64
+
+
+class RefusedText(NamedTuple):
+    """Text in a picture that is no door sign.
+
+    Attributes
+    ----------
+    text
+        As read; empty where it was not.
+    pixel
+        float64 (2,), its middle, pixels.
+    reason
+        Why it is none.
+    """
+
+    text: str
+    pixel: Float64
+    reason: str
+
+
+class SearchedText(NamedTuple):
+    """The text of a picture.
+
+    Attributes
+    ----------
+    signs
+        Door signs, from left to right.
+    refused
+        What else was looked at, from top to bottom.
+    """
+
+    signs: list[DetectedSign]
+    refused: list[RefusedText]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,13 +91,17 @@ class SignMeasurement:
     text
         All lines of the plate that were read, from top to bottom, joined by spaces.
     number
-        The number of the room, in capital letters: one of the text's words.
+        The number of the room, in capital letters; the name on a plate without one.
     confidence
         Mean probability of the number's characters, 0 to 1.
-    descriptor
-        float32 (n,), histograms of oriented gradients of the number's patch (`signs.hog`).
+    patch
+        uint8 (h, w), brightness of the number and its surroundings, scaled to one size
+        (`signs.hog`).
     corners
         float64 (4, 2), of the number: top left, top right, bottom right, bottom left, pixels.
+    plate
+        float64 (4, 3), unit vectors as `bearing` to the corners of all lines of the plate; NaN
+        where they are not known.
     focal_length
         Of the camera, pixels: a pixel's noise divided by it is one in rad.
     """
@@ -44,8 +113,9 @@ class SignMeasurement:
     text: str
     number: str
     confidence: float
-    descriptor: Float32
+    patch: UInt8
     corners: Float64
+    plate: Float64
     focal_length: float
 
 

@@ -1,27 +1,51 @@
-"""Which texts are the number of a room, and which plates are a door sign."""
+"""Which texts are the number of a room, and which lines are rows of a list."""
 
 import re
 import unicodedata
 from collections.abc import Sequence
 
-NUMBER = re.compile(r"[A-Z]{0,2}[-.]?\d{1,5}([.-]\d{1,3})?[-.]?[A-Z]{0,3}")
-"""A room's number: digits, with letters before or after them, or a second group of digits."""
+GROUP = r"(?:[A-Z]{0,3}\d{1,5}[A-Z]{0,3}|[A-Z]{1,3})"
+NUMBER = re.compile(rf"(?=.*\d){GROUP}(?:[-./]{GROUP}){{0,3}}")
+"""A room's number: up to four groups of digits with letters before or after them (12-034B, C7-118,
+00.12.019), of which one at least has digits."""
+
+CODE = re.compile(r"[A-Z]{1,3}|[A-Z]{0,3}\d{1,5}[A-Z]{0,3}")
+"""A word beside a number that is part of it: a wing, a floor, a building (BC 410, C7 118)."""
+
+GENERIC = frozenset({"NO", "NR", "RM"})
+"""Short words beside a number that tell doors not from each other."""
+
+PHONE_OR_DATE = re.compile(r"(?:\d+[-./ ])?\d{3}[-./ ]\d{4}|\d+[-./]\d+[-./]\d{4,}")
+FRACTION = re.compile(r"\d{1,2}/\d{1,2}")
+"""A ratio or a day: 24/7, 1/2, 12/05."""
+
+GLUED = re.compile(
+    r"(?<=[A-Za-z]{4})(?=\d{1,2}$)|(?<=[A-Za-z][a-z]{2})(?=\d{1,2}$)|(?<=[^\W\da-zA-Z])(?=\d)"
+)
+"""Between a word and its number, where a reader has lost the space: Room3, and after other
+letters than Latin ones, of which a reader may have made an arrow."""
 
 LOOKALIKES = str.maketrans("OIL|", "0111")
 """Letters that are read for digits within a number."""
 
+DASHES = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2015\u2212", "-"))
+
+ENDS = " .,:;-_'\"`|<>=~*\u2022\u00b7\u2190\u2191\u2192\u2193\u2196\u2197\u2198\u2199\u25b6\u25c0"
+"""Characters that are no part of a text at its ends: arrows and marks."""
+
 
 def normalised(text: str) -> str:
     """Return a text in one form: compatible characters, single spaces, no marks at its ends."""
-    plain = " ".join(unicodedata.normalize("NFKC", text).split())
-    return plain.strip(" .,:;-_'\"`|")
+    plain = unicodedata.normalize("NFKC", text).translate(DASHES).strip()
+    return " ".join(GLUED.sub(" ", plain).split()).strip(ENDS)
 
 
 def room_number(text: str) -> str | None:
     """Return the number of a room that a line of text is or ends or begins with, None for none.
 
-    A range of numbers, a time, a date or a price is none, and a single digit is one only where it
-    stands alone: lists say "Meeting Room 3".
+    Short codes beside it belong to it. A range of numbers, a time, a date, a price or a telephone
+    number is none. A single digit is one where it stands alone; after a single word, the word
+    belongs to it: lists say "Meeting Room 3".
 
     Parameters
     ----------
@@ -29,29 +53,62 @@ def room_number(text: str) -> str | None:
         A line, normalised.
     """
     words = text.upper().split()
-    if not words:
+    if not words or PHONE_OR_DATE.fullmatch(" ".join(words)):
         return None
-    for word in dict.fromkeys((words[0], words[-1])):
-        number = _as_number(word)
-        if number is not None and (len(words) == 1 or sum(c.isdigit() for c in number) > 1):
-            return number
+    for k in dict.fromkeys((0, len(words) - 1)):
+        number = _as_number(words[k])
+        if number is None:
+            continue
+        whole = _with_codes(words, k, number)
+        if _digits(whole) > 1 or len(whole.split()) == len(words):
+            return whole
+        if k == 1 and words[0].isalpha():
+            return f"{words[0]} {number}"
     return None
+
+
+def is_doubtful(number: str) -> bool:
+    """Return whether a number has a single digit, as much that is none has."""
+    return _digits(number) == 1
+
+
+def joined_number(parts: Sequence[str]) -> str:
+    """Return the number that lines of a plate make together, from top to bottom."""
+    return " ".join(dict.fromkeys(parts))
+
+
+def _with_codes(words: Sequence[str], k: int, number: str) -> str:
+    """Return a number, word `k` of a line, with the codes before and after it."""
+    first = last = k
+    while first > 0 and _is_code(words[first - 1]):
+        first -= 1
+    while last + 1 < len(words) and _is_code(words[last + 1]):
+        last += 1
+    return " ".join([*words[first:k], number, *words[k + 1 : last + 1]])
+
+
+def _is_code(word: str) -> bool:
+    return bool(CODE.fullmatch(word)) and word not in GENERIC
+
+
+def _digits(text: str) -> int:
+    return sum(c.isdigit() for c in text)
 
 
 def _as_number(word: str) -> str | None:
     """Return a word as a number of a room, None where it is none."""
-    digits = sum(c.isdigit() for c in word)
-    if digits > 1 and not NUMBER.fullmatch(word):
+    if _digits(word) > 1 and not NUMBER.fullmatch(word):
         word = word.translate(LOOKALIKES)
-    if not NUMBER.fullmatch(word) or _is_range(word):
+    if not NUMBER.fullmatch(word) or PHONE_OR_DATE.fullmatch(word) or FRACTION.fullmatch(word):
         return None
-    return word
+    return None if _is_range(word) else word
 
 
 def _is_range(word: str) -> bool:
-    """Return whether a word is two numbers, the second larger: "216-220"."""
+    """Return whether a word is two numbers of one length, the second larger: "216-220"."""
     low, dash, high = word.partition("-")
-    return bool(dash) and low.isdigit() and high.isdigit() and int(high) > int(low)
+    is_pair = bool(dash) and low.isdigit() and high.isdigit() and len(low) == len(high)
+    return is_pair and int(high) > int(low)
 
 
 def is_list(heights: Sequence[float], own: int) -> bool:
@@ -66,5 +123,9 @@ def is_list(heights: Sequence[float], own: int) -> bool:
     own
         Index of the number's line.
     """
-    alike = [h for k, h in enumerate(heights) if k != own and h > 0.75 * heights[own]]
-    return len(alike) >= 3
+    return n_alike(heights, own) >= 3
+
+
+def n_alike(heights: Sequence[float], own: int) -> int:
+    """Return how many other lines are as high as a number's, or higher."""
+    return sum(h > 0.75 * heights[own] for k, h in enumerate(heights) if k != own)

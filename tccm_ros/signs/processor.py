@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from tccm_ros.arrays import Float64, UInt8
 from tccm_ros.config import Config
 from tccm_ros.errors import MessageError, MissingExtraError
 from tccm_ros.records import MapReset
@@ -17,12 +18,24 @@ from tccm_ros.sensors.camera_image import (
     picture_pixels,
     pixel_directions,
 )
-from tccm_ros.signs.detector import SignDetector
-from tccm_ros.signs.hog import hog_features, region_patches
+from tccm_ros.signs.detector import Detector, sign_detector
+from tccm_ros.signs.hog import region_patches
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 
 BEYOND_RATE = "pictures beyond signs.rate"
+UNCHANGED = "pictures of a view that was looked at before"
 NO_EXTRA = "pictures that nothing can read: extra signs is not installed"
+
+STILL_M, STILL_RAD = 0.01, 0.01
+"""A camera that has moved less than this (m, rad) may show the same view. Chosen: odometry at rest
+wanders by less; half a degree moves a picture by some pixels."""
+
+VIEW_SIZE = (64, 48)
+"""Width and height to which views are scaled to be compared, pixels. Chosen: a picture's noise is
+averaged, and a digit that can be read is seen."""
+
+SAME_LEVELS = 4.0
+"""Change of brightness in one of these pixels up to which a view is the same, of 255. Chosen."""
 
 
 class PictureSelector:
@@ -49,6 +62,29 @@ class PictureSelector:
         self._last = -1
 
 
+class LastView:
+    """The view that was looked at last."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Float64, Float64] | None = None
+
+    def changes(self, posed: PosedPicture, pixels: UInt8) -> bool:
+        """Return whether a picture shows another view, by its camera's pose or its content."""
+        view = Image.fromarray(pixels).convert("L").resize(VIEW_SIZE, Image.Resampling.BOX)
+        new = posed.T_odom_base[0] @ posed.T_base_sensor[0], np.asarray(view, float)
+        if self._last is not None and _is_same(*self._last, *new):
+            return False
+        self._last = new
+        return True
+
+
+def _is_same(T_before: Float64, view_before: Float64, T: Float64, view: Float64) -> bool:
+    moved = float(np.linalg.norm(T[:3, 3] - T_before[:3, 3]))
+    cosine = 0.5 * (float(np.trace(T_before[:3, :3].T @ T[:3, :3])) - 1.0)
+    is_still = moved < STILL_M and cosine > np.cos(STILL_RAD)
+    return bool(is_still and np.abs(view - view_before).max() < SAME_LEVELS)
+
+
 class SignProcessor:
     """Reads the door signs of the pictures that are to be looked at.
 
@@ -68,8 +104,10 @@ class SignProcessor:
     """
 
     def __init__(self, config: Config) -> None:
+        self._settings = config.signs
         self._selector = PictureSelector(config.signs.rate)
-        self._detector: SignDetector | None = None
+        self._detector: Detector | None = None
+        self._view = LastView()
         self.counts: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self.problem = ""
@@ -78,6 +116,7 @@ class SignProcessor:
         """Return what a picture tells, as `read` does; nothing for other events."""
         if type(event) is MapReset:
             self._selector.clear()
+            self._view = LastView()
         return self.read(event) if self.selects(event) else []
 
     def selects(self, event: Any) -> bool:
@@ -90,10 +129,17 @@ class SignProcessor:
         return is_selected
 
     def read(self, posed: PosedPicture) -> list[SearchedPicture | SignMeasurement]:
-        """Return a picture that was selected as a searched one, and the signs in it."""
+        """Return a picture that was selected as a searched one, and the signs in it.
+
+        Nothing for the view that was looked at before.
+        """
         try:
-            self._detector = self._detector or SignDetector()
-            measured = measure_signs(self._detector, posed)
+            self._detector = self._detector or sign_detector(self._settings)
+            pixels = picture_pixels(posed.image)
+            if not self._view.changes(posed, pixels):
+                self.dropped[UNCHANGED] += 1
+                return []
+            measured = measure_signs(self._detector, posed, pixels)
         except MissingExtraError as error:
             self.problem = str(error)
             self.dropped[NO_EXTRA] += 1
@@ -119,7 +165,7 @@ def searched_picture(posed: PosedPicture) -> SearchedPicture:
     return SearchedPicture(posed.stamp_ns, T_base_camera, focal_lengths, center, posed.image.size)
 
 
-def measure_signs(detector: SignDetector, posed: PosedPicture) -> list[SignMeasurement]:
+def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> list[SignMeasurement]:
     """Return what a picture tells of the door signs in it, from left to right.
 
     Parameters
@@ -128,39 +174,36 @@ def measure_signs(detector: SignDetector, posed: PosedPicture) -> list[SignMeasu
         Finds and reads them.
     posed
         The picture with its calibration and the pose of its camera.
-
-    Raises
-    ------
-    MessageError
-        For a picture that is damaged.
+    pixels
+        uint8 (H, W) or (H, W, 3), its own.
     """
-    pixels, camera = picture_pixels(posed.image), posed.image.camera
+    camera = posed.image.camera
     assert camera is not None
-    signs = detector.detect(pixels)
+    signs = detector.search(pixels).signs
     if not signs:
         return []
     # The detector counts from the edge of the first pixel, a calibration from its middle.
     middles = np.array([sign.pixel for sign in signs]) - 0.5
-    is_rectified = is_rectified_topic(posed.role)
-    bearings = pixel_directions(camera, middles, is_rectified=is_rectified)
+    plates = np.concatenate([sign.plate for sign in signs]) - 0.5
+    bearings = pixel_directions(
+        camera, np.concatenate([middles, plates]), is_rectified=is_rectified_topic(posed.role)
+    )
     boxes = np.array([np.append(sign.box[:2], sign.box[:2] + sign.box[2:]) for sign in signs])
-    gray = np.asarray(Image.fromarray(pixels).convert("L"))
-    descriptors = hog_features(region_patches(gray, boxes))
+    patches = region_patches(np.asarray(Image.fromarray(pixels).convert("L")), boxes)
     return [
         SignMeasurement(
             stamp_ns=posed.stamp_ns,
-            pixel=pixel,
-            bearing=bearing,
+            pixel=middles[k],
+            bearing=bearings[k],
             T_base_camera=posed.T_base_sensor[0],
             text=sign.text,
             number=sign.number,
             confidence=sign.confidence,
-            descriptor=descriptor,
+            patch=patches[k],
             corners=sign.corners - 0.5,
+            plate=bearings[len(signs) + 4 * k :][:4],
             focal_length=float(camera.K[0, 0] / camera.binning[0]),
         )
-        for sign, pixel, bearing, descriptor in zip(
-            signs, middles, bearings, descriptors, strict=True
-        )
-        if np.isfinite(bearing).all()
+        for k, sign in enumerate(signs)
+        if np.isfinite(bearings[k]).all()
     ]

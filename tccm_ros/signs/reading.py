@@ -1,4 +1,4 @@
-"""Text of a region: lines are found and rectified, then recognised.
+"""Text of a picture: lines are found and rectified, then recognised.
 
 The two networks are those of PP-OCR v4 that the package rapidocr-onnxruntime brings along, run by
 onnxruntime on one thread, so that a picture gives the same text on every run. The package itself is
@@ -7,6 +7,7 @@ not imported: it would load OpenCV with its windows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,8 +17,9 @@ import numpy as np
 from PIL import Image
 from scipy import ndimage
 
-from tccm_ros.arrays import Float32, Float64
+from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.errors import MissingExtraError
+from tccm_ros.signs.regions import text_regions
 
 FINDER = "ch_PP-OCRv4_det_infer.onnx"
 RECOGNISER = "ch_PP-OCRv4_rec_infer.onnx"
@@ -43,8 +45,15 @@ WIDTH_STEP, MAX_WIDTH = 32, 320
 MIN_LINE = 6
 """Least width and height of the core of a line, pixels of the finder. Chosen."""
 
+NARROW_ASPECT = 0.67
+"""Width over height of the core of a line below which it may be written upwards or downwards.
+Chosen: the core of a single digit is as narrow, and is read in all three orientations."""
 
-@dataclass(frozen=True)
+SURE = 0.8
+"""Mean probability of the characters from which on no other orientation is tried. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
 class TextLine:
     """A line of text in a picture.
 
@@ -64,14 +73,25 @@ class TextLine:
 
     @property
     def height(self) -> float:
-        """Mean height of the line, pixels."""
-        return float(np.mean(self.corners[[3, 2], 1] - self.corners[[0, 1], 1]))
+        """Mean length of its left and right edge, pixels."""
+        return _mean_length(self.corners[[3, 2]] - self.corners[[0, 1]])
 
     @property
     def width(self) -> float:
         """Mean length of its upper and lower edge, pixels."""
-        edges = self.corners[[1, 2]] - self.corners[[0, 3]]
-        return float(np.mean(np.hypot(edges[:, 0], edges[:, 1])))
+        return _mean_length(self.corners[[1, 2]] - self.corners[[0, 3]])
+
+    @property
+    def bounds(self) -> Float64:
+        """Left, top, right and bottom of the line, float64 (4,), pixels."""
+        return np.append(self.corners.min(axis=0), self.corners.max(axis=0))
+
+    @property
+    def orientations(self) -> list[TextLine]:
+        """The line as it may be written: as it is; one that is narrow upwards and downwards too."""
+        if self.width >= NARROW_ASPECT * self.height:
+            return [self]
+        return [TextLine(np.roll(self.corners, k, axis=0)) for k in (0, 1, -1)]
 
 
 class TextReader:
@@ -90,7 +110,9 @@ class TextReader:
         characters = self._recogniser.get_modelmeta().custom_metadata_map["character"]
         self._characters = ["", *characters.splitlines(), " "]
 
-    def find(self, picture: Image.Image, scale: float) -> list[TextLine]:
+    def find(
+        self, picture: Image.Image, scale: float, *, everywhere: bool = True
+    ) -> list[TextLine]:
         """Return the lines of text in a picture, from top to bottom.
 
         Parameters
@@ -99,13 +121,29 @@ class TextReader:
             RGB.
         scale
             Pixels of the finder per pixel of the picture.
+        everywhere
+            Whether all of the picture is searched; else the parts in which text may be.
         """
         own = np.array(picture.size)
         size = np.maximum(np.ceil(scale * own / FINDER_STEP).astype(int), 1) * FINDER_STEP
         scaled = picture.resize((int(size[0]), int(size[1])), Image.Resampling.BILINEAR)
-        (probability,) = self._finder.run(None, {"x": _network_input(scaled)})
-        lines = [TextLine(corners * (own / size)) for corners in text_lines(probability[0, 0])]
-        return sorted(lines, key=lambda line: float(line.center[1]))
+        regions = np.array([[0, 0, *size]])
+        if not everywhere:
+            regions = text_regions(np.asarray(scaled.convert("L")))
+        lines = [
+            TextLine(corners * (own / size))
+            for region in regions
+            for corners in self._lines_in(scaled, region)
+        ]
+        return sorted(_each_once(lines), key=lambda line: float(line.center[1]))
+
+    def _lines_in(self, picture: Image.Image, region: Int64) -> list[Float64]:
+        """Return the corners (4, 2) of the lines in a part of a picture, pixels of the picture."""
+        extent = -(-(region[2:] - region[:2]) // FINDER_STEP) * FINDER_STEP
+        low = np.minimum(region[:2], np.array(picture.size) - extent)
+        part = picture.crop((*low.tolist(), *(low + extent).tolist()))
+        (probability,) = self._finder.run(None, {"x": _network_input(part)})
+        return [corners + low for corners in text_lines(probability[0, 0])]
 
     def read(self, picture: Image.Image, line: TextLine) -> tuple[str, float]:
         """Return the text of a line, and how sure it is: the mean probability of its characters.
@@ -117,6 +155,14 @@ class TextReader:
         line
             One of those that `find` returned.
         """
+        best = "", 0.0
+        for orientation in line.orientations:
+            best = max(best, self._recognised(picture, orientation), key=lambda read: read[1])
+            if best[1] >= SURE:
+                break
+        return best
+
+    def _recognised(self, picture: Image.Image, line: TextLine) -> tuple[str, float]:
         pixels = _network_input(rectified(picture, line))
         width = -(-pixels.shape[3] // WIDTH_STEP) * WIDTH_STEP
         filled = np.zeros((1, 3, LINE_HEIGHT, width), np.float32)
@@ -139,7 +185,7 @@ def text_lines(probability: Float32) -> list[Float64]:
     """Return the corners (4, 2) of the lines in a map of text, as PP-OCR's finder grows them.
 
     A line is bounded by straight upper and lower edges, fitted to the columns of what is connected,
-    so that one seen at an angle is rectified.
+    so that one seen at an angle is rectified; a line that runs upwards or downwards by its rows.
 
     Parameters
     ----------
@@ -150,30 +196,48 @@ def text_lines(probability: Float32) -> list[Float64]:
     found = []
     for k, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
         mask = labels[rows, columns] == k
-        height, width = mask.shape
-        if width < MIN_LINE or height < MIN_LINE:
+        if min(mask.shape) < MIN_LINE:
             continue
         if probability[rows, columns][mask].mean() < LINE_PROBABILITY:
             continue
-        x = np.arange(width)
-        top = mask.argmax(axis=0)
-        bottom = height - mask[::-1].argmax(axis=0)
-        inner = slice(width // 8, width - width // 8)  # the ends are round
-        slope = 0.5 * sum(np.polyfit(x[inner], y[inner], 1)[0] for y in (top, bottom))
-        upper = float(np.median((top - slope * x)[inner]))
-        lower = float(np.median((bottom - slope * x)[inner]))
-        grow = GROWTH * mask.sum() / (2.0 * (width + lower - upper))
-        left, right = -grow, width + grow
-        corners = np.array(
-            [
-                [left, upper - grow + slope * left],
-                [right, upper - grow + slope * right],
-                [right, lower + grow + slope * right],
-                [left, lower + grow + slope * left],
-            ]
-        )
+        is_steep = mask.shape[0] > 2 * mask.shape[1]
+        # In the transposed picture, left and right edges are the upper and lower ones.
+        corners = _grown(mask.T)[[0, 3, 2, 1], ::-1] if is_steep else _grown(mask)
         found.append(corners + np.array([columns.start, rows.start]))
     return found
+
+
+def _grown(mask: Bool) -> Float64:
+    """Return the corners (4, 2) of a line, pixels of the picture (H, W) of its core."""
+    height, width = mask.shape
+    x = np.arange(width)
+    top = mask.argmax(axis=0)
+    bottom = height - mask[::-1].argmax(axis=0)
+    inner = slice(width // 8, width - width // 8)  # the ends are round
+    slope = 0.5 * sum(np.polyfit(x[inner], y[inner], 1)[0] for y in (top, bottom))
+    upper = float(np.median((top - slope * x)[inner]))
+    lower = float(np.median((bottom - slope * x)[inner]))
+    grow = GROWTH * mask.sum() / (2.0 * (width + lower - upper))
+    left, right = -grow, width + grow
+    return np.array(
+        [
+            [left, upper - grow + slope * left],
+            [right, upper - grow + slope * right],
+            [right, lower + grow + slope * right],
+            [left, lower + grow + slope * left],
+        ]
+    )
+
+
+def bounding_corners(lines: Sequence[TextLine]) -> Float64:
+    """Return the corners float64 (4, 2) around lines, along the first of them, pixels."""
+    first = lines[0].corners
+    along = (first[1] - first[0]) / max(float(np.linalg.norm(first[1] - first[0])), 1e-9)
+    axes = np.array([along, [-along[1], along[0]]])
+    inside = np.concatenate([line.corners for line in lines]) @ axes.T
+    (left, top), (right, bottom) = inside.min(axis=0), inside.max(axis=0)
+    box = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+    return np.asarray(box @ axes)
 
 
 def rectified(picture: Image.Image, line: TextLine) -> Image.Image:
@@ -182,6 +246,23 @@ def rectified(picture: Image.Image, line: TextLine) -> Image.Image:
     size = (min(max(width, LINE_HEIGHT // 2), MAX_WIDTH), LINE_HEIGHT)
     quad = tuple(line.corners[[0, 3, 2, 1]].ravel())
     return picture.transform(size, Image.Transform.QUAD, quad, Image.Resampling.BILINEAR)
+
+
+def _each_once(lines: list[TextLine]) -> list[TextLine]:
+    """Return lines without those whose middle is in a longer one: regions overlap."""
+    kept: list[TextLine] = []
+    for line in sorted(lines, key=lambda line: -line.width):
+        if not any(_is_inside(line.center, other.bounds) for other in kept):
+            kept.append(line)
+    return kept
+
+
+def _is_inside(pixel: Float64, bounds: Float64) -> bool:
+    return bool((pixel > bounds[:2]).all() and (pixel < bounds[2:]).all())
+
+
+def _mean_length(edges: Float64) -> float:
+    return float(np.hypot(edges[:, 0], edges[:, 1]).mean())
 
 
 def _network_input(picture: Image.Image) -> Float32:

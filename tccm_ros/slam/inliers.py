@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
-from tccm_ros.records import Loop
+from tccm_ros.records import Loop, RefusedSign
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.closing import LoopCloser
@@ -41,8 +41,8 @@ class Inliers:
         Factor by which covariances of the graph are to be multiplied.
     observations
         Of landmarks, as given: their kinds choose robust noise models themselves.
-    signs
-        Door signs, of the views that agree.
+    signs, refused_signs
+        Door signs, of the views that agree, and what was read and is none.
     """
 
     poses: Float64
@@ -53,6 +53,7 @@ class Inliers:
     scale: float
     observations: list[AnchoredObservation]
     signs: list[FoundSign]
+    refused_signs: list[RefusedSign]
 
 
 def select_inliers(
@@ -94,11 +95,14 @@ def select_inliers(
     scale = checked.unit_variance * (SHARED_BEAMS_FACTOR if len(checked.table) else 1.0)
     corners = find_corners(checked.table, lines, min_confirmations(config, len(keys)))
     records = loop_records(closer, kept)
-    signs = []
+    signs: list[FoundSign] = []
+    refused: list[RefusedSign] = []
     if sign_views:
         passes = Passes(graph.optimise(), keys, [k.session for k in chain.keyframes])
-        signs = find_signs(sign_views, pictures, passes, checked.table)
-    return Inliers(poses, loops, records, checked.table, corners, scale, observations, signs)
+        signs, refused = find_signs(sign_views, pictures, passes, checked.table)
+    return Inliers(
+        poses, loops, records, checked.table, corners, scale, observations, signs, refused
+    )
 
 
 def loop_records(closer: LoopCloser, kept: Sequence[bool] | Bool) -> list[Loop]:

@@ -133,8 +133,16 @@ class LiveEstimate:
         self._newest: _Estimate | None = None
         self._session = -1
 
-    def add(self, keyframe: GraphKeyframe, lines: Lines) -> None:
-        """Add the next keyframe of the front end, and the lines that it sees, in its frame."""
+    def add(self, keyframe: GraphKeyframe, lines: Lines, start: Float64 | None = None) -> None:
+        """Add the next keyframe of the front end, and the lines that it sees, in its frame.
+
+        Parameters
+        ----------
+        keyframe, lines
+            The keyframe and its lines.
+        start
+            float64 (3,), where the first one of a session is in map, where that is known.
+        """
         if keyframe.session != self._session:  # the robot was lost: it is somewhere else
             self._since.clear()
             self._session, self._newest, self._solved, self._walls = (
@@ -142,6 +150,8 @@ class LiveEstimate:
             )  # fmt: skip
         self._since.append((keyframe, lines))
         self._newest = self._after(self._newest, keyframe, lines)
+        if start is not None:
+            self._newest = _Estimate(start, np.zeros((3, 3)))
 
     def take(self, solved: SolvedKeyframe, walls: MapWalls) -> bool:
         """Go on from a solution: from its newest keyframe; return whether that is of this session.

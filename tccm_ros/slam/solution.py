@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.records import Keyframe, Landmark, Loop, Sign, Wall
+from tccm_ros.records import Keyframe, Landmark, Loop, RefusedSign, Sign, Wall
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +40,8 @@ class Solution:
         In the order of their kinds and ids, those of earlier sessions among them.
     signs
         Door signs by their ids; each is a landmark as well.
+    refused_signs
+        What was read as a room's number at one place, and is no sign.
     is_batch
         Whether it is a function of the records alone, and does not go on from another solution.
     """
@@ -57,6 +59,7 @@ class Solution:
     landmarks: tuple[Landmark, ...] = ()
     signs: tuple[Sign, ...] = ()
     is_batch: bool = True
+    refused_signs: tuple[RefusedSign, ...] = ()
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""

@@ -126,6 +126,7 @@ class Tracker:
         self._estimate = LiveEstimate(self._config)
         self._solved: SolvedMap | None = None
         self._stamp_ns, self._odom = -1, np.zeros(3)
+        self._before: tuple[Float64, Float64] | None = None
         self._is_localised = self._starts_localised
         self._session = first_keyframe[1]
 
@@ -142,6 +143,9 @@ class Tracker:
             self._add_odometry(event)
         elif isinstance(event, PoseGuess):
             self._front.is_lost = bool(self._front.tracked)
+            # The pose that is known is kept until a solution says that the one that is told fits.
+            if self._front.is_lost and self._is_localised:
+                self._before = self._pose(), self._odom
         elif type(event) in COUNTED:
             self.counts[COUNTED[type(event)]] += 1
             if isinstance(event, MapReset):
@@ -217,11 +221,16 @@ class Tracker:
 
     def _add_keyframe(self, level: LevelScan) -> None:
         self.counts["keyframes"] += 1
-        if self._front.session != self._session:  # the robot was lost
-            self._session, self._is_localised = self._front.session, False
-            self.counts["lost"] += 1
+        start = None
+        if self._front.session != self._session:  # the robot was lost, or its pose was told
+            before, self._before = self._before, None
+            self._session, self._is_localised = self._front.session, before is not None
+            if before is None:
+                self.counts["lost"] += 1
+            else:
+                start = compose(before[0], between(before[1], level.odom))
         lines = extract_lines(level.beams, level.origin, self._config)
-        self._estimate.add(self._front.keyframes[-1], lines)
+        self._estimate.add(self._front.keyframes[-1], lines, start)
 
     def _add_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame

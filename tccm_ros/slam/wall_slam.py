@@ -34,7 +34,7 @@ from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.growth import MIN_KEYFRAMES, Growth
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
-from tccm_ros.slam.live_estimate import LivePose
+from tccm_ros.slam.live_estimate import LivePose, SolvedKeyframe
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
@@ -75,6 +75,8 @@ class WallSlam:
         self._odometry = OdometryTrack()
         self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
+        self._newest: LevelScan | None = None
+        self._is_told = False
         # Of landmarks: in earlier sessions, in this one, and not yet anchored to its keyframes.
         self._saved_observations: Sequence[AnchoredObservation] = ()
         self._observed: list[LandmarkObservation] = []
@@ -102,8 +104,12 @@ class WallSlam:
         if self._front.tracked and scan.scan.stamp_ns <= self._front.tracked[-1].stamp_ns:
             raise ValueError(f"level scan at {scan.scan.stamp_ns} ns is not newer than the last")
         level = make_level_scan(scan, self.config)
+        self._expect(level)
         tracked = self._front.add(level, self._start(level.odom))
+        self._newest = level
         keyframe_id = self._take_keyframe()
+        if keyframe_id < 0:
+            self._closer.search(level, tracked)
         pose = compose(self._closer.poses[tracked.keyframe], tracked.pose)
         localised = self._front.session in self._closer.localised
         map_odom = compose(pose, inverse(level.odom))
@@ -157,10 +163,19 @@ class WallSlam:
     def add_guess(self, guess: PoseGuess) -> None:
         """Begin a session with the next scan, and look for its place around a pose.
 
-        The place counts once a scan fits the map there.
+        The place counts once a scan fits the map there, and fits it better than where the robot
+        was before: then it goes on there.
         """
-        self._front.is_lost = bool(self._front.tracked)
+        self._front.is_lost = self._is_told = bool(self._front.tracked)
         self._closer.note_guess(guess)
+
+    def _expect(self, level: LevelScan) -> None:
+        """Note where a scan that begins a session is by what was known before."""
+        is_told, self._is_told = self._is_told, False
+        if is_told and self._newest is not None and self.has_place_now:
+            last = self._front.tracked[-1]
+            step = compose(last.pose, between(self._newest.odom, level.odom))
+            self._closer.note_expected(compose(self._closer.poses[last.keyframe], step))
 
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the live estimate of the motion of the base between two stamps, float64 (3,).
@@ -218,6 +233,26 @@ class WallSlam:
     def is_lost(self) -> bool:
         """Whether the robot was lost, and its place in the map is not found yet."""
         return self._front.is_lost or self._is_detached(self._front.session)
+
+    @property
+    def has_place_now(self) -> bool:
+        """Whether the newest session has a place in the map."""
+        return self._front.session in self._closer.localised
+
+    @property
+    def session(self) -> int:
+        """Number of the newest session."""
+        return self._front.session
+
+    @property
+    def is_where_told(self) -> bool:
+        """Whether the newest session is where somebody has told."""
+        return self._front.session in self._closer.placed_by_guess
+
+    @property
+    def waits_for(self) -> str:
+        """Why the newest session has no place in the map yet; empty where it has."""
+        return self._closer.waits_for
 
     @property
     def has_place(self) -> bool:
@@ -328,6 +363,7 @@ class WallSlam:
             used.scale,
             landmarks,
             sign_records(used.signs, landmarks, solution),
+            refused_signs=tuple(used.refused_signs),
         )
 
     def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
@@ -501,8 +537,20 @@ class WallSlam:
         """
         if not self._front.keyframes:
             return np.zeros(3)
-        newest = self._front.keyframes[-1]
-        return compose(solution.keyframes[newest.id].pose, inverse(newest.pose))
+        return self.map_from_front(solution.keyframes[self._front.keyframes[-1].id].pose)
+
+    def map_from_front(self, newest: Float64) -> Float64:
+        """Return where the front end's own map is, by the pose (3,) of the newest keyframe."""
+        return compose(newest, inverse(self._front.keyframes[-1].pose))
+
+    def placed_keyframe(self) -> SolvedKeyframe | None:
+        """Return where the newest keyframe is in the map, before it is solved; None without one."""
+        if not self._front.keyframes or not self.has_place_now:
+            return None
+        keyframe = self._front.keyframes[-1]
+        near = [p for p in self._closer.accepted if p.b == keyframe.id]
+        cov = near[-1].cov if near else keyframe.cov
+        return SolvedKeyframe(keyframe.id, self._closer.poses[keyframe.id], cov)
 
     @property
     def keyframe_count(self) -> int:

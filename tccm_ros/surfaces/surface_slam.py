@@ -542,6 +542,20 @@ class SurfaceSlam:
             self.walls.placed_by_sign,
         )
 
+    def placed_map(self, walls: MapWalls) -> SolvedMap | None:
+        """Return where a session is as soon as it has a place; None while it has none.
+
+        Parameters
+        ----------
+        walls
+            Of the newest solution, in map.
+        """
+        keyframe = self.walls.placed_keyframe()
+        if keyframe is None:
+            return None
+        T_map_front = self.walls.map_from_front(keyframe.pose)
+        return SolvedMap(T_map_front, keyframe, walls, True, self.walls.placed_by_sign)
+
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:
         """Return a processor that continues a saved map in a new session.

@@ -18,6 +18,7 @@ Float64 = NDArray[np.float64]
 WIDTH, HEIGHT, FOCAL = 960, 720, 700.0
 MAX_RANGE, MAX_INCIDENCE = 5.0, np.radians(65.0)
 PIXEL_SIGMA = 2.0
+PLATE_CORNERS = np.array([[-20.0, -10.0], [20.0, -10.0], [20.0, 10.0], [-20.0, 10.0]])
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,18 @@ class Cameras:
         return T @ optical
 
 
-def patch_of(text: str, random: np.random.Generator) -> NDArray[np.float32]:
-    """Return a descriptor: that of the text, and a fifth of it noise."""
-    own = np.abs(np.random.default_rng([ord(c) for c in text]).normal(size=64))
-    seen = own + 0.2 * random.normal(size=64)
-    return (seen / np.linalg.norm(seen)).astype(np.float32)
+def patch_of(text: str, random: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a patch (32, 64): blocks of grey by the text, a tenth of it noise."""
+    own = np.random.default_rng([ord(c) for c in text]).normal(size=(8, 8))
+    blocks = np.kron(own + 0.1 * random.normal(size=(8, 8)), np.ones((4, 8)))
+    return np.clip(128 + 40 * blocks, 0, 255).astype(np.uint8)
+
+
+def corner_rays(pixel: Float64) -> Float64:
+    """Return the bearings (4, 3) of the corners of a plate, 40 x 20 pixels about a pixel."""
+    corners = pixel + PLATE_CORNERS - [WIDTH / 2, HEIGHT / 2]
+    rays = np.hstack([corners / FOCAL, np.ones((4, 1))])
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 @dataclass
@@ -123,7 +131,8 @@ class Pictures:
                     number,
                     float(random.uniform(0.8, 1.0)),
                     patch_of(plate.looks or plate.number, random),
-                    pixel + np.array([[-20, -10], [20, -10], [20, 10], [-20, 10]]),
+                    pixel + PLATE_CORNERS,
+                    corner_rays(pixel),
                     FOCAL,
                 )
             )

@@ -1,8 +1,15 @@
 """/diagnostics over DDS: an error where the node cannot work, a warning where the map suffers."""
 
+import time
+from dataclasses import replace
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_robot import START_NS, Listener, end_input, recording, slam, tccm
+from rcl_interfaces.msg import Log
+from sensor_msgs.msg import Image, LaserScan
 from std_srvs.srv import SetBool, Trigger
+
+from tccm_ros.nodes.refusals import WINDOW_S
 
 SECOND = 1_000_000_000
 SILENCE = 0.2
@@ -174,3 +181,74 @@ def test_scans_that_come_during_a_pause_are_counted_and_no_fault(ros):
     assert not any("dropped" in text for text in node.all_problems())
     used = node.used()["tilt_scan"] + sum(node.dropped.values())
     assert used == node.inputs.counts()["/tilt_scan"]
+
+
+def test_an_input_whose_messages_are_refused_is_an_error_until_they_are_used(ros):
+    """Of the level laser nothing is used, and each kind is told; then one is over."""
+    node, statuses, robot = tccm(ros), Statuses(ros), ros.robot()
+    said = Listener(ros, "log").listen(Log, "/rosout", latched=True)
+    for bad in (
+        LaserScan(angle_increment=float("nan")),
+        LaserScan(time_increment=-1.0, ranges=[1.0]),
+    ):
+        robot.publish("tilt_scan", bad, node)
+    words = ("all messages of 'tilt_scan' are refused", "not numbers", "expected 0 to")
+    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.ERROR, *words))
+    ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, *words))
+    robot.play(recording(3), node)
+    word = "some messages of 'tilt_scan' are refused"
+    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN, word))
+    node.refusals._now = lambda: time.monotonic() + WINDOW_S + 1.0
+    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.OK))
+    ros.spin_until(lambda: any(m.name == "tccm" and "is over" in m.msg for m in said))
+
+
+def test_a_bad_frame_is_over_with_the_next_good_one(ros):
+    node, statuses, robot = tccm(ros), Statuses(ros), ros.robot()
+    records = list(recording(2))
+    wrong = [(t, replace(r, frame_id="nowhere") if t == "tilt_scan" else r) for t, r in records]
+    robot.play(wrong, node)
+    ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, "nowhere"))
+    robot.play(recording(3, start_ns=records[-1][1].stamp_ns + 1), node)
+    ros.spin_until(lambda: node.processor.counts["cycles"])
+    before = statuses["tccm"]
+    ros.spin_until(
+        lambda: statuses["tccm"] is not before and "nowhere" not in statuses["tccm"].message
+    )
+
+
+def test_an_input_that_lags_behind_the_others_is_a_warning_with_the_figure(ros):
+    """All stamps are of now, but those of the laser, which comes 2 s late."""
+    node, statuses, robot = tccm(ros), Statuses(ros), ros.robot()
+    lag_ns = 2 * SECOND
+    start_ns = node.get_clock().now().nanoseconds
+    for topic, record in recording(2, start_ns=start_ns):
+        now_ns = node.get_clock().now().nanoseconds - (lag_ns if topic == "tilt_scan" else 0)
+        robot.play([(topic, replace(record, stamp_ns=now_ns))], node)
+    words = ("'/tilt_scan' comes 2.", "s later than the other inputs")
+    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN, *words))
+    ros.spin_until(lambda: statuses["tccm"] and words[0] in statuses["tccm"].message)
+
+
+def test_a_publisher_that_has_sent_nothing_yet_is_waited_for(ros):
+    node, statuses, robot = tccm(ros, qos__silence=SILENCE), Statuses(ros), ros.robot()
+    said = Listener(ros, "log").listen(Log, "/rosout", latched=True)
+    robot.node.create_publisher(LaserScan, "tilt_scan", 10)
+    ros.spin_until(
+        lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN, "waits for '/tilt_scan'")
+    )
+    assert not any(m.name == "tccm" and "'/tilt_scan'" in m.msg and m.level >= 40 for m in said)
+    assert node.inputs.counts()["/tilt_scan"] == 0
+
+
+def test_a_robot_with_a_depth_camera_lacks_no_tilting_laser(ros):
+    """The camera is there, and has not sent anything yet either."""
+    node, statuses, robot = tccm(ros, qos__silence=SILENCE), Statuses(ros), ros.robot()
+    (image,) = node.config.sensors.depth_images[:1]
+    robot.node.create_publisher(Image, image, 10)
+    ros.spin_until(lambda: node.inputs.is_published(node.resolve_topic_name(image)))
+    before = statuses["tccm: /tilt_scan"]
+    (laser,) = (entry for entry in node.inputs if entry.topic == "/tilt_scan")
+    ros.spin_until(lambda: node.inputs._is_silent(laser))
+    ros.spin_until(lambda: statuses["tccm: /tilt_scan"] is not before)
+    assert statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.OK)

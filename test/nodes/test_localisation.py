@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from live_robot import START_NS, Listener, recording, slam, wait_until_done
+from std_srvs.srv import Trigger
 
 from tccm_ros.errors import FrameError
 from tccm_ros.nodes.localisation import guess_of
@@ -33,7 +34,7 @@ def test_a_pose_without_covariance_is_a_rough_guess_and_one_in_another_frame_is_
         guess_of(told(float("nan"), 2.0, 0.5), "map")
 
 
-def test_a_pose_that_is_told_is_searched_and_tracked_when_a_scan_fits(ros):
+def test_a_pose_that_is_told_is_taken_when_a_scan_fits_and_the_known_one_is_kept_until_then(ros):
     node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
     states = viewer.listen(Localisation, "/surface_slam/localisation", latched=True)
     client = viewer.node.create_client(SetPose, "/surface_slam/set_pose")
@@ -44,22 +45,43 @@ def test_a_pose_that_is_told_is_searched_and_tracked_when_a_scan_fits(ros):
     ros.spin_until(lambda: states and states[-1].state == Localisation.TRACKING)
     assert states[-1].placed_by == Localisation.PLACED_BY_START
     # It is put back to the middle of the room, and is told that to 0.1 m.
+    before = len(states)
     answer = ros.call(client, SetPose.Request(pose=told(0.1, 0.05, 0.02)))
     assert (answer.success, answer.localisation.state) == (True, Localisation.TRACKING)
     start_ns = START_NS + 3_200_000_000
     robot.play(recording(1, start_ns=start_ns, speed=0.0), node)
     wait_until_done(ros, node)
     ros.spin_until(
-        lambda: any(s.state == Localisation.SEARCHING and s.reason for s in states),
-        what="searching",
-    )
-    ros.spin_until(
         lambda: (
             states[-1].state == Localisation.TRACKING
             and states[-1].placed_by == Localisation.PLACED_BY_REQUEST
         ),
-        what="tracking again",
+        what="the pose that was told",
     )
+    assert {s.state for s in states[before:]} == {Localisation.TRACKING}
     assert states[-1].reason == ""
     place = states[-1].pose.pose.position
     assert np.hypot(place.x, place.y) < 0.03
+
+
+def test_a_robot_that_stands_is_found_in_a_loaded_map(ros, tmp_path):
+    """One keyframe and one scan are enough, and the map is loaded before the solver is there."""
+    node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
+    robot.play(recording(2, tilt=False), node)
+    caller = Listener(ros, "caller").node
+    answer = ros.call(caller.create_client(Trigger, "/surface_slam/save_map"), Trigger.Request())
+    assert answer.success, answer.message
+    ros.remove(node)
+    node, viewer = slam(ros, save__directory=str(tmp_path / "map")), Listener(ros, "viewer")
+    states = viewer.listen(Localisation, "/surface_slam/localisation", latched=True)
+    answer = ros.call(caller.create_client(Trigger, "/surface_slam/load_map"), Trigger.Request())
+    assert answer.success, answer.message
+    start_ns = START_NS + 60_000_000_000
+    robot.play(recording(1, start_ns=start_ns, speed=0.0, tilt=False), node)
+    ros.spin_until(
+        lambda: states and states[-1].state == Localisation.TRACKING, what="the robot is found"
+    )
+    assert node.processor.counts["keyframes"] == 1
+    assert states[-1].placed_by == Localisation.PLACED_BY_SCAN
+    place = states[-1].pose.pose.position
+    assert np.hypot(place.x, place.y) < 0.05

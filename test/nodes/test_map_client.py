@@ -172,3 +172,16 @@ def test_the_hundredth_question_takes_no_more_steps_than_the_first(ros):
         steps.append(0)
         ros.executor.spin_until_future_complete(client.list_maps())
     assert sum(steps[-10:]) < 3 * sum(steps[:10])
+
+
+def test_a_pose_that_is_none_is_refused_before_it_is_asked(ros):
+    """The quaternion of a matrix of zeros is one of a rotation."""
+    from tccm_ros.client import SurfaceMapClient
+
+    client = SurfaceMapClient(ros.add(Node("asker", context=ros.context)))
+    mirrored = np.diag([1.0, 1.0, -1.0, 1.0])
+    for T in (np.zeros((4, 4)), mirrored, np.eye(3), np.full((4, 4), np.nan)):
+        with pytest.raises(ValueError, match="a pose"):
+            client.set_pose(T)
+        with pytest.raises(ValueError, match="a pose"):
+            client.check_box(T, (1.0, 1.0, 1.0), "base")

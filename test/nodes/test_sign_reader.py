@@ -39,7 +39,7 @@ def test_it_measures_what_a_replay_measures(read):
         for sign, expected in zip(signs[1:], expected_signs, strict=True):
             assert (sign.stamp_ns, sign.text) == (expected.stamp_ns, expected.text)
             assert sign.bearing.tobytes() == expected.bearing.tobytes()
-            assert sign.descriptor.tobytes() == expected.descriptor.tobytes()
+            assert sign.patch.tobytes() == expected.patch.tobytes()
     assert given[0][1].number == "317"
     assert reader.counts == {"pictures": 2, "signs": sum(map(len, given)) - 2}
 

@@ -45,7 +45,7 @@ from tccm_ros.sensors.laser_scan import scan_from_message
     [
         {"angle_min": math.nan},
         {"angle_increment": math.inf},
-        {"time_increment": -1e-4},
+        {"time_increment": -100.0},
         {"time_increment": 100.0},
         {"range_max": math.nan},
     ],

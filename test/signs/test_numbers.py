@@ -21,6 +21,20 @@ from tccm_ros.signs.numbers import is_list, normalised, room_number
         ("205 Electrical Room", "205"),
         ("2O5", "205"),
         ("1I4", "114"),
+        ("1-204", "1-204"),
+        ("12-034B", "12-034B"),
+        ("12\u2013034b", "12-034B"),
+        ("C7-118", "C7-118"),
+        ("00.12.019", "00.12.019"),
+        ("MC-B1-294", "MC-B1-294"),
+        ("3/118", "3/118"),
+        ("BC 410", "BC 410"),
+        ("C7 118 Store", "C7 118"),
+        ("Nr. 12", "12"),
+        ("House 3", "HOUSE 3"),
+        ("Room5", "ROOM 5"),
+        ("\u2192 118", "118"),
+        ("\u4e2a118", "118"),
     ],
 )
 def test_numbers_of_rooms(text, number):
@@ -41,7 +55,9 @@ def test_numbers_of_rooms(text, number):
         "123456789",
         "Meeting Rooms 1 & 2",
         "$250",
-        "1-204",  # cannot be told from a range of rooms
+        "385-6452",
+        "24/7",
+        "12/05",
     ],
 )
 def test_other_texts(text):

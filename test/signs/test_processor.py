@@ -14,25 +14,32 @@ from tccm_ros.errors import MissingExtraError
 from tccm_ros.records import CameraImage, MapReset, Odometry
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.signs import processor
-from tccm_ros.signs.measurement import SearchedPicture, picture_key
-from tccm_ros.signs.processor import BEYOND_RATE, NO_EXTRA, PictureSelector, SignProcessor
+from tccm_ros.signs.hog import hog_features
+from tccm_ros.signs.measurement import SearchedPicture, SearchedText, picture_key
+from tccm_ros.signs.processor import (
+    BEYOND_RATE,
+    NO_EXTRA,
+    UNCHANGED,
+    PictureSelector,
+    SignProcessor,
+)
 from tccm_sim.door_plates import STYLES, door_plate
 
 
-def empty(stamp_ns=START):
-    return posed(np.full((120, 160, 3), 120, np.uint8), stamp_ns)
+def empty(stamp_ns=START, grey=120):
+    return posed(np.full((120, 160, 3), grey, np.uint8), stamp_ns)
 
 
 class Nothing:
     """A detector that finds nothing."""
 
-    def detect(self, pixels):
-        return []
+    def search(self, pixels):
+        return SearchedText([], [])
 
 
 @pytest.fixture
 def blind(monkeypatch):
-    monkeypatch.setattr(processor, "SignDetector", Nothing)
+    monkeypatch.setattr(processor, "sign_detector", lambda settings: Nothing())
 
 
 @pytest.mark.parametrize(("rate", "fps"), [(2.0, 30.0), (2.0, 3.0), (5.0, 4.0), (1.0, 1.0)])
@@ -59,9 +66,33 @@ def test_selection_does_not_depend_on_when_the_run_began(blind):
 def test_pictures_beyond_the_rate_are_counted(blind):
     signs = SignProcessor(read_config(None, ("signs.rate=2",)))
     for k in range(30):
-        signs.add(empty(START + k * 100_000_000))
+        signs.add(empty(START + k * 100_000_000, 5 * k))
     assert signs.counts["pictures"] == 6
     assert signs.dropped == {BEYOND_RATE: 24}
+
+
+def test_nothing_is_looked_for_while_the_view_is_unchanged(monkeypatch):
+    searched = []
+
+    class Counting(Nothing):
+        def search(self, pixels):
+            searched.append(pixels)
+            return super().search(pixels)
+
+    monkeypatch.setattr(processor, "sign_detector", lambda settings: Counting())
+    signs, plain = SignProcessor(Config()), np.full((120, 160, 3), 120, np.uint8)
+    noise = np.random.default_rng(1).integers(-3, 4, plain.shape)
+    paper = plain.copy()
+    paper[40:46, 50:53] = 0
+    views = [plain, plain + noise, paper, paper + noise]
+    for k, pixels in enumerate(views):
+        signs.add(posed(np.clip(pixels, 0, 255).astype(np.uint8), START + k * 10**9))
+    assert len(searched) == 2
+    moved = posed(np.clip(views[3], 0, 255).astype(np.uint8), START + 4 * 10**9)
+    moved.T_odom_base[0, 0, 3] = 0.05
+    assert len(signs.add(moved)) == 1
+    assert len(searched) == 3
+    assert signs.dropped == {UNCHANGED: 2}
 
 
 def test_after_a_jump_of_the_clock_pictures_are_looked_at_again(blind):
@@ -80,7 +111,7 @@ def test_without_the_extra_it_says_what_is_missing_and_counts(monkeypatch):
     def missing(*_):
         raise MissingExtraError("reading door signs needs rapidocr-onnxruntime")
 
-    monkeypatch.setattr(processor, "SignDetector", missing)
+    monkeypatch.setattr(processor, "sign_detector", missing)
     signs = SignProcessor(Config())
     assert signs.add(empty()) == []
     assert "rapidocr-onnxruntime" in signs.problem
@@ -137,7 +168,8 @@ def test_the_patch_of_a_plate_is_more_like_itself_than_like_another():
 
     def patch(number, at, k):
         _, found = signs.add(posed(wall_with(number, at), START + k * 10**9))
-        return found.descriptor / np.linalg.norm(found.descriptor)
+        (features,) = hog_features(found.patch[None])
+        return features / np.linalg.norm(features)
 
     first, moved, other = patch("317", (200, 150), 0), patch("317", (60, 90), 1), patch(
         "482", (200, 150), 2)  # fmt: skip

@@ -123,13 +123,35 @@ def test_a_pose_that_is_told_places_the_robot_where_a_scan_fits(run):
     slam.add_scan(run.scans[at])
     tracker.add(run.scans[at])
     assert not slam.is_lost
-    assert tracker.state == LocalisationState.SEARCHING
+    # The pose that was known is kept until the one that was told is found to fit.
+    assert tracker.state == LocalisationState.TRACKING
+    assert np.hypot(*between2(run.truth[at - 1], tracker.current_pose().pose)[:2]) < 0.05
+    assert slam.is_where_told
     solution, taken = solved_map(slam)
     tracker.take(taken)
     assert tracker.state == LocalisationState.TRACKING
     for pose in (solution.poses[-1], tracker.current_pose().pose):
         assert np.hypot(*between2(run.truth[at], pose)[:2]) < 0.03
         assert abs(between2(run.truth[at], pose)[2]) < np.radians(0.5)
+
+
+def test_a_pose_that_is_told_wrongly_to_a_robot_that_is_where_it_thinks_takes_nothing_away(run):
+    run, at = run
+    slam, tracker = WallSlam(Config()), Tracker(Config())
+    for scan in run.scans[: at - 1]:
+        slam.add_scan(scan)
+        tracker.add(scan)
+    far = PoseGuess(int(run.stamps_ns[at - 1]), np.array([11.5, 8.0, 1.0]), np.diag([0.2] * 3))
+    for processor in (slam.add_guess, tracker.add):
+        processor(far)
+    slam.add_scan(run.scans[at - 1])
+    tracker.add(run.scans[at - 1])
+    assert tracker.state == LocalisationState.TRACKING
+    assert slam.has_place_now
+    assert not slam.is_where_told
+    tracker.take(solved_map(slam)[1])
+    for pose in (slam.solve().poses[-1], tracker.current_pose().pose):
+        assert np.hypot(*between2(run.truth[at - 1], pose)[:2]) < 0.05
 
 
 def test_a_pose_that_is_told_wrongly_is_not_taken(run):
@@ -179,3 +201,72 @@ def test_a_door_that_opens_before_a_standing_robot_carries_nobody():
         if front._map is not None and k == len(closed.scans):
             assert seen_through(front.pose, front._last, front._map.lines) > 0.2
     assert len(slam.solve().poses) == len(closed.scans) + len(later)
+
+
+# --- a robot that starts anywhere in a saved map ---
+
+STARTS = [(0.0, 0.0, 0.3), (8.0, 9.1, 3.0), (12.1, 4.0, -1.5)]
+
+
+@pytest.fixture(scope="module")
+def saved():
+    slam = WallSlam(Config())
+    for scan in plan.drive(WALLS, plan.route(LAP), seed=2).scans:
+        slam.add_scan(scan)
+    return slam.saved()
+
+
+def standing(place, count=20, walls=WALLS):
+    return plan.drive(walls, np.array([place] * count), seed=9).scans
+
+
+@pytest.mark.parametrize("place", STARTS)
+def test_a_robot_that_stands_is_found_by_its_first_scan_or_waits(saved, place):
+    """Never wrongly: where one scan does not tell, it says what it waits for."""
+    slam = WallSlam.from_saved(Config(), saved)
+    pose = slam.add_scan(standing(place)[0]).pose
+    error = between2(np.array(place), pose)
+    is_right = np.hypot(*error[:2]) < 0.1 and abs(error[2]) < 0.05
+    assert is_right if slam.has_place_now else slam.waits_for
+
+
+def test_a_robot_that_stands_where_one_scan_tells_is_found(saved):
+    slam = WallSlam.from_saved(Config(), saved)
+    pose = slam.add_scan(standing((2.0, 0.3, 0.5))[0]).pose
+    assert slam.has_place_now
+    assert slam.waits_for == ""
+    assert np.hypot(*between2(np.array([2.0, 0.3, 0.5]), pose)[:2]) < 0.1
+
+
+def test_a_robot_whose_first_scan_is_hidden_is_found_standing(saved):
+    """People stand around it at first; no keyframe comes while it stands."""
+    scans = standing((2.0, 0.3, 0.5))
+    ranges = np.full_like(scans[0].scan.ranges, 0.4)
+    slam = WallSlam.from_saved(Config(), saved)
+    slam.add_scan(replace(scans[0], record=replace(scans[0].scan, ranges=ranges)))
+    assert not slam.has_place_now
+    for scan in scans[1:]:
+        slam.add_scan(scan)
+    assert slam.has_place_now
+    assert np.hypot(*between2(np.array([2.0, 0.3, 0.5]), slam.current_pose().pose)[:2]) < 0.1
+
+
+def test_a_pose_that_is_told_before_the_first_scan_places_a_robot_that_stands(saved):
+    place = np.array([8.0, 9.1, 3.0])
+    slam = WallSlam.from_saved(Config(), saved)
+    off = np.array([0.4, -0.3, np.radians(20.0)])
+    cov = np.diag([0.25, 0.25, np.radians(15.0) ** 2])
+    slam.add_guess(PoseGuess(10**18, place + off, cov))
+    pose = slam.add_scan(standing(place)[0]).pose
+    assert slam.has_place_now
+    assert slam.is_where_told
+    assert np.hypot(*between2(place, pose)[:2]) < 0.1
+
+
+def test_a_robot_in_a_room_that_the_map_does_not_have_is_found_nowhere(saved):
+    walls = np.concatenate([plan.box(0.0, 0.0, 7.0, 4.5), plan.box(2.0, 1.0, 2.8, 1.6)])
+    slam = WallSlam.from_saved(Config(), saved)
+    for scan in plan.drive(walls, plan.route([(1, 0.6), (6, 2), (1, 3.5)]), seed=3).scans:
+        slam.add_scan(scan)
+        assert not slam.has_place_now
+    assert slam.waits_for

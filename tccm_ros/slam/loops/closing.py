@@ -16,13 +16,15 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.records import PoseGuess
 from tccm_ros.slam.chain import Chain
-from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.graph.pose_graph import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.consistency import consistent_with
 from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loops.path_lengths import PathLengths
 from tccm_ros.slam.loops.search import LoopSearch, is_same_place
+from tccm_ros.slam.loops.submaps import make_patch
+from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.signs.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
 from tccm_ros.slam.signs.views import SignView
@@ -37,8 +39,28 @@ GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
 """Keyframes that are matched around a pose that somebody has told, within so many standard
 deviations (chosen)."""
 
+NOWHERE = "no place of the map fits what the scans see: drive on, or tell the pose"
+AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
+UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
+"""What a session without a place waits for."""
+
 MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
 """Half width of that search at least: who tells a pose by hand is not more exact (chosen)."""
+
+CERTAIN_INLIERS = 0.9
+"""A scan of which the map explains this fraction at one place alone is there, and waits for no
+other scan. ``bench/bench_relocalise.py``: 0.90 to 1.00 at the right place of 8 flats, at most 0.86
+in a map of other rooms."""
+
+PROBABLE_INLIERS, SPACING_M = 0.75, 1.0
+"""While a place is looked for, matches confirm each other that explain this fraction of their
+scans, and whose scans are at least this far from each other (m): from one spot, the same mistake
+looks the same again. ``bench/bench_relocalise.py``: 0.62 to 0.94 in a real arena whose furniture
+has been moved, mostly 0.45 to 0.7 in a map of other rooms."""
+
+SEARCH_PERIOD_NS = 500_000_000
+"""Between two searches of the whole map with scans that are no keyframes (chosen): a search of a
+flat takes 0.05 s, and a robot that stands sees the same again but for people."""
 
 BATCH = 10
 """Keyframes that are added to the live graph together: an update costs the same for one as for a
@@ -64,6 +86,10 @@ class LoopCloser:
         Proposals, in order of discovery.
     placed_by_sign
         Ids in the saved map of the signs that placed sessions in it, by session.
+    placed_by_guess
+        The sessions that are where somebody has told.
+    waits_for
+        Why the newest session has no place in the map yet; empty where it has.
     """
 
     def __init__(self, config: Config, chain: Chain) -> None:
@@ -71,6 +97,8 @@ class LoopCloser:
         self.accepted: list[Proposal] = []
         self.rejected: list[Proposal] = []
         self.placed_by_sign: dict[int, int] = {}
+        self.placed_by_guess: set[int] = set()
+        self.waits_for = ""
         self._config = config
         self._chain = chain
         self._search = LoopSearch(config, chain.keyframes)
@@ -89,10 +117,46 @@ class LoopCloser:
         self._guess: PoseGuess | None = None
         self._signs = SignPlaces(chain.keyframes)
         self._guessed = -1
+        self._expected: Float64 | None = None
+        self._searched_ns = -SEARCH_PERIOD_NS
 
     def note_guess(self, guess: PoseGuess) -> None:
         """Look for the session that the next keyframe begins around a pose."""
-        self._guess, self._guessed = guess, -1
+        self._guess, self._guessed, self._expected = guess, -1, None
+
+    def note_expected(self, pose: Float64) -> None:
+        """Note where the next keyframe is in map, (3,), if the pose that was told is wrong."""
+        self._expected = pose
+
+    def search(self, scan: LevelScan, tracked: TrackedPose) -> bool:
+        """Look for a session without a place, by a scan that is no keyframe.
+
+        Parameters
+        ----------
+        scan
+            The newest scan.
+        tracked
+            Its pose in the newest keyframe.
+
+        Returns
+        -------
+        Whether the session has a place now.
+        """
+        keyframe = self._chain.keyframes[tracked.keyframe]
+        is_due = scan.stamp_ns - self._searched_ns >= SEARCH_PERIOD_NS
+        if keyframe.session in self._localised or not self._config.loops.enabled or not is_due:
+            return False
+        k = keyframe.id
+        # Alone: what stood around the robot at the keyframe may be gone.
+        patch = make_patch([replace(keyframe, scan=scan)], 0, 0)
+        found = self._search.look_everywhere(k, patch, self.poses, self._localised)
+        back = inverse(tracked.pose)
+        self._note_places(
+            k,
+            scan.stamp_ns,
+            [replace(p, b=k, delta=compose(p.delta, back), cov=p.cov + tracked.cov) for p in found],
+        )
+        return keyframe.session in self._localised
 
     @property
     def unconfirmed(self) -> list[Proposal]:
@@ -185,17 +249,50 @@ class LoopCloser:
 
     def _close(self, k: int) -> None:
         """Search for loop closures of keyframe k; accept those that enough others confirm."""
-        driven = self._lengths.driven
+        driven, keyframe = self._lengths.driven, self._chain.keyframes[k]
         found = self._search.look(k, self.poses, self._lengths, self._localised)
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
+        if keyframe.session not in self._localised:
+            self._note_places(k, keyframe.scan.stamp_ns, found)
+            return
         for proposal in found:
             if not proposal.reason:
                 self._confirm(proposal)
             else:
                 self.rejected.append(proposal)
 
+    def _note_places(self, k: int, stamp_ns: int, found: Sequence[Proposal]) -> None:
+        """Take the place that the search of the whole map has found for keyframe k, if one.
+
+        A scan that the map explains there alone tells; less counts where others confirm it.
+        """
+        self._searched_ns = stamp_ns
+        self.waits_for = NOWHERE
+        driven = self._lengths.driven
+        # Of one spot after the other: the right place fits on, another one fits here and there.
+        self._recent = [
+            p for p in self._recent if driven[k] - driven[self._recent[-1].b] < 2.0 * SPACING_M
+        ]
+        for proposal in found:
+            spaced = [p.b for p in self._recent if driven[k] - driven[p.b] < SPACING_M]
+            if proposal.reason:
+                self.rejected.append(proposal)
+                is_ambiguous = proposal.reason.startswith("ambiguous")
+                self.waits_for = AMBIGUOUS if is_ambiguous else NOWHERE
+            elif proposal.inliers >= CERTAIN_INLIERS:
+                self._accept([proposal])
+            elif proposal.inliers >= PROBABLE_INLIERS:
+                self.waits_for = UNCONFIRMED
+                if not spaced:
+                    self._confirm(proposal)
+        if self._chain.keyframes[k].session in self._localised:
+            self.waits_for = ""
+
     def _close_around(self, k: int, guess: PoseGuess) -> None:
-        """Look for keyframe k where somebody says that it is; the first match counts."""
+        """Look for keyframe k where somebody says that it is; the first match counts.
+
+        The place that is expected without that counts where it fits better.
+        """
         self._guessed = k if self._guessed < 0 else self._guessed
         is_late = k >= self._guessed + GUESS_KEYFRAMES
         if is_late or self._chain.keyframes[k].session in self._localised:
@@ -209,9 +306,16 @@ class LoopCloser:
             min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
         )
         found = self._search.look_around(k, window, self.poses, self._localised)
-        if found:
-            self._guess = None
-            self._accept(found)
+        known: list[Proposal] = []
+        if k == self._guessed and self._expected is not None:
+            near = Window(self._expected, MIN_GUESS_M, MIN_GUESS_RAD)
+            known = self._search.look_around(k, near, self.poses, self._localised)
+        if found or known:
+            best = max([*found, *known], key=lambda p: p.score)
+            if found and is_same_place(best, found[0], self.poses):
+                self.placed_by_guess.add(self._chain.keyframes[k].session)
+            self._guess, self.waits_for = None, ""
+            self._accept([best])
 
     def _close_by_sign(self, k: int) -> None:
         """Match keyframe k where a sign puts it that was seen before, unless that is two places."""

@@ -2,7 +2,7 @@
 
 Each third keyframe is matched with the submaps of earlier passes, within a window that grows with
 the path since the two were last constrained to each other. A session that starts at an unknown
-pose in a saved map is matched with the whole map until it is localised.
+pose in a saved map is matched with the whole map, scan by scan, until it is localised.
 """
 
 from __future__ import annotations
@@ -39,9 +39,8 @@ BASE_WINDOW = (0.25, 0.08)
 MAX_YAW_WINDOW = 0.7
 """Maximum half width of the search in yaw, rad, unless lost (chosen)."""
 
-LOST_STEP, LOST_WINDOW = 9, 2.0
-"""When lost, each ninth keyframe is matched with every other submap, in windows of this half width,
-m (chosen)."""
+LOST_WINDOW = 2.0
+"""When lost, scans are matched with every other submap, in windows of this half width, m."""
 
 SAME_POSITION = 1.0
 """Two matches that put the robot within this distance (m) are the same place (chosen)."""
@@ -80,7 +79,7 @@ class LoopSearch:
         Parameters
         ----------
         k
-            A keyframe; two of three are not matched, because neighbours see the same.
+            A keyframe; two of three in the map are not matched, as neighbours see the same.
         poses
             float64 (K, 3), estimates of the keyframes.
         lengths
@@ -93,12 +92,10 @@ class LoopSearch:
         list of Proposal
             Those with a reason are rejected.
         """
-        is_lost = self.keyframes[k].session not in localised
-        if k % (LOST_STEP if is_lost else QUERY_STEP):
-            return []
-        if is_lost:
-            return self._look_everywhere(k, poses, localised)
-        return self._look_nearby(k, poses, lengths)
+        if self.keyframes[k].session not in localised:
+            patch = make_patch(self.keyframes, k, PATCH_HALF)
+            return self.look_everywhere(k, patch, poses, localised)
+        return [] if k % QUERY_STEP else self._look_nearby(k, poses, lengths)
 
     def look_around(
         self,
@@ -165,12 +162,24 @@ class LoopSearch:
         found = [propose(self._submap(c), patch, w, self.config) for c, w in candidates]
         return [proposal for proposal in found if proposal is not None]
 
-    def _look_everywhere(
-        self, k: int, poses: Float64, localised: Collection[int]
+    def look_everywhere(
+        self, k: int, patch: Patch, poses: Float64, localised: Collection[int]
     ) -> list[Proposal]:
-        """Match keyframe k with the whole map; return the best place, unless it is ambiguous."""
-        patch = make_patch(self.keyframes, k, PATCH_HALF)
+        """Match a patch with the whole map; return the best place, with a reason if ambiguous.
+
+        Parameters
+        ----------
+        k
+            The newest keyframe, whose session is not searched.
+        patch
+            Around it, or around a scan after it.
+        poses
+            float64 (K, 3), estimates of the keyframes.
+        localised
+            Sessions in the map's frame, which are searched.
+        """
         best: list[Proposal] = []
+        unfit: list[Proposal] = []
         if len(patch.points) < MIN_POINTS:
             return best
         ratio = self.config.loops.ambiguity
@@ -180,6 +189,10 @@ class LoopSearch:
             found = propose(self._submap(centre, CACHED_LOST), patch, window, self.config)
             if found is not None and not found.reason:
                 best = sorted([*best, found], key=lambda p: -p.score)
+            elif found is not None:
+                unfit.append(found)
+        if not best:
+            return sorted(unfit, key=lambda p: -p.score)[:1]
         rivals = [p for p in best[1:] if p.score >= ratio * best[0].score]
         if any(not is_same_place(best[0], p, poses) for p in rivals):
             return [replace(best[0], reason=LoopReason.TWO_PLACES_IN_MAP)]
@@ -232,11 +245,15 @@ class LoopSearch:
 
     def _other_sessions(self, k: int, localised: Collection[int]) -> list[int]:
         """Return every other submap centre of the sessions in the map's frame."""
-        session = self.keyframes[k].session
+        members: dict[int, list[int]] = {}
+        for keyframe in self.keyframes[:k]:
+            if keyframe.session in localised:
+                members.setdefault(keyframe.session, []).append(keyframe.id)
+        members.pop(self.keyframes[k].session, None)
         return [
             c
-            for c in range(SUBMAP_HALF, k - SUBMAP_HALF, 2 * SUBMAP_STEP)
-            if self.keyframes[c].session != session and self.keyframes[c].session in localised
+            for ids in members.values()
+            for c in ids[min(SUBMAP_HALF, len(ids) // 2) :: 2 * SUBMAP_STEP]
         ]
 
     def _submap(self, centre: int, max_submaps: int = CACHED_SUBMAPS) -> Submap:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import SIGN, Landmark, Sign, SignSighting
+from tccm_ros.records import SIGN, Landmark, RefusedSign, Sign, SignSighting
 from tccm_ros.signs.texts import vote
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, wall_key
@@ -18,6 +18,7 @@ from tccm_ros.slam.factors.signs import SignOnWall, SignStart
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.signs.association import associate_signs, number_signs
+from tccm_ros.slam.signs.plates import misplacement, plate_on_wall
 from tccm_ros.slam.signs.presence import (
     Looks,
     SignPlace,
@@ -58,6 +59,8 @@ class FoundSign:
         float64 (N, 3), of the cameras of the views in map.
     wall
         Index of its wall, -1 for none.
+    refusal
+        Why it is no sign by its views; empty where it may be one.
     """
 
     id: int
@@ -65,6 +68,7 @@ class FoundSign:
     position: Float64
     origins: Float64
     wall: int
+    refusal: str = ""
 
     @property
     def origin(self) -> Float64:
@@ -100,8 +104,10 @@ def find_signs(
     pictures: Sequence[PictureView],
     passes: Passes,
     walls: WallTable,
-) -> list[FoundSign]:
+) -> tuple[list[FoundSign], list[RefusedSign]]:
     """Return the signs that views see, and that pictures do not miss too often, by their ids.
+
+    Beside them, what was read at one place and is no sign, by its position.
 
     Parameters
     ----------
@@ -115,27 +121,58 @@ def find_signs(
         Of the map, with at least one observation each.
     """
     if not views:
-        return []
+        return [], []
     solution, keys = passes.solution, passes.keys
     poses = solution.planar_poses(keys)
+    cameras = camera_poses(views, poses)
     rays = rays_of(views, poses)
     sightings = find_sightings(views, rays, [passes.sessions[v.anchored.keyframe] for v in views])
     signs = associate_signs(
         sightings, lambda a, b, p: solution.relative_covariance(keys[a], keys[b], p)
     )
     ids = number_signs(signs, [v.sign for v in views])
-    found = [_found(i, sign, views, rays, walls) for i, sign in zip(ids, signs)]
-    known = sorted((sign for sign in found if sign is not None), key=lambda sign: sign.id)
+    refused: list[RefusedSign] = []
+    known: list[FoundSign] = []
+    for i, sign in sorted(zip(ids, signs), key=lambda pair: pair[0]):
+        found = _found(i, sign, views, rays, walls)
+        reason = found.refusal or _misplacement(found, views, cameras, walls)
+        if reason:
+            refused.append(_refused(found, reason))
+        else:
+            known.append(found)
     seen = seen_pictures(pictures, camera_poses(pictures, poses), views)
     looks = [looks_at(_place(sign, walls), seen, walls) for sign in known]
-    return [sign for k, sign in enumerate(known) if _is_there(looks, k)]
+    reasons = [_absence(looks, k) for k in range(len(looks))]
+    refused += [_refused(sign, reason) for sign, reason in zip(known, reasons) if reason]
+    there = [sign for sign, reason in zip(known, reasons) if not reason]
+    return there, sorted(refused, key=lambda r: tuple(r.position))
 
 
-def _is_there(looks: Sequence[Looks], k: int) -> bool:
-    """Return whether a sign is on its wall, by the pictures that read it and those that missed."""
+def _absence(looks: Sequence[Looks], k: int) -> str:
+    """Return why a sign is not on its wall, by the pictures that read it and those that missed."""
     probability = reading_probabilities(looks, k)
-    is_false = is_read_by_chance(looks[k], probability)
-    return not (is_false or is_taken_away(looks[k], probability))
+    if is_read_by_chance(looks[k], probability):
+        return "read in few of the pictures that show the place"
+    return "taken away" if is_taken_away(looks[k], probability) else ""
+
+
+def _misplacement(
+    sign: FoundSign, views: Sequence[SignView], cameras: Float64, walls: WallTable
+) -> str:
+    """Return why a sign is none by its height, size and attitude; empty where it may be one."""
+    own = [i for i, view in enumerate(views) if any(view is v for v in sign.views)]
+    corners = np.array([views[i].measurement.plate for i in own])
+    corners = np.einsum("nij,nkj->nki", cameras[own, :3, :3], corners)
+    normal = _place(sign, walls).normal
+    return misplacement(
+        sign.position, plate_on_wall(sign.position, normal, cameras[own, :3, 3], corners)
+    )
+
+
+def _refused(sign: FoundSign, reason: str) -> RefusedSign:
+    seen = [view.measurement for view in sign.views]
+    number, _ = vote([(m.number, m.confidence) for m in seen])
+    return RefusedSign(number, sign.position, reason)
 
 
 def _place(sign: FoundSign, walls: WallTable) -> SignPlace:
@@ -155,20 +192,22 @@ def _found(
     views: Sequence[SignView],
     rays: Rays,
     walls: WallTable,
-) -> FoundSign | None:
-    """Return a sign without the views that contradict the others; None for none."""
+) -> FoundSign:
+    """Return a sign without the views that contradict the others."""
     members = sorted(i for s in sightings for i in s.views)
     point = triangulate(rays.of(members)).position
     kept = [i for i, chi2 in zip(members, rays.of(members).chi2(point)) if chi2 < RAY_CHI2]
     if len(kept) < len(members) and len(kept) >= 2:
         point = triangulate(rays.of(kept)).position
-    origins = rays.origins[kept] if kept else rays.origins[members]
-    if not kept or is_behind_wall(point, origins, walls):
-        return None
+    reason = "" if kept else "its views contradict each other"
+    kept = kept or members
+    origins = rays.origins[kept]
+    if not reason and is_behind_wall(point, origins, walls):
+        reason = "behind a wall: a reflection"
     wall = wall_of_sign(point, origins.mean(axis=0), walls)
-    if wall < 0 and len(kept) < MIN_VIEWS_WITHOUT_WALL:
-        return None
-    return FoundSign(number, tuple(views[i] for i in kept), point, origins, wall)
+    if not reason and wall < 0 and len(kept) < MIN_VIEWS_WITHOUT_WALL:
+        reason = "on no known wall, in few views"
+    return FoundSign(number, tuple(views[i] for i in kept), point, origins, wall, reason)
 
 
 def sign_observations(signs: Sequence[FoundSign]) -> list[AnchoredObservation]:

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.signs.hog import PATCH_SHAPE
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.signs.views import SignView
 
-SHAPES = {"pixel": (2,), "bearing": (3,), "T_base_camera": (4, 4), "corners": (4, 2)}
-"""Of the arrays of a measurement, but for its descriptor."""
+SHAPES = {
+    "pixel": (2,), "bearing": (3,), "T_base_camera": (4, 4), "corners": (4, 2), "plate": (4, 3),
+}  # fmt: skip
+"""Of the arrays of a measurement, but for its patch."""
 
 
 def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
@@ -34,13 +37,8 @@ def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
         "sign_texts": np.frombuffer(texts, np.uint8),
         "sign_confidence": np.array([m.confidence for m in seen], float),
         "sign_focal_length": np.array([m.focal_length for m in seen], float),
-        "sign_descriptor": _stacked([m.descriptor for m in seen]),
+        "sign_patch": np.array([m.patch for m in seen], np.uint8).reshape(-1, *PATCH_SHAPE),
     }
-
-
-def _stacked(descriptors: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
-    size = len(descriptors[0]) if descriptors else 0
-    return np.array(descriptors, np.float32).reshape(len(descriptors), size)
 
 
 def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:
@@ -53,20 +51,27 @@ def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView
     """
     if "sign_id" not in s:
         return []
+    n = len(s["sign_id"])
+    # Maps of earlier versions have neither: a grey patch is like none, and no size is known.
+    patches = s.get("sign_patch", np.full((n, *PATCH_SHAPE), 128, np.uint8))
+    plates = s.get("sign_plate", np.full((n, *SHAPES["plate"]), np.nan))
     texts, on = json.loads(s["sign_texts"].tobytes()), s["sign_keyframe"].tolist()
     if not all(0 <= k < keyframes for k in on):
         raise ValueError("a sign was seen from a keyframe that the map does not have")
     measurements = [
-        SignMeasurement(stamp, pixel, bearing, T, text, number, confidence, patch, corners, f)
-        for stamp, pixel, bearing, T, (text, number), confidence, patch, corners, f in zip(
+        SignMeasurement(
+            stamp, pixel, bearing, T, text, number, confidence, patch, corners, plate, f
+        )
+        for stamp, pixel, bearing, T, (text, number), confidence, patch, corners, plate, f in zip(
             s["sign_stamp_ns"].tolist(),
             s["sign_pixel"],
             s["sign_bearing"],
             s["sign_T_base_camera"],
             texts,
             s["sign_confidence"].tolist(),
-            s["sign_descriptor"],
+            patches,
             s["sign_corners"],
+            plates,
             s["sign_focal_length"].tolist(),
             strict=True,
         )

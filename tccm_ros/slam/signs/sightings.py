@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.signs.hog import hog_features
 from tccm_ros.signs.texts import edit_distance, vote
 from tccm_ros.slam.signs.triangulation import (
     MIN_PARALLAX,
@@ -53,7 +54,7 @@ class Sighting:
     confidence
         In the number, 0 to 1.
     descriptor
-        float64 (n,), unit vector, mean of the patches.
+        float64 (n,), unit vector, mean gradient histograms of the patches.
     origin
         float64 (3,), mean position of the camera in map.
     """
@@ -183,6 +184,7 @@ def _sighting(members: list[int], views: Sequence[SignView], rays: Rays) -> Sigh
 
 
 def mean_descriptor(views: Sequence[SignView]) -> Float64:
-    """Return the mean of the descriptors of views, a unit vector float64 (n,)."""
-    mean = np.mean([v.measurement.descriptor for v in views], axis=0, dtype=np.float64)
+    """Return the mean gradient histograms of the patches of views, a unit vector float64 (n,)."""
+    patches = np.array([v.measurement.patch for v in views])
+    mean = hog_features(patches).mean(axis=0, dtype=np.float64)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12))

@@ -39,6 +39,11 @@ class SignView:
     sign: int = -1
 
     @property
+    def T_base_camera(self) -> Float64:
+        """Pose float64 (4, 4) of the camera in the base frame."""
+        return self.measurement.T_base_camera
+
+    @property
     def bearing_sigma(self) -> float:
         """Standard deviation of the bearing, rad."""
         return PIXEL_SIGMA / self.measurement.focal_length
@@ -71,9 +76,14 @@ class PictureView:
     picture: SearchedPicture
     anchored: AnchoredPose
 
+    @property
+    def T_base_camera(self) -> Float64:
+        """Pose float64 (4, 4) of the camera in the base frame."""
+        return self.picture.T_base_camera
 
-def camera_poses(views: Sequence[PictureView], poses: Float64) -> Float64:
-    """Return the poses float64 (N, 4, 4) of the cameras of pictures in map.
+
+def camera_poses(views: Sequence[PictureView | SignView], poses: Float64) -> Float64:
+    """Return the poses float64 (N, 4, 4) of the cameras of views in map.
 
     Parameters
     ----------
@@ -84,7 +94,7 @@ def camera_poses(views: Sequence[PictureView], poses: Float64) -> Float64:
     """
     on = np.array([v.anchored.keyframe for v in views], np.int64)
     base = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
-    T_base_camera = np.array([v.picture.T_base_camera for v in views]).reshape(-1, 4, 4)
+    T_base_camera = np.array([v.T_base_camera for v in views]).reshape(-1, 4, 4)
     return np.asarray(spatial(base) @ T_base_camera)
 
 
@@ -107,10 +117,7 @@ def rays_of(views: Sequence[SignView], poses: Float64) -> Rays:
         float64 (K, 3), of the keyframes in map.
     """
     sigma_z, sigma_roll, _ = Z_ROLL_PITCH_SIGMAS
-    on = np.array([v.anchored.keyframe for v in views], np.int64)
-    base = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
-    T_base_camera = np.array([v.measurement.T_base_camera for v in views]).reshape(-1, 4, 4)
-    T = spatial(base) @ T_base_camera
+    T = camera_poses(views, poses)
     bearings = np.array([v.measurement.bearing for v in views]).reshape(-1, 3)
     directions = np.einsum("nij,nj->ni", T[:, :3, :3], bearings)
     cov = np.array([v.anchored.cov for v in views]).reshape(-1, 3, 3)

@@ -1,0 +1,101 @@
+"""Messages that cannot be used: counted, said, and a problem of their input while they come."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tccm_ros.errors import one_line
+from tccm_ros.nodes.inputs import Blocking
+
+WINDOW_S = 10.0
+"""Refusals of this time set the level of an input: ten messages of /diagnostics. Chosen."""
+
+REPEAT_S = 60.0
+"""What goes on being refused is said so often. Chosen."""
+
+NUMBER = re.compile(r"\d+(\.\d+)?")
+
+
+def kind_of(text: str) -> str:
+    """Return a sentence without its figures: what says the same has the same."""
+    return NUMBER.sub("#", text)
+
+
+@dataclass(slots=True)
+class _Kind:
+    """The refusals of one kind: the newest sentence, when it came, and what was said of them."""
+
+    sentence: str
+    newest_s: float
+    said_s: float
+    unsaid: int = 0
+
+
+class Refusals:
+    """What was refused, by topic and by kind.
+
+    Parameters
+    ----------
+    say
+        Called with a line, at the first refusal of a kind and once a minute while it goes on.
+    now
+        A clock that never jumps, s.
+
+    Attributes
+    ----------
+    counts
+        Refusals since the start, by topic.
+    """
+
+    def __init__(self, say: Callable[[str], object], now: Callable[[], float] = time.monotonic):
+        self._say, self._now = say, now
+        self._lock = threading.Lock()
+        self._kinds: dict[str, dict[str, _Kind]] = {}
+        self._used_s: dict[str, float] = {}
+        self.counts: Counter[str] = Counter()
+
+    def note(self, topic: str, error: Exception) -> None:
+        """Count a message that cannot be used, and say why."""
+        sentence, now_s = one_line(error), self._now()
+        with self._lock:
+            self.counts[topic] += 1
+            kinds = self._kinds.setdefault(topic, {})
+            kind = kinds.get(kind_of(sentence))
+            if kind is None:
+                kinds[kind_of(sentence)] = _Kind(sentence, now_s, now_s)
+                line = f"{topic}: {sentence}"
+            else:
+                kind.sentence, kind.newest_s, kind.unsaid = sentence, now_s, kind.unsaid + 1
+                if now_s - kind.said_s < REPEAT_S:
+                    return
+                line = f"{topic}: {kind.unsaid} more refused: {sentence}"
+                kind.said_s, kind.unsaid = now_s, 0
+        self._say(line)
+
+    def note_used(self, topic: str) -> None:
+        """Note that a message of a topic was used."""
+        self._used_s[topic] = self._now()
+
+    def problem(self, topic: str) -> str | None:
+        """Return what was refused of a topic lately; `Blocking` where nothing of it was used."""
+        since_s = self._now() - WINDOW_S
+        with self._lock:
+            kinds = self._kinds.get(topic, {}).values()
+            newest = sorted(kind.sentence for kind in kinds if kind.newest_s >= since_s)
+        if not newest:
+            return None
+        is_used = self._used_s.get(topic, since_s - 1.0) >= since_s
+        text = f"{'some' if is_used else 'all'} messages of '{topic}' are refused: "
+        text += "; ".join(newest)
+        return text if is_used else Blocking(text)
+
+    def problems(self) -> list[str]:
+        """Return the problems of all topics."""
+        with self._lock:
+            topics = sorted(self._kinds)
+        return [text for text in map(self.problem, topics) if text]

@@ -1,0 +1,181 @@
+"""Which lines of text are a door sign: one plate, and the form of a room's number on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.signs.measurement import DetectedSign
+from tccm_ros.signs.numbers import is_doubtful, joined_number
+from tccm_ros.signs.reading import TextLine, bounding_corners
+
+ALIKE = 0.75
+"""Height of a line, in those of another, from which on it is as high. Chosen: capital and small
+letters of one type size differ by less."""
+
+LIST_DISTANCE = (1.0, 6.0)
+"""How far beside, and above or below a line others are rows of its list or notice, in its heights.
+Chosen: three rows; no poster beside a plate."""
+
+NOTICE_LINES = 5
+"""Other lines in that distance, as high or higher, that make a notice. Chosen: a number and four
+names of one size are a plate."""
+
+LIST_NUMBERS = 2
+"""Of these, lines with digits that make a list of rooms. Chosen: two lines are a number."""
+
+PLATE_DISTANCE = (1.5, 2.5)
+"""How far beside, and above or below a number other lines are on its plate, in its heights. Chosen:
+plates have margins, and room between their parts."""
+
+PART_DISTANCE = (1.0, 1.2)
+"""The same of lines that make a number together. Chosen: one and a half lines."""
+
+MIN_CONFIDENCE = 0.8
+"""Least mean probability of the characters of a number. Chosen."""
+
+DIGIT_CONFIDENCE = 0.95
+"""The same of a number of one digit: many dark spots look like one. Chosen."""
+
+OTHER_CONFIDENCE = 0.6
+"""The same of the other lines of a plate. Chosen."""
+
+
+class ReadLine(NamedTuple):
+    """A line of text that was read.
+
+    Attributes
+    ----------
+    line
+        Where.
+    text
+        Normalised.
+    confidence
+        Mean probability of its characters, 0 to 1.
+    number
+        Of a room that it has; None for none.
+    """
+
+    line: TextLine
+    text: str
+    confidence: float
+    number: str | None
+
+
+class Plate(NamedTuple):
+    """Lines of text that belong together.
+
+    Attributes
+    ----------
+    parts
+        Those that make the number, from top to bottom; the highest of all is among them.
+    others
+        Those around them.
+    """
+
+    parts: tuple[ReadLine, ...]
+    others: tuple[ReadLine, ...]
+
+    @property
+    def number(self) -> str:
+        """Of the room; a word without one belongs to the digit that it stands with."""
+        return joined_number([part.number or part.text.upper() for part in self.parts])
+
+    def sign(self) -> DetectedSign:
+        """Return the plate as a door sign."""
+        lines = _in_order([*self.parts, *self.others])
+        corners = bounding_corners([part.line for part in self.parts])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        return DetectedSign(
+            " ".join(r.text for r in lines if r.confidence >= OTHER_CONFIDENCE),
+            self.number,
+            corners.mean(axis=0),
+            np.append(low, high - low),
+            float(np.mean([part.confidence for part in self.parts])),
+            corners,
+            bounding_corners([r.line for r in (*self.parts, *self.others)]),
+        )
+
+
+def plate_of(own: ReadLine, lines: Sequence[ReadLine]) -> Plate:
+    """Return the plate of a number.
+
+    Parameters
+    ----------
+    own
+        The line with the number, the highest of its plate that has one.
+    lines
+        All that were read.
+    """
+    parts = [own]
+    for other in near(own, lines, PART_DISTANCE):
+        is_word = is_doubtful(own.number or "") and other.text.isalpha()
+        if _is_as_high(other.line, own.line) and (other.number or is_word):
+            parts.append(other)
+    others = [r for r in near(own, lines, PLATE_DISTANCE) if r not in parts]
+    return Plate(tuple(_in_order(parts)), tuple(others))
+
+
+def refusal(plate: Plate, lines: Sequence[ReadLine]) -> str:
+    """Return why a plate is no door sign; empty where it is one.
+
+    Parameters
+    ----------
+    plate
+        With a number.
+    lines
+        All that were read.
+    """
+    own = max(plate.parts, key=lambda part: bool(part.number) * part.line.height)
+    confidence = min(part.confidence for part in plate.parts)
+    if is_doubtful(plate.number) and confidence < DIGIT_CONFIDENCE:
+        return f"a single digit, read with {confidence:.2f}"
+    rows = [r for r in lines if r is not own and _is_row(own.line, r.line)]
+    if sum(any(map(str.isdigit, r.text)) for r in rows) >= LIST_NUMBERS:
+        return "a row of a list"
+    return ""
+
+
+def lines_of_notices(lines: Sequence[TextLine]) -> list[TextLine]:
+    """Return the lines that have many as high around them, and the ends of these lists."""
+    rows = [[o for o in lines if o is not own and _is_row(own, o)] for own in lines]
+    found = [own for own, near in zip(lines, rows) if len(near) >= NOTICE_LINES]
+    return [
+        own
+        for own, near in zip(lines, rows)
+        if own in found or sum(row in found and _is_row(row, own) for row in near) >= LIST_NUMBERS
+    ]
+
+
+def _is_row(own: TextLine, other: TextLine) -> bool:
+    """Return whether another line may be a row of a list with one: as high, and near."""
+    return _is_as_high(other, own) and _is_near(own, other, LIST_DISTANCE)
+
+
+def near(own: ReadLine, lines: Sequence[ReadLine], distance: tuple[float, float]) -> list[ReadLine]:
+    """Return the other lines within a distance beside, and above or below one, in its heights."""
+    return [r for r in lines if r is not own and _is_near(own.line, r.line, distance)]
+
+
+def _is_as_high(line: TextLine, own: TextLine) -> bool:
+    return line.height > ALIKE * own.height
+
+
+def _is_near(own: TextLine, other: TextLine, distance: tuple[float, float]) -> bool:
+    """Return whether bounds are within a distance, sidewards and upwards, in the own heights."""
+    gap = np.maximum(other.bounds[:2] - own.bounds[2:], own.bounds[:2] - other.bounds[2:])
+    return bool((gap <= np.array(distance) * own.height).all()) and min(gap) <= 0.0
+
+
+def _in_order(lines: Sequence[ReadLine]) -> list[ReadLine]:
+    """Return lines from top to bottom, and those beside each other from left to right."""
+    rest = sorted(lines, key=lambda r: float(r.line.center[1]))
+    ordered: list[ReadLine] = []
+    while rest:
+        first = rest[0].line
+        row = [r for r in rest if abs(r.line.center[1] - first.center[1]) < 0.5 * first.height]
+        ordered += sorted(row, key=lambda r: float(r.line.center[0]))
+        rest = [r for r in rest if not any(r is own for own in row)]
+    return ordered

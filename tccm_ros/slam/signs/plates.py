@@ -1,0 +1,90 @@
+"""Size and attitude of a plate on its wall, and whether a door sign has them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+
+HEIGHTS_M = (0.8, 2.4)
+"""Lowest and highest middle of a door sign over z = 0 of the base frame, m (chosen: signs are
+read by people who stand)."""
+
+SIZES_M = (0.02, 0.6)
+"""Least and largest length of the longer side of what is written on a plate, m. Plates are 4 to 60
+cm long; of the smallest ones a digit fills half."""
+
+MAX_TILT = 0.26
+"""Largest angle of the lines of a sign against the horizontal, rad. Chosen: 15 deg, several times
+the error of a line's edges."""
+
+MIN_COSINE = 0.2
+"""Cosine of the angle between a line of sight and the normal of a wall below which it tells no
+place on it (chosen)."""
+
+
+class PlateOnWall(NamedTuple):
+    """What is written on a plate, as it is on its wall.
+
+    Attributes
+    ----------
+    size
+        float64 (2,), width and height, m; NaN where no view tells.
+    tilt
+        Angle of its lines against the horizontal, 0 to pi, rad; NaN likewise.
+    """
+
+    size: Float64
+    tilt: float
+
+
+def plate_on_wall(
+    position: Float64, normal: Float64, origins: Float64, corners: Float64
+) -> PlateOnWall:
+    """Return the medians over views of a plate's size and tilt on a vertical wall.
+
+    Parameters
+    ----------
+    position, normal
+        float64 (3,) each, of the sign in map, m and unit vector to who reads it, horizontal.
+    origins
+        float64 (N, 3), of the cameras in map.
+    corners
+        float64 (N, 4, 3), unit vectors from there to the corners of the plate: top left, top right,
+        bottom right, bottom left; NaN where they are not known.
+    """
+    towards = -(corners @ normal)
+    depth = (origins - position) @ normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = origins[:, None] + (depth[:, None] / towards)[..., None] * corners
+    at = at[(towards > MIN_COSINE).all(axis=1)]
+    if not len(at):
+        return PlateOnWall(np.full(2, np.nan), np.nan)
+    right = np.cross(-normal, [0.0, 0.0, 1.0])
+    across = 0.5 * (at[:, 1] - at[:, 0] + at[:, 2] - at[:, 3])
+    down = 0.5 * (at[:, 3] - at[:, 0] + at[:, 2] - at[:, 1])
+    lengths = np.linalg.norm([across, down], axis=2)
+    tilt = np.arctan2(np.abs(across[:, 2]), across @ right)
+    return PlateOnWall(np.median(lengths, axis=1), float(np.median(tilt)))
+
+
+def misplacement(position: Float64, plate: PlateOnWall) -> str:
+    """Return why what is written there is no door sign; empty where it may be one.
+
+    Parameters
+    ----------
+    position
+        float64 (3,), in map, m.
+    plate
+        What is known of it.
+    """
+    z, size = float(position[2]), float(plate.size.max())
+    if not HEIGHTS_M[0] <= z <= HEIGHTS_M[1]:
+        return f"at a height of {z:.2f} m"
+    if size < SIZES_M[0] or size > SIZES_M[1]:
+        return f"{100.0 * size:.0f} cm long"
+    if plate.tilt > MAX_TILT:
+        return f"its lines are at {np.degrees(plate.tilt):.0f} deg to the horizontal"
+    return ""

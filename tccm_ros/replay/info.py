@@ -24,7 +24,7 @@ from tccm_ros.bags.topics import (
 )
 from tccm_ros.calibrate.beam_timing import read_beam_timing
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError, MessageError
+from tccm_ros.errors import FrameError, MessageError, TccmError
 from tccm_ros.records import DepthImage, PointCloud
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import MountKind, Robot
@@ -93,14 +93,14 @@ def bag_info(path: Path | str) -> BagInfo:
     with BagReader(path) as reader:
         notes = _notes(reader)
         duration, topics = reader.duration, reader.topics()
-    return BagInfo(Path(path), duration, topics, [*notes, *_beam_notes(path)])
+    return BagInfo(Path(path), duration, topics, [*_beam_notes(path), *notes])
 
 
 def _beam_notes(path: Path | str) -> list[str]:
     """Return what to set where the beams of the level laser were measured at other times."""
     try:
         timing = read_beam_timing(path)
-    except TopicError:  # told already
+    except TccmError:  # told already, or by the replay
         return []
     return [timing.text()] if timing is not None and timing.is_significant else []
 

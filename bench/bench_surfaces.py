@@ -36,8 +36,8 @@ def horizontal_planes(clouds: PatchClouds) -> PatchPlanes:
     """Return the planes of horizontal boards, each seen by a view of its own."""
     middle = np.add.reduceat(clouds.points, clouds.offsets[:-1]) / POINTS
     cov = np.tile(np.diag(np.square([0.005, 0.005, 0.005])), (len(middle), 1, 1))
-    noise = np.full(len(middle), 0.003**2)
-    return PatchPlanes(np.arange(len(middle)), middle, np.zeros((len(middle), 2)), noise, cov)
+    fit, none = np.tile(np.diag([0.001**2, 0.003**2, 0.003**2]), (len(middle), 1, 1)), 0.0 * cov
+    return PatchPlanes(np.arange(len(middle)), middle, np.zeros((len(middle), 2)), fit, none, cov)
 
 
 def by_voxels(clouds: PatchClouds, planes: PatchPlanes) -> Int64:

@@ -6,6 +6,7 @@ from typing import Literal
 
 from tccm_ros.config.parameter import Group, param
 
+Systematic = tuple[float, float, float, float]
 Pose6 = tuple[float, float, float, float, float, float]
 
 
@@ -176,18 +177,17 @@ class Sensors(Group):
     cloud_sigma: float = param(
         0.01, "noise of a range of a lidar or a camera's cloud", unit="m", gt=0.0, le=0.5
     )
-    depth_systematic: tuple[float, float, float] = param(
-        (0.002, 0.003, 0.001),
+    depth_systematic: Systematic = param(
+        (0.002, 0.003, 0.001, 0.005),
         "standard deviations of what the depths of an image have in common: an offset (m), a "
-        "scale (1) and a bend (1/m), for an error offset + scale z + bend z^2",
+        "scale (1) and a bend (1/m), for an error offset + scale z + bend z^2, and the camera's "
+        "direction (rad)",
     )
-    laser_systematic: tuple[float, float, float] = param(
-        (0.005, 0.0, 0.0),
-        "the same of a tilting laser's ranges in a tilt cycle",
+    laser_systematic: Systematic = param(
+        (0.005, 0.0, 0.0, 0.002), "the same of a tilting laser's ranges in a tilt cycle"
     )
-    cloud_systematic: tuple[float, float, float] = param(
-        (0.005, 0.0, 0.0),
-        "the same of the ranges of a point cloud",
+    cloud_systematic: Systematic = param(
+        (0.005, 0.0, 0.0, 0.002), "the same of the ranges of a point cloud"
     )
     max_sigma: float = param(
         0.012, "depths with more noise than this are not mapped", unit="m", gt=0.0, le=1.0

@@ -315,6 +315,9 @@ class Surface:
         Stamp of the first view that measured it where it is now.
     stood
         Where it was before it was carried here; None where that is not known.
+    cov_plane
+        float64 (3, 3), covariance of its plane: z at the centroid (m), and the slopes dz/dx and
+        dz/dy in map; nan where it is not known.
     """
 
     id: int
@@ -341,3 +344,4 @@ class Surface:
     near: tuple[str, ...] = ()
     placed_ns: int = 0
     stood: FormerPlace | None = None
+    cov_plane: Float64 = field(default_factory=lambda: np.full((3, 3), np.nan))

@@ -61,6 +61,7 @@ Ring = Annotated[Float64, *array_type(None, 3)]
 Ring2 = Annotated[Float64, *array_type(None, 2)]
 Ends = Annotated[Float64, *array_type(2, 2)]
 Covariance2 = Annotated[Float64, *array_type(2, 2, is_finite=False)]
+PlaneErrors = Annotated[Float64, *array_type(3, is_finite=False)]
 Covariance3 = Annotated[Float64, *array_type(3, 3, is_finite=False)]
 
 
@@ -156,6 +157,10 @@ class SurfaceEntry:
         Name of the room that it stands in; empty where that is not known.
     near
         Texts of the door signs near it, the nearest first.
+    plane_sigma, plane_correlation
+        Standard deviations of z at the centroid (m), dz/dx and dz/dy of its plane, and the
+        correlations of the first and the second of them, the first and the third, the second and
+        the third.
     """
 
     id: int
@@ -180,13 +185,18 @@ class SurfaceEntry:
     boundary_seen: Ring = field(default_factory=lambda: np.zeros((0, 3)))
     room: str = ""
     near: tuple[str, ...] = ()
+    plane_sigma: PlaneErrors = field(default_factory=lambda: np.full(3, np.nan))
+    plane_correlation: PlaneErrors = field(default_factory=lambda: np.full(3, np.nan))
 
     @classmethod
     def of(cls, surface: Surface) -> SurfaceEntry:
         """Return the entry of a surface."""
+        sigma = np.sqrt(np.diag(surface.cov_plane))
         return _entry(
             cls,
             surface,
+            plane_sigma=sigma,
+            plane_correlation=(surface.cov_plane / np.outer(sigma, sigma))[[0, 0, 1], [1, 2, 2]],
             first_seen=Stamp(surface.first_seen_ns),
             last_seen=Stamp(surface.last_seen_ns),
             took=surface.merged_ids,

@@ -80,7 +80,7 @@ def surface_message(
             PACKAGE + "PlaneWithCovariance",
             normal=_vector(types, surface.normal),
             offset=float(surface.offset),
-            covariance=np.full(9, np.nan),
+            covariance=_plane_covariance(surface, T).ravel(),
         ),
         shape=SHAPES[surface.shape],
         boundary=ring_message(types, surface.boundary),
@@ -101,6 +101,20 @@ def surface_message(
         near_signs=list(surface.near),
         room=surface.room,
     )
+
+
+def _plane_covariance(surface: Surface, T_map_surface: Float64) -> Float64:
+    """Return the covariance of a surface's plane by its own pose, as PlaneWithCovariance has it.
+
+    Returns
+    -------
+    float64 (3, 3) of rotations about x and y of the pose, rad, and the shift at its position, m
+    """
+    x, y = T_map_surface[:2, 0], T_map_surface[:2, 1]
+    J = np.zeros((3, 3))
+    J[0, 1:], J[1, 1:] = y, -x
+    J[2] = np.r_[1.0, T_map_surface[:2, 3] - surface.centroid[:2]]
+    return np.asarray(J @ surface.cov_plane @ J.T)
 
 
 def object_message(types: MessageTypes, stamp_ns: int, frame_id: str, item: SceneObject) -> Any:

@@ -1,9 +1,10 @@
 """Errors of measured points, of each alone and of all points of a view together.
 
 A point's error has three parts. White noise is independent from point to point, and an average over
-N points has 1 / N of its variance. A systematic part, an error of the range of the form
-``offset + scale r + bend r^2``, is shared by all points of a view: no number of points makes it
-smaller. The error of the view's pose is shared by them, too, and is known from the graph.
+N points has 1 / N of its variance. A systematic part is shared by all points of a view: an error of
+the range of the form ``offset + scale r + bend r^2``, and one of the sensor's direction. No number
+of points makes it smaller. The error of the view's pose is shared by them, too, and is known from
+the graph.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ def systematic_errors(
 
     Returns
     -------
-    float64 (N, 3, 3), m: for each point and each part (offset, scale, bend) a displacement
+    float64 (N, 5, 3), m: for each point and each part (offset, scale, bend, and rotations of the
+    sensor about x and y) a displacement
     """
     sigmas = {
         SensorKind.LASER: config.sensors.laser_systematic,
@@ -70,5 +72,6 @@ def systematic_errors(
     beams = np.asarray(points, float) - viewpoint
     ranges = np.linalg.norm(beams, axis=1)
     rays = beams / np.maximum(ranges, np.finfo(float).tiny)[:, None]
-    terms = np.stack([np.ones_like(ranges), ranges, ranges**2], axis=1) * sigmas
-    return terms[:, :, None] * rays[:, None, :]
+    terms = np.stack([np.ones_like(ranges), ranges, ranges**2], axis=1) * sigmas[:3]
+    rotations = np.cross(sigmas[3] * np.eye(3)[:2], beams[:, None])
+    return np.concatenate([terms[:, :, None] * rays[:, None, :], rotations], axis=1)

@@ -19,7 +19,8 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
-from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, PatchPlanes
+from tccm_ros.surfaces.patch_planes import GATE, PatchPlanes
+from tccm_ros.surfaces.plane_errors import FLATNESS
 from tccm_ros.union_find import find_root, merge_sets
 
 SLACK = 1.0 + 1e-9
@@ -227,7 +228,10 @@ def _agree(
                 x, y, count = x + points[i, 0], y + points[i, 1], count + 1
     x, y = x / count, y / count
     step, variance = 0.0, 2.0 * FLATNESS**2
-    for patch, sign in ((q, 1.0), (p, -1.0)):
+    is_one_view = planes.view_index[q] == planes.view_index[p]
+    shared = np.zeros((2, planes.systematic.shape[2]))
+    for side in range(2):
+        patch, sign = pair[side], 1.0 - 2.0 * side
         slope, centroid = planes.slope[patch], planes.centroid[patch]
         total, count = 0.0, 0
         for i in range(offsets[patch], offsets[patch + 1]):
@@ -237,10 +241,18 @@ def _agree(
                 total += points[i, 2] + slope[0] * dx + slope[1] * dy
                 count += 1
         step += sign * total / count
-        variance += planes.noise[patch] / min(count, EFFECTIVE_POINTS)
-        if planes.view_index[q] != planes.view_index[p]:
-            arm = np.array([1.0, x - centroid[0], y - centroid[1]])
+        arm = np.array([1.0, x - centroid[0], y - centroid[1]])
+        variance += arm @ planes.cov_fit[patch] @ arm
+        for k in range(shared.shape[1]):
+            shared[side, k] = sign * (arm @ planes.systematic[patch, :, k])
+        if not is_one_view:
             variance += arm @ planes.cov_pose[patch] @ arm
+    # Two patches of one view err together, those of two views do not.
+    for k in range(shared.shape[1]):
+        if is_one_view:
+            variance += (shared[0, k] + shared[1, k]) ** 2
+        else:
+            variance += shared[0, k] ** 2 + shared[1, k] ** 2
     return abs(step) <= min(GATE * np.sqrt(variance), max_step)
 
 

@@ -83,7 +83,9 @@ def footprint_in_map(
     matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
     x, y = (T[:2, :2] @ line_of_sight(mean, spacing)).tolist()
     z = float(T[2, :3] @ mean + T[2, 3])
-    return Footprint(affine_transform(outline, matrix), z, (x, y))
+    placed = affine_transform(outline, matrix)
+    # Rounding can make an outline cross itself that nearly touches itself.
+    return Footprint(placed if placed.is_valid else shapely.make_valid(placed), z, (x, y))
 
 
 def line_of_sight(mean: Float64, length: float) -> Float64:

@@ -25,14 +25,9 @@ from tccm_ros.surfaces.occluded_areas import (
     is_occluded,
     last_empty_view,
 )
-from tccm_ros.surfaces.patch_planes import (
-    FLATNESS,
-    GATE,
-    fit_covariance,
-    pool_moments,
-    pose_covariance,
-)
+from tccm_ros.surfaces.patch_planes import GATE, pool_moments
 from tccm_ros.surfaces.polygons import GRID, box_sides, close_gaps, largest_part, polygons_of
+from tccm_ros.surfaces.surface_errors import SurfaceErrors, step_variance, surface_errors
 from tccm_ros.surfaces.views import View
 
 JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
@@ -154,18 +149,13 @@ def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool
 def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) -> CoplanarityTest:
     """Return the test whether the planes of two pieces agree, by the gates that `contact` has."""
 
+    @cache
+    def errors_of(piece: MergedSurface) -> SurfaceErrors:
+        return surface_errors(piece.members, piece.mean, T_map_view, cov_z_roll_pitch)
+
     def is_coplanar(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
         step = abs(a.height_at(at_xy) - b.height_at(at_xy))
-        variance = 2.0 * FLATNESS**2
-        has_no_common_view = a.views.isdisjoint(b.views)
-        for piece in (a, b):
-            arm = at_xy - piece.mean[:2]
-            J = np.array([1.0, arm[0], arm[1]])
-            cov = fit_covariance(piece.cov, piece.count)
-            if has_no_common_view:
-                view = max(piece.members, key=lambda m: m.patch.count).view
-                cov = cov + pose_covariance(T_map_view[view], cov_z_roll_pitch[view], piece.mean)
-            variance += float(J @ cov @ J)
+        variance = step_variance(errors_of(a), errors_of(b), at_xy, cov_z_roll_pitch)
         return bool(step <= min(GATE * np.sqrt(variance), config.surfaces.max_step))
 
     return is_coplanar

@@ -16,6 +16,7 @@ from tccm_ros.surfaces.carving import UNUSED, Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.patch_planes import stack_planes
+from tccm_ros.surfaces.plane_errors import fit_covariance
 from tccm_ros.surfaces.views import Patch, View, first_numbers
 
 
@@ -129,7 +130,11 @@ def _rest(patch: Patch, keep: Bool, distance: float) -> Patch | None:
     mean = fraction @ exact
     cov = (exact - mean).T @ ((exact - mean) * fraction[:, None])
     outline, spacing = horizontal_outline(exact[:, :2], distance)
-    return Patch(points, weights, int(weights.sum()), mean, cov, outline, spacing)
+    own = fit_covariance(exact, weights.astype(np.float64))
+    moved = np.eye(3)
+    moved[0, 1:] = (mean - patch.mean)[:2]
+    systematic = moved @ patch.systematic
+    return Patch(points, weights, int(weights.sum()), mean, cov, outline, spacing, own, systematic)
 
 
 def clouds_in_map(patches: Sequence[NumberedPatch], T_map_view: Float64) -> list[Float64]:

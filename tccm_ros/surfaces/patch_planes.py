@@ -6,6 +6,7 @@ centroid ``(x0, y0, z)``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,24 +16,14 @@ from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
 from tccm_ros.surfaces.views import Patch
 
-EFFECTIVE_POINTS = 50.0
-"""The points of a patch have correlated errors (one laser, a few scan lines): they count as at most
-this many independent points; chosen."""
-
-FLATNESS = 0.004
-"""Deviation of furniture from a plane, m (one sigma); chosen."""
-
 GATE = 3.0
 """Sigmas within which the heights of two planes agree; chosen."""
 
 UP = np.array([0.0, 0.0, 1.0])
 
-MIN_NORMAL_Z = 0.5
-"""Limit of a normal's z component in a division, so that a steep fit gives no infinite variance.
-Chosen: 60 deg."""
-
 MIN_NORMAL_Z_OF_SLOPE = 0.1
-"""The same where slopes are computed. Chosen: 84 deg."""
+"""Limit of a normal's z component in a division, so that a steep fit gives no infinite slope.
+Chosen: 84 deg."""
 
 
 class PatchPlanes(NamedTuple):
@@ -46,8 +37,11 @@ class PatchPlanes(NamedTuple):
         float64 (P, 3), m.
     slope
         float64 (P, 2), dz/dx and dz/dy.
-    noise
-        float64 (P,), variance of the height of one point about the plane, m2.
+    cov_fit
+        float64 (P, 3, 3) of (z, a, b) at the centroid, from the patch's own points.
+    systematic
+        float64 (P, 3, K): error of (z, a, b) for each part of the systematic error, at one sigma.
+        Patches of one view share them.
     cov_pose
         float64 (P, 3, 3) of (z, a, b) at the centroid, from the pose of the view.
     """
@@ -55,7 +49,8 @@ class PatchPlanes(NamedTuple):
     view_index: Int64
     centroid: Float64
     slope: Float64
-    noise: Float64
+    cov_fit: Float64
+    systematic: Float64
     cov_pose: Float64
 
 
@@ -110,51 +105,31 @@ def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float,
     return total, mean, cov
 
 
-def point_variance(cov: Float64) -> float:
-    """Return the variance of one point's height about the plane of points with `cov`, m2."""
-    normal, variances = fit_plane(cov)
-    return float(variances[0] / max(normal[2], MIN_NORMAL_Z) ** 2 + FLATNESS**2)
-
-
-def fit_covariance(cov: Float64, count: int) -> Float64:
-    """Return the covariance of (z, a, b) of a fit to `count` points of covariance `cov` (3, 3)."""
-    noise = point_variance(cov)
-    result = np.zeros((3, 3))
-    result[0, 0] = noise / min(count, EFFECTIVE_POINTS)
-    regular = cov[:2, :2] + FLATNESS**2 * np.eye(2)
-    result[1:, 1:] = noise / min(count, EFFECTIVE_POINTS) * np.linalg.inv(regular)
-    return result
-
-
-def pose_covariance(T_map_base: Float64, cov_z_roll_pitch: Float64, centroid: Float64) -> Float64:
-    """Propagate the covariance of a pose to (z, a, b) at a centroid.
+def pose_jacobian(T_map_base: Float64, centroid: Float64) -> Float64:
+    """Return the derivative (3, 3) of (z, a, b) at a centroid by (z, roll, pitch) of the base.
 
     Parameters
     ----------
     T_map_base
         float64 (4, 4), pose of the view.
-    cov_z_roll_pitch
-        float64 (3, 3) of (z, roll, pitch) of the base, m and rad.
     centroid
         float64 (3,), in map.
     """
     c, s = T_map_base[0, 0], T_map_base[1, 0]
     norm = np.hypot(c, s)
-    c, s = c / norm, s / norm
-    forward, left = np.array([c, s]), np.array([-s, c])
+    forward, left = np.array([c, s]) / norm, np.array([-s, c]) / norm
     arm = centroid[:2] - T_map_base[:2, 3]
-    J = np.array(
+    return np.array(
         [
             [1.0, left @ arm, -(forward @ arm)],
             [0.0, left[0], -forward[0]],
             [0.0, left[1], -forward[1]],
         ]
     )
-    return J @ cov_z_roll_pitch @ J.T
 
 
 def stack_planes(
-    patches: list[Patch], view: Int64, T_map_view: Float64, cov_z_roll_pitch: Float64
+    patches: Sequence[Patch], view: Int64, T_map_view: Float64, cov_z_roll_pitch: Float64
 ) -> PatchPlanes:
     """Compute the planes of patches in map, with their covariances.
 
@@ -171,13 +146,19 @@ def stack_planes(
     """
     P = len(patches)
     centroid, slope = np.zeros((P, 3)), np.zeros((P, 2))
-    noise, cov_pose = np.zeros(P), np.zeros((P, 3, 3))
+    cov_fit, cov_pose = np.zeros((P, 3, 3)), np.zeros((P, 3, 3))
+    parts = max((patch.systematic.shape[1] for patch in patches), default=0)
+    systematic = np.zeros((P, 3, parts))
     for p, patch in enumerate(patches):
         T = T_map_view[view[p]]
-        cov = T[:3, :3] @ patch.cov @ T[:3, :3].T
-        normal, _ = fit_plane(cov)
+        normal, _ = fit_plane(T[:3, :3] @ patch.cov @ T[:3, :3].T)
         centroid[p] = T[:3, :3] @ patch.mean + T[:3, 3]
         slope[p] = -normal[:2] / max(normal[2], MIN_NORMAL_Z_OF_SLOPE)
-        noise[p] = point_variance(cov)
-        cov_pose[p] = pose_covariance(T, cov_z_roll_pitch[view[p]], centroid[p])
-    return PatchPlanes(view, centroid, slope, noise, cov_pose)
+        # The base is horizontal but for a few degrees: the slopes turn with its yaw.
+        R = np.eye(3)
+        R[1:, 1:] = T[:2, :2] / np.hypot(T[0, 0], T[1, 0])
+        cov_fit[p] = R @ patch.cov_plane @ R.T
+        systematic[p, :, : patch.systematic.shape[1]] = R @ patch.systematic
+        J = pose_jacobian(T, centroid[p])
+        cov_pose[p] = J @ cov_z_roll_pitch[view[p]] @ J.T
+    return PatchPlanes(view, centroid, slope, cov_fit, systematic, cov_pose)

@@ -1,6 +1,7 @@
-"""Registration of views: factors of the graph from surfaces that several views saw.
+"""Registration of views: what surfaces that several views saw say of their poses.
 
-The planes of surfaces constrain z, roll and pitch; their sides constrain x, y and yaw. A match of
+The planes of surfaces determine z, roll and pitch (`plane_adjustment`), outside the graph; their
+sides constrain x, y and yaw, as factors of it. A match of
 sides is a robust factor between two views; its covariance is large in directions that the common
 sides do not determine. There is no factor where two views have too few sides in common, or where
 another relative pose fits nearly as well.
@@ -8,19 +9,30 @@ another relative pose fits nearly as well.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
-from tccm_ros.geometry import between2, compose2, inverse, planar, spatial, transform, wrap_angle
-from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.geometry import (
+    between2,
+    compose2,
+    inverse,
+    planar,
+    pose_from_roll_pitch,
+    spatial,
+    transform,
+    wrap_angle,
+)
 from tccm_ros.slam.factors.noise import planar_covariance
-from tccm_ros.slam.factors.surfaces import ViewPlane
 from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
+from tccm_ros.slam.systematic import adjoint
 from tccm_ros.surfaces.carving import Carver, Survivors
-from tccm_ros.surfaces.merging import Members, NumberedPatch, Remainders, merge_coplanar
-from tccm_ros.surfaces.patch_planes import fit_covariance, fit_plane
+from tccm_ros.surfaces.merging import NumberedPatch, Remainders, merge_coplanar
+from tccm_ros.surfaces.patch_planes import pose_jacobian, stack_planes
+from tccm_ros.surfaces.plane_adjustment import PlaneAdjustment, adjust_planes
 from tccm_ros.surfaces.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.views import View
@@ -31,25 +43,27 @@ Z_ROLL_PITCH = [5, 0, 1]
 PLANAR_ORDER = [3, 4, 2]
 """x, y and yaw in the same order."""
 
-MAX_TILT_SIGMA = 0.02
-"""Max standard deviation of a patch's slope for a plane factor, rad; chosen."""
-
 MAX_NEIGHBOUR_VIEWS = 6
 """Each view is matched with at most this many older ones, the nearest; chosen."""
 
 YAW_WEIGHT = 1.0
 """Metres that a radian of yaw counts in the distance of two poses; chosen."""
 
-MIN_SIGMA, MAX_SIGMA = (0.01, np.radians(0.3)), (0.15, np.radians(3.0))
+MAX_SIGMA = (0.15, np.radians(3.0))
 """Limits of the standard deviations (m, rad) of the relative pose of two views that the search
 covers; chosen: with a wider search, sides of other surfaces match."""
+
+VARIANCE_FACTORS = np.logspace(-4.0, 0.5, 37)
+"""Candidates for the factor of the covariances of the poses known so far. Chosen: eight
+to a decade, from none to what no match would be within."""
+
+MAX_LIKELIHOOD_RATIO = 6.63
+"""Twice the log of the likelihood ratio beyond which covariances are not what they say: the 99 %
+quantile of chi-square with one degree of freedom (Wilks 1938)."""
 
 MIN_REMAINING = 0.5
 """Min fraction of a patch that carving leaves for its sides to be matched; chosen: a patch with
 less was moved or replaced."""
-
-MIN_POINTS = 4
-"""Points of a patch in a plane factor: three give a plane without a residual."""
 
 OPEN_SIGMAS = (1.0, 1.0, 1.0)
 """Standard deviations of z, roll and pitch (m, rad) in a factor of sides. Chosen: wide, so that
@@ -76,10 +90,11 @@ class Registration:
         self._config = config
         self._carver = carver or Carver(config)
         self._remainders = remainders or Remainders(config)
+        self._patches: list[NumberedPatch] = []
         self._sides: dict[tuple[int, int], tuple[View, Sides]] = {}
 
-    def factors(self, views: list[View], known: Solution) -> list[Factor]:
-        """Return the plane factors and side factors between views.
+    def side_factors(self, views: list[View], known: Solution) -> list[BetweenViews]:
+        """Return the factors between views from the sides of surfaces.
 
         Parameters
         ----------
@@ -89,33 +104,38 @@ class Registration:
             Solution of the graph without these factors, with the same views.
         """
         left = self._carver.carve(views, known.T_map_views)
-        patches = self._remainders.surviving_patches(views, left)
-        cov_z_roll_pitch = known.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
-        planes = plane_factors(patches, known.T_map_views, cov_z_roll_pitch, self._config)
+        self._patches = self._remainders.surviving_patches(views, left)
         self._sides = {view.key: (view, self._sides_of(view)) for view in views}
         sides = [self._sides[view.key][1] for view in views]
-        return [*planes, *side_factors(views, left, known, self._config, sides)]
+        return side_factors(views, left, known, self._config, sides)
+
+    def levelled(self, solution: Solution) -> Solution:
+        """Return a solution with z, roll and pitch of its views as the planes of surfaces say.
+
+        Parameters
+        ----------
+        solution
+            Of the graph, with the views of the last `side_factors`.
+        """
+        cov = solution.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
+        T = solution.T_map_views
+        found = plane_adjustment(self._patches, T, cov, self._config)
+        if found is None:
+            return solution
+        cov_views = solution.cov_views.copy()
+        rows, columns = np.ix_(Z_ROLL_PITCH, Z_ROLL_PITCH)
+        cov_views[:, rows, columns] = found.cov
+        return replace(solution, T_map_views=corrected(T, found.correction), cov_views=cov_views)
 
     def _sides_of(self, view: View) -> Sides:
         known = self._sides.get(view.key)
         return known[1] if known is not None and known[0] is view else find_sides(view)
 
 
-def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:
-    """Return the factors between views, remembering nothing.
-
-    Parameters
-    ----------
-    views, known, config
-        As for `Registration`.
-    """
-    return Registration(config).factors(views, known)
-
-
-def plane_factors(
+def plane_adjustment(
     patches: list[NumberedPatch], T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config
-) -> list[ViewPlane]:
-    """Return a factor for each patch of each surface that more than one view saw.
+) -> PlaneAdjustment | None:
+    """Adjust z, roll and pitch of views by surfaces that more than one saw; None: there are none.
 
     Parameters
     ----------
@@ -126,34 +146,29 @@ def plane_factors(
     config
         Uses the group ``surfaces``.
     """
-    factors: list[ViewPlane] = []
-    plane = 0
-    for surface in merge_coplanar(patches, T_map_view, cov_z_roll_pitch, config):
-        members = _informative(surface)
+    chosen: list[NumberedPatch] = []
+    surface: list[int] = []
+    for members in merge_coplanar(patches, T_map_view, cov_z_roll_pitch, config):
         if len({member.view for member in members}) > 1:
-            factors += [_plane_factor(member, plane) for member in members]
-            plane += 1
-    return factors
+            surface += [surface[-1] + 1 if surface else 0] * len(members)
+            chosen += members
+    if not chosen:
+        return None
+    view = np.array([member.view for member in chosen])
+    planes = stack_planes([m.patch for m in chosen], view, T_map_view, cov_z_roll_pitch)
+    J = np.stack([pose_jacobian(T_map_view[v], c) for v, c in zip(view, planes.centroid)])
+    return adjust_planes(planes, J, np.array(surface), cov_z_roll_pitch)
 
 
-def _informative(members: Members) -> list[NumberedPatch]:
-    return [
-        m for m in members if m.patch.count >= MIN_POINTS and _tilt_variance(m) <= MAX_TILT_SIGMA**2
-    ]
-
-
-def _tilt_variance(member: NumberedPatch) -> float:
-    cov = fit_covariance(member.patch.cov, member.patch.count)
-    return float(np.linalg.eigvalsh(cov[1:, 1:])[1])
-
-
-def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
-    """Return the factor of a patch's plane, measured in its view at the patch's centroid."""
-    patch = member.patch
-    normal, _ = fit_plane(patch.cov)
-    cov_z_slopes = fit_covariance(patch.cov, patch.count)
-    order = [1, 2, 0]
-    return ViewPlane(member.view, plane, normal, patch.mean, cov_z_slopes[np.ix_(order, order)])
+def corrected(T_map_view: Float64, correction: Float64) -> Float64:
+    """Return poses (V, 4, 4) with corrections (V, 3) of z, roll and pitch (m, rad) applied."""
+    result = T_map_view.copy()
+    for T, (z, roll, pitch) in zip(result, correction):
+        T_plan = spatial(planar(T))
+        R = T_plan[:3, :3]
+        T[:3, :3] = R @ pose_from_roll_pitch((roll, pitch))[:3, :3] @ R.T @ T[:3, :3]
+        T[2, 3] += z
+    return result
 
 
 def side_factors(
@@ -189,22 +204,54 @@ def side_factors(
         for found, keep, T in zip(found_sides, left.keep, T_map_view)
     ]
     cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
+    loops = any(loop.accepted for loop in known.loops)
+    is_chain = not (known.walls or known.landmarks or loops)
     matches: list[tuple[int, int, SideMatch]] = []
+    moved, cov_moved = [], []
     for j in range(1, len(views)):
         for i in _nearest_views(poses, j):
-            cov = _relative_covariance(cov_poses, poses, i, j)
-            step = config.surfaces.max_step
-            match = match_sides(sides[i], sides[j], between2(poses[i], poses[j]), cov, step)
+            start = between2(poses[i], poses[j])
+            cov = _relative_covariance(cov_poses, poses, i, j, is_chain)
+            match = match_sides(sides[i], sides[j], start, cov, config.surfaces.max_step)
             if match is not None:
                 matches.append((i, j, match))
+                moved.append(between2(start, match.pose))
+                cov_moved.append(cov)
     # The matches of a view use the same sides: together they must not count more than once.
     uses = np.bincount([v for i, j, _ in matches for v in (i, j)], minlength=len(views))
+    covs = np.array([match.cov for _, _, match in matches]).reshape(-1, 3, 3)
+    observed = variance_factor(
+        np.array(moved).reshape(-1, 3), covs, np.array(cov_moved).reshape(-1, 3, 3)
+    )
+    weight = 2.0 * known.unit_variance * observed
     return [
-        _between_factor(
-            i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / (2.0 * known.unit_variance)
-        )
+        _between_factor(i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / weight)
         for i, j, match in matches
     ]
+
+
+def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -> float:
+    """Return by how much the poses known so far are better or worse than their covariances say.
+
+    The differences between matches and these poses are as large as the errors of both explain.
+    Where matches alone explain them, the factor of greatest likelihood is small, and poses that are
+    good stay as they are. It is 1 where the matches do not contradict that (likelihood ratio).
+
+    Parameters
+    ----------
+    moved
+        float64 (M, 3), the differences, (x, y, yaw).
+    cov_matches, cov_starts
+        float64 (M, 3, 3), of the matches and of the poses known so far.
+    """
+    costs = []
+    for factor in VARIANCE_FACTORS:
+        cov = cov_matches + factor * cov_starts
+        square = np.einsum("mi,mi->m", moved, np.linalg.solve(cov, moved[:, :, None])[:, :, 0])
+        costs.append(float(np.sum(square + np.linalg.slogdet(cov)[1])))
+    as_given = costs[int(np.argmin(np.abs(VARIANCE_FACTORS - 1.0)))]
+    best = int(np.argmin(costs))
+    return float(VARIANCE_FACTORS[best]) if as_given - costs[best] > MAX_LIKELIHOOD_RATIO else 1.0
 
 
 def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
@@ -227,17 +274,31 @@ def _nearest_views(poses: Float64, j: int) -> list[int]:
     return sorted(np.argsort(distance, kind="stable")[:MAX_NEIGHBOUR_VIEWS].tolist())
 
 
-def _relative_covariance(cov_poses: Float64, poses: Float64, i: int, j: int) -> Float64:
-    """Bound the covariance of the pose of view `j` in view `i`, float64 (3, 3) of (x, y, yaw).
+def _relative_covariance(
+    cov_poses: Float64, poses: Float64, i: int, j: int, is_chain: bool
+) -> Float64:
+    """Return the covariance of the pose of view `j` in an older view `i`, for the search.
 
-    The errors of two views are correlated, but the correlation is not known here. The sum of their
-    variances is an upper bound.
+    Parameters
+    ----------
+    cov_poses, poses
+        float64 (V, 3, 3) of (x, y, yaw) in each view's frame, and (V, 3).
+    i, j
+        Two views.
+    is_chain
+        Whether nothing but the steps between keyframes determines the poses: the error of `j` is
+        then that of `i` and those of the steps between them. Otherwise the correlation of the two
+        is not known here, and the sum of their covariances is an upper bound.
+
+    Returns
+    -------
+    float64 (3, 3) of (x, y, yaw), diagonal, alike in x and y, at most `MAX_SIGMA`
     """
-    position = sum(float(np.linalg.eigvalsh(cov_poses[v, :2, :2])[1]) for v in (i, j))
-    yaw = float(cov_poses[i, 2, 2] + cov_poses[j, 2, 2])
-    position += float(cov_poses[i, 2, 2] * np.sum((poses[i, :2] - poses[j, :2]) ** 2))
-    sigma = np.clip(np.sqrt([position, yaw]), MIN_SIGMA, MAX_SIGMA)
-    return np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
+    A = adjoint(between2(poses[j], poses[i]))
+    cov = cov_poses[j] + (-1.0 if is_chain else 1.0) * A @ cov_poses[i] @ A.T
+    variances = float(np.linalg.eigvalsh(cov[:2, :2])[1]), float(cov[2, 2])
+    position, yaw = np.clip(variances, 0.0, np.square(MAX_SIGMA))
+    return np.diag([position, position, yaw])
 
 
 def _between_factor(

@@ -16,6 +16,7 @@ from tccm_ros.errors import MapError
 from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
+from tccm_ros.surfaces.plane_errors import fit_covariance
 from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import Patch, SeenObject, View
 
@@ -92,6 +93,9 @@ def pack_views(views: Sequence[View]) -> Arrays:
         "mean": np.array([p.mean for p in patches], float).reshape(-1, 3),
         "cov": np.array([p.cov for p in patches], float).reshape(-1, 3, 3),
         "spacing": np.array([p.spacing for p in patches], float),
+        "cov_plane": np.array([p.cov_plane for p in patches], float).reshape(-1, 3, 3),
+        "systematic_parts": np.array([p.systematic.shape[1] for p in patches], np.int64),
+        "systematic": _joined([p.systematic.T for p in patches], np.float64, 3),
         "number": np.array([ABSENT if p.number is None else p.number for p in patches], np.int64),
         "first_seen_ns": np.array(
             [ABSENT if p.first_seen_ns is None else p.first_seen_ns for p in patches], np.int64
@@ -188,15 +192,18 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             a["cov"][k],
             polygons_of(shapely.from_wkb(outline.tobytes())),
             float(a["spacing"][k]),
+            cov_plane,
+            systematic.T,
             _present(a, "number", k),
             _present(a, "first_seen_ns", k),
             _present(a, "placed_ns", k),
         )
-        for k, (points, weights, outline) in enumerate(
+        for k, (points, weights, outline, (cov_plane, systematic)) in enumerate(
             zip(
                 _split(a["points"], a["points_of"]),
                 _split(a["weights"], a["points_of"]),
                 _split(a["outlines"], a["outline_bytes"]),
+                _unpack_errors(a),
             )
         )
     ]
@@ -221,6 +228,16 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
         )
         for v, columns in enumerate(free)
     ]
+
+
+def _unpack_errors(a: Mapping[str, NDArray[Any]]) -> list[tuple[Float64, Float64]]:
+    """Return the errors of each patch's plane; maps of older versions have points alone."""
+    if "cov_plane" not in a:
+        clouds = zip(_split(a["points"], a["points_of"]), _split(a["weights"], a["points_of"]))
+        none = np.zeros((0, 3))
+        return [(fit_covariance(p.astype(float), w.astype(float)), none) for p, w in clouds]
+    parts = _split(a["systematic"].reshape(-1, 3), a["systematic_parts"])
+    return list(zip(a["cov_plane"].reshape(-1, 3, 3), parts, strict=True))
 
 
 def _unpack_viewpoint(a: Mapping[str, NDArray[Any]], v: int) -> tuple[Float64 | None, SensorKind]:

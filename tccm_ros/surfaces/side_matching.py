@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.geometry import transform2, wrap_angle
+from tccm_ros.geometry import between2, transform2, wrap_angle
 from tccm_ros.surfaces.sides import Sides
 
 MIN_OVERLAP = 0.12
@@ -49,6 +49,10 @@ MAX_HYPOTHESES = 400
 
 SEARCH_MARGIN = 0.02
 """Hypotheses may leave the search by this, m and rad; chosen."""
+
+MAX_CHI2 = 16.27
+"""Max squared difference of a match from the pose known so far, over the covariance of both: the
+99.9 % quantile of three degrees of freedom."""
 
 MAX_ROUNDS, CONVERGED = 8, 1e-7
 """Max iterations of the refinement, and the change (m, rad) below which it ends; chosen."""
@@ -107,7 +111,8 @@ def match_sides(
     start
         float64 (3,), planar pose as known so far.
     cov_start
-        float64 (3, 3) of (x, y, yaw): the search covers three standard deviations.
+        float64 (3, 3) of (x, y, yaw), alike in x and y: the search covers three standard
+        deviations, and a match that contradicts it by its own covariance is refused.
     height_gate
         Max difference in height of two sides of one surface, m.
     """
@@ -121,6 +126,10 @@ def match_sides(
     min_sides = MIN_SIDES if max_shift <= WIDE_SEARCH else MIN_SIDES_WIDE
     best = _refine(pairs, trials[int(np.argmax(votes))], start, min_sides)
     if best is None or _has_rival(pairs, trials, votes, start, best):
+        return None
+    moved = between2(start, best.pose)
+    # The start is as uncertain along x as along y, so that its frame does not matter.
+    if moved @ np.linalg.solve(cov_start + best.cov, moved) > MAX_CHI2:
         return None
     return best
 

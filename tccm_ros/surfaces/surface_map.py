@@ -50,6 +50,7 @@ from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.recognition import FormerStand, adopt_ids, footprint_of
 from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
+from tccm_ros.surfaces.surface_errors import surface_errors
 from tccm_ros.surfaces.track_ids import SightKey, TrackIds
 from tccm_ros.surfaces.views import (
     View,
@@ -264,6 +265,9 @@ class SurfaceMap:
                 views,
                 poses.keyframes,
                 stood.get(surface.members),
+                surface_errors(surface.members, surface.mean, T, poses.cov_z_roll_pitch).covariance(
+                    poses.cov_z_roll_pitch
+                ),
             )
             for surface, shape, label in zip(surfaces, shapes, labels)
         ]
@@ -314,6 +318,7 @@ def _record(
     views: list[View],
     keyframes: Int64,
     stood: FormerStand | None,
+    cov_plane: Float64,
 ) -> Surface:
     boundary, holes = polygon_rings(shape.polygon)
     boundary_seen, _ = polygon_rings(surface.polygon)
@@ -345,6 +350,7 @@ def _record(
         edges=tuple(_edge(surface, edge, ids) for edge in shape.edges),
         placed_ns=placed_ns,
         stood=None if stood is None else _former_place(stood),
+        cov_plane=cov_plane,
     )
 
 

@@ -434,10 +434,10 @@ class SurfaceSlam:
         slam = self.walls.solve(stamps, None, **how)
         if not self.config.surfaces.registration or len(views) < 2:
             return slam
-        factors = self._registration.factors(views, slam)
-        if not factors:
-            return slam
-        return self.walls.solve(stamps, factors, **how)
+        factors = self._registration.side_factors(views, slam)
+        if factors:
+            slam = self.walls.solve(stamps, factors, **how)
+        return self._registration.levelled(slam)
 
     def is_aligned(self, solution: SurfaceSolution) -> bool:
         """Return whether this session was found in the saved map that it continues, if any."""

@@ -19,10 +19,12 @@ from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import ObjectBoxes, SensorKind, SurfaceCloud, ViewIntervals
+from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
 from tccm_ros.surfaces.front_points import are_on_front
 from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
 from tccm_ros.surfaces.outline import horizontal_outline
+from tccm_ros.surfaces.plane_errors import fit_covariance, systematic_planes
 from tccm_ros.surfaces.stray_points import mark_strays
 from tccm_ros.surfaces.thinning import thin_cloud
 
@@ -47,6 +49,10 @@ class Patch:
         In x and y of the base frame.
     spacing
         Distance between neighbouring points or scan lines, m.
+    cov_plane
+        float64 (3, 3) of (z, dz/dx, dz/dy) of the plane at `mean`, from the patch's own points.
+    systematic
+        float64 (3, K), error of the same for each part of the view's systematic error, one sigma.
     number
         Of the oldest patch that this one replaced, counted from the first patch of its view (so
         it is negative); None where it is the first.
@@ -64,6 +70,8 @@ class Patch:
     cov: Float64
     outline: MultiPolygon
     spacing: float
+    cov_plane: Float64
+    systematic: Float64 = field(default_factory=lambda: np.zeros((3, 0)))
     number: int | None = None
     first_seen_ns: int | None = None
     placed_ns: int | None = None
@@ -234,7 +242,8 @@ def _patch(
     exact = exact[~are_on_front(exact)]
     mean = exact.mean(axis=0)
     cov = (exact - mean).T @ (exact - mean) / len(exact)
-    return Patch(thinned, weights, len(exact), mean, cov, outline, spacing)
+    own = fit_covariance(exact, np.ones(len(exact)))
+    return Patch(thinned, weights, len(exact), mean, cov, outline, spacing, own)
 
 
 def first_numbers(views: Sequence[View]) -> list[int]:
@@ -320,9 +329,18 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
     max_range = max(view.max_range, float(distance))
     eye = None if cloud.viewpoint is None else cloud.viewpoint.astype(np.float64)
+    if eye is not None:
+        patches = [_with_systematic(patch, eye, cloud.sensor, config) for patch in patches]
     return replace(
         view, patches=tuple(patches), max_range=max_range, viewpoint=eye, sensor=cloud.sensor
     )
+
+
+def _with_systematic(patch: Patch, eye: Float64, sensor: SensorKind, config: Config) -> Patch:
+    """Return a patch with the error of its plane that all points of its view share."""
+    points, weights = patch.points.astype(np.float64), patch.weights.astype(np.float64)
+    errors = systematic_errors(points, eye, sensor, config)
+    return replace(patch, systematic=systematic_planes(points, weights, errors))
 
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:

@@ -72,7 +72,7 @@ def test_surfaces_json_has_the_documented_keys(folder, solution):
     assert table["frame_id"] == "map"
     assert table["floor_z"] == pytest.approx(0.0, abs=2e-3)
     keys = "id label height normal offset area centroid boundary holes points height_std"
-    keys += " first_seen last_seen views"
+    keys += " first_seen last_seen views plane_sigma plane_correlation"
     for entry in table["surfaces"]:
         assert set(keys.split()) <= set(entry)
         assert set(entry["views"][0]) == {"stamp", "keyframe", "points"}
@@ -83,6 +83,9 @@ def test_surfaces_json_has_the_documented_keys(folder, solution):
         on_plane = np.array(entry["boundary"]) @ entry["normal"] - entry["offset"]
         assert np.abs(on_plane).max() < 1e-5
         assert entry["height"] == entry["centroid"][2]
+        # A laser's view of a room: millimetres, and its tops are level to a degree.
+        assert 0.0005 < entry["plane_sigma"][0] < 0.02
+        assert max(entry["plane_sigma"][1:]) < 0.03
     assert [s["label"] for s in table["surfaces"]].count("floor") >= 1
 
 

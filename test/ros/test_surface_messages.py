@@ -7,7 +7,13 @@ from outlined_surfaces import surface
 from shapely.geometry import box
 
 from tccm_ros.records import EdgeState, SurfaceEdge, SurfaceShape
-from tccm_ros.ros.surface_messages import EDGE_STATES, NOTHING, SHAPES, surface_message
+from tccm_ros.ros.surface_messages import (
+    EDGE_STATES,
+    NOTHING,
+    SHAPES,
+    surface_message,
+    surface_pose,
+)
 
 STAMP = 1_700_000_000_000_000_005
 
@@ -54,3 +60,24 @@ def test_numbers_of_shapes_and_edges_are_those_of_the_definition(name, table):
         assert getattr(message, f"SHAPE_{shape.name}") == number
     for state, number in EDGE_STATES.items():
         assert getattr(message, f"EDGE_{state.name}") == number
+
+
+def test_the_covariance_of_a_plane_is_that_of_its_errors_about_the_pose(table):
+    """By samples: planes that err, seen at the pose of the message."""
+    L = np.array([[0.002, 0.0, 0.0], [0.001, 0.01, 0.0], [-0.002, 0.003, 0.02]])
+    moved = replace(table, cov_plane=L @ L.T, centroid=np.array([0.3, 0.1, 0.0]))
+    T, _ = surface_pose(moved)
+    rng = np.random.default_rng(1)
+    z, a, b = L @ rng.normal(size=(3, 40_000))
+    slope = np.array([a, b])
+    samples = [
+        T[:2, 1] @ slope, -T[:2, 0] @ slope, z + (T[:2, 3] - moved.centroid[:2]) @ slope
+    ]  # fmt: skip
+    message = surface_message(family("typestore"), STAMP, "map", moved, 0.0)
+    found = np.array(message.plane.covariance).reshape(3, 3)
+    assert found == pytest.approx(np.cov(samples), rel=0.05, abs=3e-6)
+
+
+def test_the_covariance_of_a_plane_is_nan_where_it_is_not_known(table):
+    message = surface_message(family("typestore"), STAMP, "map", table, 0.0)
+    assert np.isnan(message.plane.covariance).all()

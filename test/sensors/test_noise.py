@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tccm_ros.config import Config
 from tccm_ros.records import SensorKind
@@ -21,13 +22,15 @@ def test_white_noise_of_lasers_is_one_at_every_range():
 
 def test_a_scale_moves_points_along_their_beams():
     config = CONFIG.model_copy(
-        update={"sensors": CONFIG.sensors.model_copy(update={"depth_systematic": (0.0, 0.01, 0.0)})}
+        update={
+            "sensors": CONFIG.sensors.model_copy(update={"depth_systematic": (0.0, 0.01, 0.0, 0.0)})
+        }
     )
     eye = np.array([0.0, 0.0, 1.0])
     points = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 1.0]])
     errors = systematic_errors(points, eye, SensorKind.DEPTH_IMAGE, config)
     assert errors[:, 1] == pytest.approx(0.01 * (points - eye))
-    assert np.abs(errors[:, [0, 2]]).max() == 0.0
+    assert np.abs(errors[:, [0, 2, 3, 4]]).max() == 0.0
 
 
 @pytest.mark.parametrize("kind", SensorKind)
@@ -43,6 +46,10 @@ def test_systematic_errors_are_those_of_the_range(kind):
     ranges = np.linalg.norm(points - eye, axis=1)
     rays = (points - eye) / ranges[:, None]
     found = systematic_errors(points, eye, kind, CONFIG)
-    for k, sigma in enumerate(sigmas):
+    for k, sigma in enumerate(sigmas[:3]):
         moved = eye + (ranges + sigma * ranges**k)[:, None] * rays
         assert found[:, k] == pytest.approx(moved - points, abs=1e-12)
+    turned = Rotation.from_rotvec([1e-6, 0.0, 0.0]).apply(points - eye) + eye
+    assert found[:, 3] == pytest.approx(sigmas[3] * 1e6 * (turned - points), abs=1e-6)
+    turned = Rotation.from_rotvec([0.0, 1e-6, 0.0]).apply(points - eye) + eye
+    assert found[:, 4] == pytest.approx(sigmas[3] * 1e6 * (turned - points), abs=1e-6)

@@ -10,12 +10,11 @@ from scipy.spatial.distance import cdist
 
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
 from tccm_ros.surfaces.patch_planes import (
-    EFFECTIVE_POINTS,
-    FLATNESS,
     GATE,
     PatchPlanes,
-    pose_covariance,
+    pose_jacobian,
 )
+from tccm_ros.surfaces.plane_errors import FLATNESS
 
 STEP = 0.03
 
@@ -39,7 +38,7 @@ def planes_of(clouds, seed=None):
     if seed is None:
         cov = np.tile(np.eye(3), (count, 1, 1))
         return PatchPlanes(
-            np.arange(count), np.zeros((count, 3)), np.zeros((count, 2)), np.ones(count), cov
+            np.arange(count), np.zeros((count, 3)), np.zeros((count, 2)), cov, 0.0 * cov, cov
         )
     rng = np.random.default_rng(seed)
     middles = [part.mean(axis=0) if len(part) else np.zeros(3) for part in parts_of(clouds)]
@@ -48,8 +47,9 @@ def planes_of(clouds, seed=None):
         rng.integers(0, 3, count),
         np.array(middles),
         rng.normal(0.0, 0.05, (count, 2)),
-        rng.uniform(0.002, 0.01, count) ** 2,
-        np.stack([pose_covariance(np.eye(4), tilt, middle) for middle in middles]),
+        np.eye(3) * rng.uniform(0.001, 0.005, (count, 1, 1)) ** 2,
+        rng.normal(0.0, 0.002, (count, 3, 2)),
+        np.stack([J @ tilt @ J.T for J in (pose_jacobian(np.eye(4), m) for m in middles)]),
     )
 
 
@@ -57,15 +57,20 @@ def have_common_height(a, b, meeting, planes, q, p):
     """Return whether two patches have one height where they meet, point by point."""
     zones = (a[meeting.any(axis=1)], b[meeting.any(axis=0)])
     middle = np.concatenate(zones)[:, :2].mean(axis=0)
-    heights, variance = [], 2 * FLATNESS**2
+    heights, shared, variance = [], [], 2 * FLATNESS**2
     for k, zone in ((q, zones[0]), (p, zones[1])):
         z0, slope = planes.centroid[k], planes.slope[k]
         residuals = [z - (z0[2] + slope @ (np.array([x, y]) - z0[:2])) for x, y, z in zone]
         heights.append(z0[2] + slope @ (middle - z0[:2]) + np.mean(residuals))
-        variance += planes.noise[k] / min(len(zone), EFFECTIVE_POINTS)
+        J = np.r_[1.0, middle - z0[:2]]
+        variance += J @ planes.cov_fit[k] @ J
+        shared.append(J @ planes.systematic[k])
         if planes.view_index[q] != planes.view_index[p]:
-            J = np.r_[1.0, middle - z0[:2]]
             variance += J @ planes.cov_pose[k] @ J
+    if planes.view_index[q] == planes.view_index[p]:
+        variance += np.sum((shared[0] - shared[1]) ** 2)
+    else:
+        variance += np.sum(np.square(shared))
     return abs(heights[0] - heights[1]) <= min(GATE * np.sqrt(variance), STEP)
 
 

@@ -1,17 +1,19 @@
 """Joining of pieces over occluded areas, and pieces that must not be joined."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from room import Board, Room, Screen
+from shapely import MultiPolygon, Polygon
 from surface_maps import above_floor, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.joining import _coplanar
+from tccm_ros.surfaces.merged_surface import MergedSurface
+from tccm_ros.surfaces.merging import NumberedPatch
 from tccm_ros.surfaces.surface_map import SurfaceMap
+from tccm_ros.surfaces.views import Patch
 
 SIDEBOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
 POST = Screen(1.2, -0.09, 1.2, 0.09, 1.8)
@@ -150,25 +152,23 @@ def test_a_floor_that_two_views_put_at_two_heights_is_one():
 
 def level_piece(x, height, view):
     """Return a level piece of 0.2 m around (x, 0) that one view has seen, flat but for 0.1 mm."""
-    return SimpleNamespace(
-        mean=np.array([x, 0.0, height]),
-        cov=np.diag([0.01, 0.01, 1e-8]),
-        count=1000,
-        views=frozenset([view]),
-        members=[SimpleNamespace(patch=SimpleNamespace(count=1000), view=view)],
-        height_at=lambda at_xy: height,
-    )
+    mean, cov, none = np.array([x, 0.0, height]), np.diag([0.01, 0.01, 1e-8]), MultiPolygon()
+    exact = np.diag([1e-8, 1e-8, 1e-8])
+    patch = Patch(np.zeros((0, 3), "f4"), np.zeros(0, "i4"), 1000, mean, cov, none, 0.02, exact)
+    square = Polygon([(x - 0.1, -0.1), (x + 0.1, -0.1), (x + 0.1, 0.1), (x - 0.1, 0.1)])
+    members = (NumberedPatch(0, view, patch),)
+    return MergedSurface.of_moments(members, square, 1000.0, mean, cov)
 
 
 @pytest.mark.parametrize(
     ("step", "view", "is_one"),
     [
-        # Flatness alone, 4 mm on either side, gives 3 * sqrt(2) * 4 = 17 mm in one view.
-        (0.016, 0, True),
-        (0.018, 0, False),
-        # With 4 mm of either view's height it is 3 * sqrt(4) * 4 = 24 mm.
-        (0.023, 1, True),
-        (0.025, 1, False),
+        # Flatness alone, 1.3 mm on either side, gives 3 * sqrt(2) * 1.3 = 5.5 mm in one view.
+        (0.005, 0, True),
+        (0.006, 0, False),
+        # With 4 mm of either view's height it is 3 * sqrt(2 * (1.3^2 + 4^2)) = 17.8 mm.
+        (0.0175, 1, True),
+        (0.0185, 1, False),
     ],
 )
 def test_heights_of_two_views_differ_by_what_their_poses_leave_open(step, view, is_one):

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.surfaces.patch_planes import (
-    EFFECTIVE_POINTS,
-    fit_covariance,
-    fit_plane,
-    point_variance,
-    pose_covariance,
-)
+from tccm_ros.surfaces.patch_planes import fit_plane, pose_jacobian
+from tccm_ros.surfaces.plane_errors import fit_covariance, systematic_planes
 
 
 def covariance(points):
@@ -48,18 +43,47 @@ def test_the_plane_of_points_above_each_other_is_horizontal():
     assert fit_plane(np.diag([0.0, 0.0, 1e-4]))[0] == pytest.approx([0.0, 0.0, 1.0])
 
 
-@pytest.mark.parametrize("count", [int(EFFECTIVE_POINTS / 2), int(4 * EFFECTIVE_POINTS)])
-def test_the_covariance_of_a_fit_is_that_of_least_squares(count):
-    """Of z, and its slopes, at the mean of points; many are worth as much as some."""
-    rng = np.random.default_rng(count)
-    xy = rng.uniform(-0.6, 0.6, (count, 2)) @ [[1.0, 0.4], [0.0, 0.5]]
-    xy -= xy.mean(axis=0)
-    points = np.column_stack([xy, 0.03 * xy[:, 0] + rng.normal(0.0, 0.002, count)])
-    rows = np.column_stack([np.ones(count), xy])
-    cov = covariance(points)
-    worth = count / min(count, EFFECTIVE_POINTS)
-    expected = worth * point_variance(cov) * np.linalg.inv(rows.T @ rows)
-    assert fit_covariance(cov, count) == pytest.approx(expected, rel=1e-3, abs=1e-12)
+def test_the_covariance_of_a_fit_is_that_of_many_fits():
+    """Points with white noise on a tilted rectangle: the scatter of 400 fits."""
+    rng = np.random.default_rng(5)
+    found, fits = [], []
+    for _ in range(400):
+        xy = rng.uniform(-0.6, 0.6, (200, 2)) @ [[1.0, 0.4], [0.0, 0.5]]
+        z = 0.03 * xy[:, 0] + rng.normal(0.0, 0.01, 200)
+        points = np.column_stack([xy, z])
+        found.append(fit_covariance(points, np.ones(200)))
+        fits.append(np.linalg.lstsq(np.column_stack([np.ones(200), xy]), z, rcond=None)[0])
+    truth = np.diag(np.cov(np.array(fits).T))
+    # The blocks' sums count the white noise once more.
+    ratio = np.diag(np.mean(found, axis=0))[1:] / truth[1:]
+    assert (ratio > 1.0).all()
+    assert (ratio < 3.0).all()
+
+
+def test_errors_that_neighbours_have_in_common_make_a_fit_no_better_with_more_points():
+    """A patch that is bent by 5 mm: ten times the points leave its covariance as it is."""
+    sigmas = []
+    for count in (400, 4000):
+        xy = np.random.default_rng(count).uniform(-0.5, 0.5, (count, 2))
+        bent = 0.005 * np.sin(9.0 * xy[:, 0]) * np.cos(7.0 * xy[:, 1])
+        cov = fit_covariance(np.column_stack([xy, bent]), np.ones(count))
+        sigmas.append(np.sqrt(np.trace(cov[1:, 1:])))
+        # Independent residuals of the same size would make it better and better.
+        alone = np.std(bent) * np.sqrt(2.0 * 12.0 / count)
+    assert sigmas[1] == pytest.approx(sigmas[0], rel=0.4)
+    assert sigmas[1] > 3.0 * alone
+
+
+def test_a_systematic_error_tilts_the_plane_as_it_tilts_the_points():
+    rng = np.random.default_rng(2)
+    points = np.column_stack(
+        [rng.uniform(1.0, 2.0, 300), rng.uniform(-0.4, 0.4, 300), np.zeros(300)]
+    )
+    errors = np.zeros((300, 2, 3))
+    errors[:, 0, 2] = 0.004
+    errors[:, 1, 2] = 0.01 * (points[:, 0] - points[:, 0].mean())
+    found = systematic_planes(points, np.ones(300), errors)
+    assert found == pytest.approx(np.array([[0.004, 0.0], [0.0, 0.01], [0.0, 0.0]]), abs=1e-4)
 
 
 @pytest.mark.parametrize("yaw", [-2.0, 0.0, 0.8])
@@ -78,6 +102,7 @@ def test_a_pose_that_rises_rolls_or_pitches_moves_planes(yaw):
     moves = np.eye(3) * step
     J = np.array([(plane(*move) - plane(*-move)) / (2.0 * step) for move in moves]).T
     variances = np.diag([1e-4, 4e-4, 9e-4])
-    found = pose_covariance(pose_from_rpy([0.3, 0.4, 0.0, 0.0, 0.0, yaw]), variances, centroid)
+    derivative = pose_jacobian(pose_from_rpy([0.3, 0.4, 0.0, 0.0, 0.0, yaw]), centroid)
+    found = derivative @ variances @ derivative.T
     # The point that stays over the base's origin moves by the height times the rotation.
     assert found == pytest.approx(J @ variances @ J.T, rel=1e-4, abs=1e-9)

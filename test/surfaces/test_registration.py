@@ -8,10 +8,9 @@ from room import Board, Room, Screen
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, planar, spatial, transform, transform2
-from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import carve
-from tccm_ros.surfaces.registration import register_views, side_factors
+from tccm_ros.surfaces.registration import Registration, side_factors, variance_factor
 from tccm_ros.surfaces.side_matching import OPEN_SIGMA, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.surface_map import SurfaceMap
@@ -170,13 +169,51 @@ def test_a_table_that_was_moved_does_not_constrain_views():
     first, second = views_of(Room(TABLES[:1]), POSES[:1]), views_of(moved, POSES[:1])
     views = [first[0], replace(second[0], stamp_ns=99)]
     poses = np.array([POSES[0], POSES[0]])
-    factors = register_views(views, known(poses), CONFIG)
-    assert not [f for f in factors if isinstance(f, BetweenViews)]
+    factors = Registration(CONFIG).side_factors(views, known(poses))
+    assert factors == []
 
 
 def test_registration_of_the_same_views_gives_the_same_factors():
     views = views_of(Room(TABLES), POSES)
-    a, b = (register_views(views, known(POSES), CONFIG) for _ in range(2))
+    a, b = (Registration(CONFIG).side_factors(views, known(POSES)) for _ in range(2))
     assert len(a) == len(b)
     for x, y in zip(a, b):
         np.testing.assert_array_equal(x.cov, y.cov)
+
+
+@pytest.mark.parametrize("factor", [0.001, 0.1, 1.0])
+def test_the_variance_factor_of_poses_is_found_from_matches(factor):
+    rng = np.random.default_rng(8)
+    count = 200
+    matches = np.eye(3) * rng.uniform(0.01, 0.05, (count, 1, 1)) ** 2
+    starts = np.tile(np.diag([0.1, 0.1, 0.1]) ** 2, (count, 1, 1))
+    moved = [rng.multivariate_normal(np.zeros(3), m + factor * s) for m, s in zip(matches, starts)]
+    found = variance_factor(np.array(moved), matches, starts)
+    assert found == pytest.approx(factor, rel=0.5, abs=0.01)
+
+
+def test_matches_of_exact_poses_do_not_move_them():
+    """Sides that are off by their noise: the poses known so far are exact, and stay."""
+    rng = np.random.default_rng(3)
+    count = 30
+    matches = np.tile(np.diag([0.03, 0.03, 0.02]) ** 2, (count, 1, 1))
+    starts = np.tile(np.diag([0.06, 0.06, 0.04]) ** 2, (count, 1, 1))
+    moved = rng.multivariate_normal(np.zeros(3), matches[0], count)
+    assert variance_factor(moved, matches, starts) < 0.05
+    # One match is too few to say so.
+    assert variance_factor(moved[:1], matches[:1], starts[:1]) == 1.0
+
+
+def test_planes_move_no_view_in_x_y_and_yaw():
+    """Heights that are 3 mm off are shared out; what no plane tells stays bit for bit."""
+    views, poses = views_of(Room(TABLES), POSES), np.array(POSES)
+    T = spatial(poses)
+    T[1, 2, 3] += 0.003
+    solution = replace(known(poses), T_map_views=T)
+    registration = Registration(CONFIG)
+    registration.side_factors(views, solution)
+    found = registration.levelled(solution)
+    assert planar(found.T_map_views) == pytest.approx(poses, abs=1e-4)
+    z = found.T_map_views[:, 2, 3]
+    assert abs(z[1] - z[0]) < 0.0015
+    assert (found.cov_views[:, 5, 5] < 1e-4).all()

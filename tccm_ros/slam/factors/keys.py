@@ -75,11 +75,6 @@ def wall_key(index: int) -> Key:
     return Key("w", index)
 
 
-def surface_key(index: int) -> Key:
-    """Return the key of a surface plane; the index is the caller's."""
-    return Key("s", index)
-
-
 def corner_key(index: int) -> Key:
     """Return the key of a corner."""
     return Key("c", index)

@@ -5,9 +5,8 @@ import pytest
 from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors.building import WallDirection
-from tccm_ros.slam.factors.keys import keyframe_key, surface_key, view_key, wall_key
+from tccm_ros.slam.factors.keys import keyframe_key, view_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
-from tccm_ros.slam.factors.surfaces import ViewPlane
 from tccm_ros.slam.factors.views import BetweenViews, KeyframeView
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
@@ -119,95 +118,6 @@ def test_a_yaw_offset_of_keys_does_not_change_the_solution():
     # Both stop where a step changes the cost by less than 1e-5.
     assert np.allclose(results[0][0], results[1][0], atol=2e-3)
     assert np.allclose(results[0][1], results[1][1], rtol=0.02, atol=1e-6)
-
-
-def test_a_view_rolls_and_pitches_but_a_keyframe_does_not():
-    """A plane that is seen tilted rotates the view, within its sigmas, and not the keyframe."""
-    key, pitch_of_view = keyframe_key(0), np.radians(0.3)
-    level = np.array([0.0, 0.0, 1.0])
-    tilted = np.array([np.sin(pitch_of_view), 0.0, np.cos(pitch_of_view)])
-    sharp = np.eye(3) * 1e-8
-    factors = [
-        PriorPose(key, np.zeros(3), COV * 1e-6),
-        KeyframeView(key, view_key(0), np.zeros(3), COV * 1e-4),
-        KeyframeView(key, view_key(1), np.zeros(3), COV * 1e-4),
-        ViewPlane(0, 5, level, 0.7 * level, sharp),
-        ViewPlane(1, 5, tilted, 0.7 * tilted, sharp),
-    ]
-    starts = {key: np.zeros(3), view_key(0): np.zeros(3), view_key(1): np.zeros(3)}
-    solution = solve_graph(factors, starts)
-    normals = [solution.pose(view_key(v))[:3, :3] @ n for v, n in enumerate([level, tilted])]
-    assert np.allclose(normals[0], normals[1], atol=1e-4)
-    # Two views share the disagreement evenly.
-    pitch = np.arcsin(-solution.pose(view_key(1))[2, 0])
-    assert abs(pitch) == pytest.approx(pitch_of_view / 2, rel=0.05)
-    assert np.allclose(solution.pose(key), np.eye(4), atol=1e-6)
-    assert solution.plane(surface_key(5))[3] == pytest.approx(-0.7, abs=0.01)
-
-
-def test_a_wrong_slope_does_not_change_heights_where_a_surface_was_seen():
-    """Of a board 4 m away views know the height to 1 mm, but the slope only to 20 mrad."""
-    key, middle = keyframe_key(0), np.array([4.0, 0.5, 0.7])
-    cov = np.diag([0.02**2, 0.02**2, 0.001**2])
-    normals = [np.array([0.0, 0.0, 1.0]), np.array([-0.03, 0.02, np.sqrt(1.0 - 0.0013)])]
-    factors = [PriorPose(key, np.zeros(3), COV * 1e-6)]
-    for view, normal in enumerate(normals):
-        factors.append(KeyframeView(key, view_key(view), np.zeros(3), COV * 1e-4))
-        factors.append(ViewPlane(view, 5, normal, middle, cov))
-    starts = {k: np.zeros(3) for k in (key, view_key(0), view_key(1))}
-    solution = solve_graph(factors, starts)
-    heights = [(solution.pose(view_key(v)) @ [*middle, 1.0])[2] for v in range(2)]
-    assert heights[1] == pytest.approx(heights[0], abs=3e-4)
-    assert np.allclose(solution.pose(view_key(1))[2, :2], 0.0, atol=0.002)
-
-
-def test_a_bent_floor_rotates_no_view():
-    """Of four pieces of a floor one is 60 mm lower than its sigma of 1.5 mm explains."""
-    key = keyframe_key(0)
-    up = np.array([0.0, 0.0, 1.0])
-    cov = np.diag([0.01**2, 0.003**2, 0.0015**2])
-    pieces = [(0, 0.0), (0, 0.0), (1, 0.0), (1, -0.06)]
-    factors = [PriorPose(key, np.zeros(3), COV * 1e-6)]
-    factors += [KeyframeView(key, view_key(view), np.zeros(3), COV * 1e-4) for view in range(2)]
-    factors += [
-        ViewPlane(view, 5, up, np.array([0.5 + (n % 2), 0.1, z]), cov)
-        for n, (view, z) in enumerate(pieces)
-    ]
-    starts = {k: np.zeros(3) for k in (key, view_key(0), view_key(1))}
-    solution = solve_graph(factors, starts)
-    for view in range(2):
-        assert np.allclose(solution.pose(view_key(view))[2, :2], 0.0, atol=np.radians(1.0))
-
-
-def test_the_derivatives_of_a_plane_of_a_view_are_those_of_its_residual():
-    rng = np.random.default_rng(6)
-    sigma = 100.0  # every residual is within the threshold of the robust noise
-    for _ in range(20):
-        T = gtsam.Pose3.Expmap(rng.normal(0.0, [0.05, 0.05, 2.0, 3.0, 3.0, 0.1]))
-        normal = np.array([*rng.normal(0.0, 0.05, 2), 1.0])
-        plane = gtsam.OrientedPlane3(np.array([*normal, rng.normal()]))
-        seen = T.rotation().matrix().T @ normal / np.linalg.norm(normal)
-        factor = ViewPlane(0, 1, seen, rng.normal(0.0, 3.0, 3), sigma**2 * np.eye(3))
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        factor.add_to(graph)
-        values.insert(view_key(0).symbol, T)
-        values.insert(surface_key(1).symbol, plane)
-        jacobian, residual = graph.linearize(values).jacobian(
-            gtsam.Ordering([view_key(0).symbol, surface_key(1).symbol])
-        )
-
-        def moved(step, values=values, graph=graph):
-            delta = gtsam.VectorValues()
-            delta.insert(view_key(0).symbol, step[:6])
-            delta.insert(surface_key(1).symbol, step[6:])
-            ordering = gtsam.Ordering([view_key(0).symbol, surface_key(1).symbol])
-            return -graph.linearize(values.retract(delta)).jacobian(ordering)[1]
-
-        step = 1e-6
-        for column, one in enumerate(np.eye(9)):
-            slope = (moved(step * one) - moved(-step * one)) / (2.0 * step)
-            assert sigma * slope == pytest.approx(sigma * jacobian[:, column], abs=1e-5)
-        assert np.allclose(residual[:2], 0.0, atol=1e-12)
 
 
 def test_registration_of_views_is_robust_against_an_outlier():

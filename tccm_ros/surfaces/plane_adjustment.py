@@ -1,0 +1,163 @@
+"""Adjustment of z, roll and pitch of views by the planes of surfaces that several views saw.
+
+Horizontal planes say nothing of x, y and yaw, so that the adjustment is outside the graph, and
+linear: unknown are (z, roll, pitch) of each view, the parts of its systematic error, and the plane
+of each surface. What views see of a surface is compared at the centroid of each patch. A patch that
+contradicts the others, by its residual and the covariance of that, is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.surfaces.patch_planes import PatchPlanes
+
+SIGNIFICANCE = 1e-3
+"""Probability at which a patch is left out that contradicts the others by chance alone; chosen:
+one in a thousand of those that agree is lost."""
+
+MIN_REDUNDANCY = 1e-6
+"""The residual is not tested in directions in which its variance is less than this fraction of the
+patch's own: the patch alone determines the solution there. A numerical tolerance."""
+
+OPEN_INFORMATION = 1e-6
+"""Information of a surface's plane before it was seen, 1/m2 and 1: it is open. A numerical
+tolerance, so that a plane of which every patch was left out has an inverse."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneAdjustment:
+    """What the planes of surfaces say of V views.
+
+    Attributes
+    ----------
+    correction
+        float64 (V, 3), of z, roll and pitch, m and rad.
+    cov
+        float64 (V, 3, 3), of the same after the correction.
+    used
+        bool (P,), whether a patch agrees with the others.
+    chi2
+        float64 (P,), squared residual of each patch over its covariance.
+    freedom
+        int64 (P,), its degrees of freedom.
+    """
+
+    correction: Float64
+    cov: Float64
+    used: Bool
+    chi2: Float64
+    freedom: Int64
+
+
+def adjust_planes(
+    planes: PatchPlanes, jacobians: Float64, surface: Int64, cov_z_roll_pitch: Float64
+) -> PlaneAdjustment:
+    """Estimate z, roll and pitch of views so that the planes of surfaces agree.
+
+    Parameters
+    ----------
+    planes
+        P patches.
+    jacobians
+        float64 (P, 3, 3), derivatives of their planes by (z, roll, pitch) (`pose_jacobian`).
+    surface
+        int64 (P,), the surface of each patch, from 0.
+    cov_z_roll_pitch
+        float64 (V, 3, 3), of the poses as they are known without planes.
+    """
+    used = np.ones(len(surface), np.bool_)
+    limits = chi2.ppf(1.0 - SIGNIFICANCE, np.arange(1, 4))
+    while True:
+        system = _System(planes, jacobians, surface, cov_z_roll_pitch, used)
+        square, freedom = system.residuals()
+        excess = np.where(used & (freedom > 0), square / limits[np.maximum(freedom, 1) - 1], 0.0)
+        # Of each surface the worst: it may be why the others do not agree.
+        worst = np.lexsort((-excess, surface))
+        worst = worst[np.unique(surface[worst], return_index=True)[1]]
+        out = worst[excess[worst] > 1.0]
+        if not len(out):
+            return PlaneAdjustment(
+                system.correction[:, :3], system.cov_views[:, :3, :3], used, square, freedom
+            )
+        used[out] = False
+
+
+class _System:
+    """The normal equations, solved: of each view six unknowns or more, of each surface three.
+
+    Views are eliminated first: each is connected to surfaces alone.
+    """
+
+    def __init__(
+        self,
+        planes: PatchPlanes,
+        jacobians: Float64,
+        surface: Int64,
+        cov_z_roll_pitch: Float64,
+        used: Bool,
+    ) -> None:
+        V, S, parts = len(cov_z_roll_pitch), int(surface.max(initial=-1)) + 1, planes.systematic
+        self._view, self._surface, self._used = planes.view_index, surface, used
+        count = np.maximum(np.bincount(surface, minlength=S), 1)
+        middle = np.stack(
+            [np.bincount(surface, planes.centroid[:, k], S) / count for k in range(3)], axis=1
+        )
+        # The measured plane plus B u (of the view) equals H theta (of the surface).
+        self._B = np.concatenate([jacobians, -parts], axis=2)
+        self._H = np.tile(np.eye(3), (len(surface), 1, 1))
+        offset = planes.centroid - middle[surface]
+        self._H[:, 0, 1:] = offset[:, :2]
+        self._y = np.column_stack([offset[:, 2], planes.slope])
+        self._cov = planes.cov_fit
+        W = np.linalg.inv(self._cov) * used[:, None, None]
+        D = self._B.shape[2]
+        prior = np.zeros((V, D, D))
+        prior[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch)
+        prior[:, 3:, 3:] = np.eye(D - 3)
+        BtW = self._B.transpose(0, 2, 1) @ W
+        HtW = self._H.transpose(0, 2, 1) @ W
+        np.add.at(prior, self._view, BtW @ self._B)
+        views = np.linalg.inv(prior)
+        blocks, info = np.zeros((V, S, D, 3)), np.zeros((S, 3, 3))
+        np.add.at(blocks, (self._view, surface), -(BtW @ self._H))
+        np.add.at(info, surface, HtW @ self._H)
+        right_views, right = np.zeros((V, D)), np.zeros((S, 3))
+        np.add.at(right_views, self._view, -(BtW @ self._y[:, :, None])[:, :, 0])
+        np.add.at(right, surface, (HtW @ self._y[:, :, None])[:, :, 0])
+        cross = blocks.transpose(0, 2, 1, 3).reshape(V, D, 3 * S)
+        gain = views @ cross
+        information = block_diag(*info) - np.tensordot(cross, gain, axes=([0, 1], [0, 1]))
+        information += np.eye(3 * S) * OPEN_INFORMATION
+        cov_surfaces = np.linalg.inv(information)
+        seen = right.reshape(-1) - np.tensordot(gain, right_views, axes=([0, 1], [0, 1]))
+        surfaces = cov_surfaces @ seen
+        self._planes, self._cov_surfaces, self._gain = surfaces.reshape(S, 3), cov_surfaces, gain
+        self.correction = (views @ right_views[:, :, None])[:, :, 0] - gain @ surfaces
+        self.cov_views = views + gain @ cov_surfaces @ gain.transpose(0, 2, 1)
+
+    def residuals(self) -> tuple[Float64, Int64]:
+        """Return squared residuals over their covariance, float64 (P,), and their freedom."""
+        rows = np.arange(3)
+        columns = 3 * self._surface[:, None] + rows
+        H, B, gain = self._H, self._B, self._gain[self._view]
+        cov_plane = self._cov_surfaces[columns[:, :, None], columns[:, None, :]]
+        cov_both = -gain @ self._cov_surfaces[:, columns].transpose(1, 0, 2)
+        between = B @ cov_both @ H.transpose(0, 2, 1)
+        known = B @ self.cov_views[self._view] @ B.transpose(0, 2, 1)
+        known += H @ cov_plane @ H.transpose(0, 2, 1) - between - between.transpose(0, 2, 1)
+        # A patch that is used has pulled the solution to itself, another has not.
+        cov = self._cov + np.where(self._used, -1.0, 1.0)[:, None, None] * known
+        r = self._y + (B @ self.correction[self._view][:, :, None])[:, :, 0]
+        r -= (H @ self._planes[self._surface][:, :, None])[:, :, 0]
+        whiten = np.linalg.inv(np.linalg.cholesky(self._cov))
+        values, axes = np.linalg.eigh(whiten @ cov @ whiten.transpose(0, 2, 1))
+        along = (axes.transpose(0, 2, 1) @ whiten @ r[:, :, None])[:, :, 0]
+        is_tested = values > MIN_REDUNDANCY
+        square = np.where(is_tested, along**2 / np.where(is_tested, values, 1.0), 0.0)
+        return square.sum(axis=1), is_tested.sum(axis=1)

@@ -81,7 +81,10 @@ def reading_messages() -> None:
     for role in ("odom", "joint_states", "scan"):
         msgtype, read, fast = READERS[role]
         assert fast is not None
-        data = [message.data for message in file.messages([f"/{role}"])]
+        data = [
+            message.data
+            for message in file.messages([t for t in file.topics if t.topic == f"/{role}"])
+        ]
         works: list[Callable[[bytes], Any]] = [
             lambda raw, kind=msgtype: STORE.deserialize_cdr(raw, kind),
             lambda raw, kind=msgtype, read=read: read(TYPES.deserialize(kind, raw)),

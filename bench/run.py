@@ -24,6 +24,7 @@ from tables import values_of
 from tccm_peers import find_octomap
 
 HERE = Path(__file__).resolve().parent
+os.environ.setdefault("TCCM_STRICT", "1")  # a stage that fails is a fault
 RESULTS = HERE / "results.json"
 IN_SHORT = {
     "bench_catalogue": ("--maps", "1000"),

@@ -9,6 +9,7 @@ from hypothesis import settings
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault("TCCM_STRICT", "1")  # a stage that hangs on the map and fails is a fault
 
 # The same examples in every run, so that a commit is green or red for everyone alike. To look for
 # new counterexamples: HYPOTHESIS_PROFILE=search make test. What is found becomes an @example.

@@ -151,7 +151,8 @@ def test_info_distinguishes_the_lasers(capsys, monkeypatch):
     """Of two lasers with other names, the one that a joint moves is the tilting one."""
     _, out, _ = run(capsys, monkeypatch, "info", BAGS / "upside_down")
     assert out.splitlines()[-1] == (
-        "try --remap tilt_scan:=/nod_lidar/scan --remap joint_states:=/dynamixel/joint_states "
+        f"try tccm replay {BAGS / 'upside_down'} --out map "
+        "--remap tilt_scan:=/nod_lidar/scan --remap joint_states:=/dynamixel/joint_states "
         "--remap odom:=/wheel_odom --remap scan:=/front_lidar/scan"
     )
 

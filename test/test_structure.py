@@ -14,6 +14,7 @@ ROOMS = [
     "config",
     "progress",
     "stopwatch",
+    "stages",
     "kernel_cache",
     "kernels",
     "arrays",

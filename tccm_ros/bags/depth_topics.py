@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from tccm_ros.bags.reader import BagReader
+from tccm_ros.bags.reader import BagReader, TopicInfo
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MessageError
 from tccm_ros.records.building import frame_name
@@ -50,20 +51,16 @@ class DepthTopic:
 def depth_topics(reader: BagReader) -> list[DepthTopic]:
     """Return the topics of depth images in a bag, with or without a calibration."""
     found = []
-    for topic in reader.topics():
-        if not topic.count:
+    for topic, message in first_messages(reader, IMAGE, PACKED):
+        is_compressed = topic.msgtype == PACKED
+        if is_compressed and is_depth_format(str(message.format)):
+            size = None
+        elif not is_compressed and str(message.encoding) in DEPTH_ENCODINGS:
+            size = int(message.width), int(message.height)
+        else:
             continue
-        if topic.msgtype == IMAGE:
-            message = first_message(reader, topic.name)
-            if message is not None and str(message.encoding) in DEPTH_ENCODINGS:
-                size = int(message.width), int(message.height)
-                frame = frame_name(message.header.frame_id)
-                found.append(DepthTopic(topic.name, frame, size, is_compressed=False))
-        elif topic.msgtype == PACKED:
-            message = first_message(reader, topic.name)
-            if message is not None and is_depth_format(str(message.format)):
-                frame = frame_name(message.header.frame_id)
-                found.append(DepthTopic(topic.name, frame, None, is_compressed=True))
+        frame = frame_name(message.header.frame_id)
+        found.append(DepthTopic(topic.name, frame, size, is_compressed))
     best: dict[str, DepthTopic] = {}
     for image in found:
         kept = best.setdefault(uncompressed(image.topic), image)
@@ -78,10 +75,19 @@ def _preference(image: DepthTopic) -> int:
     return COMPRESSED.index(last) + 1 if last in COMPRESSED else 0
 
 
-def first_message(reader: BagReader, topic: str) -> Any | None:
-    """Return the first message of a topic, None where it cannot be read."""
+def first_messages(reader: BagReader, *msgtypes: str) -> Iterator[tuple[TopicInfo, Any]]:
+    """Yield the topics of some types whose first message can be decoded, and that message."""
+    for topic in reader.topics():
+        if topic.msgtype in msgtypes:
+            message = first_message(reader, topic.name, topic.msgtype)
+            if message is not None:
+                yield topic, message
+
+
+def first_message(reader: BagReader, topic: str, msgtype: str) -> Any | None:
+    """Return the first message of a topic and type, None where there is none to decode."""
     types = TypestoreMessages()
-    for message in reader.messages([topic]):
+    for message in reader.messages([topic], msgtype):
         with suppress(MessageError):
             return types.deserialize(message.msgtype, message.data)
         return None
@@ -93,7 +99,7 @@ def calibration_topic(reader: BagReader, image: DepthTopic) -> str | None:
 
     It stands beside the images, or is the only one of their frame and size.
     """
-    infos = [t.name for t in reader.topics() if t.count and t.msgtype == INFO]
+    infos = [t.name for t in reader.topics() if t.count and not t.why_not_read(INFO)]
     beside = camera_info_topic(image.topic)
     if beside in infos:
         return beside
@@ -102,7 +108,7 @@ def calibration_topic(reader: BagReader, image: DepthTopic) -> str | None:
 
 
 def _fits(reader: BagReader, info: str, image: DepthTopic) -> bool:
-    message = first_message(reader, info)
+    message = first_message(reader, info, INFO)
     if message is None or frame_name(message.header.frame_id) != image.frame_id:
         return False
     with suppress(MessageError):
@@ -121,12 +127,7 @@ def unreadable_topics(reader: BagReader, named: set[str]) -> list[str]:
         Topics that are named as those of depth images: another image is no depth image.
     """
     notes = []
-    for topic in reader.topics():
-        if not topic.count or topic.msgtype not in (IMAGE, PACKED, CLOUD):
-            continue
-        message = first_message(reader, topic.name)
-        if message is None:
-            continue
+    for topic, message in first_messages(reader, IMAGE, PACKED, CLOUD):
         if topic.msgtype == PACKED:
             text = str(message.format)
             is_depth = text.startswith(("16UC1", "32FC1")) and not is_depth_format(text)

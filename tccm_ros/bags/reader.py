@@ -8,20 +8,17 @@ out; damage of the storage ends the reading with a BagError, after all that came
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from heapq import merge
 from operator import attrgetter
 from pathlib import Path
 from types import TracebackType
-from typing import cast
-
-from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from tccm_ros.bags.bag_files import storage_paths, unpacked
 from tccm_ros.bags.offered_qos import Qos, qos_of_publishers
-from tccm_ros.bags.storage import BagMessage, StorageFile
+from tccm_ros.bags.storage import BagMessage, StorageFile, StoredTopic
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import BagError, MessageError, TopicError, one_line, suggest
@@ -40,13 +37,18 @@ DEFAULT_TOPICS: Mapping[str, str] = {
 }
 """Default topic of each role (docs/reference/files.md, 'Recordings')."""
 
+CDR, ROS1 = "cdr", "ros1"
+"""Encodings of messages: of ROS 2, and of recordings that hold ROS 1 messages as they were."""
+
+FROM_ROS1 = "convert the original .bag: rosbags-convert --src FILE.bag --dst FOLDER"
+
 BagPaths = Path | str | Sequence[Path | str]
 """A recording: one bag, or several that are read as one."""
 
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic of a bag.
+    """A topic of a bag, with its messages of one type.
 
     Attributes
     ----------
@@ -54,11 +56,30 @@ class TopicInfo:
         Names.
     count
         Number of messages.
+    encoding
+        Of the messages; only those in ``cdr`` can be decoded.
     """
 
     name: str
     msgtype: str
     count: int
+    encoding: str = CDR
+
+    def why_not_read(self, expected: str) -> str:
+        """Return why a role cannot read these messages, empty if it can.
+
+        Parameters
+        ----------
+        expected
+            The type that the role needs.
+        """
+        if self.encoding.startswith(ROS1):
+            return f"{self.name} holds ROS 1 messages ('{self.encoding}'); {FROM_ROS1}"
+        if self.msgtype != expected:
+            return f"{self.name} is {self.msgtype}, expected {expected}"
+        if self.encoding != CDR:
+            return f"{self.name} is serialised as '{self.encoding}', expected {CDR}"
+        return ""
 
 
 def remap_topics(
@@ -115,8 +136,6 @@ class BagReader:
     ------
     BagError
         For a bag that is missing, empty, truncated or damaged, or named twice.
-    TopicError
-        Where a topic has one type in one file, and another one in the next.
     """
 
     def __init__(self, bag: BagPaths, readers: Mapping[str, MessageReader] = READERS) -> None:
@@ -132,7 +151,6 @@ class BagReader:
                 for file in _all_files(paths)
             ]
             self._files.sort(key=lambda file: file.start_ns)
-            _check_types_agree(self._files)
             self._open_files = stack.pop_all()
         spans = [file for file in self._files if file.end_ns]
         self.start_ns = min((file.start_ns for file in spans), default=0)
@@ -163,21 +181,28 @@ class BagReader:
         return (self.end_ns - self.start_ns) * 1e-9
 
     def topics(self) -> list[TopicInfo]:
-        """Return the topics of the bag, by name."""
-        counts: Counter[tuple[str, str]] = Counter()
-        for topic in self._connections():
-            counts[topic.topic, topic.msgtype] += topic.msgcount
-        return [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
+        """Return the topics of the bag, by name; a topic of two types is there twice."""
+        counts: Counter[tuple[str, str, str]] = Counter()
+        for topic in self._stored():
+            counts[topic.topic, topic.msgtype, topic.encoding] += topic.count
+        return [
+            TopicInfo(name, kind, count, encoding)
+            for (name, kind, encoding), count in sorted(counts.items())
+        ]
 
     def qos(self, topic: str) -> Qos:
         """Return the quality of service of a topic's publishers, or the topic's default."""
-        same = [_stored(c) for c in self._connections() if c.topic == topic]
-        return qos_of_publishers([qos for c in same for qos in c.offered_qos_profiles], topic)
+        return qos_of_publishers(
+            [qos for stored in self._stored() if stored.topic == topic for qos in stored.qos], topic
+        )
 
     def missing(self, role: str, topic: str) -> str:
-        """Explain that a topic is not here: the message for a TopicError of the pipeline."""
+        """Explain that a topic is not here, or cannot be read: the message for a TopicError."""
         msgtype = self._readers[role].message_type
-        same = sorted({c.topic for c in self._connections() if c.msgtype == msgtype})
+        unread = [info.why_not_read(msgtype) for info in self.topics() if info.name == topic]
+        if unread:
+            return f"{self.path}: {unread[0]}"
+        same = sorted({info.name for info in self.topics() if not info.why_not_read(msgtype)})
         if same:
             hint = f"; of this type there are: {', '.join(same)}; "
             if len(same) == 1:
@@ -185,35 +210,41 @@ class BagReader:
             else:
                 hint += "'tccm info' suggests --remap options"
         else:
-            hint = suggest(topic, {c.topic for c in self._connections()})
+            hint = suggest(topic, {info.name for info in self.topics()})
         return f"{self.path}: no topic {topic} ({msgtype}){hint}"
 
-    def messages(self, topics: Iterable[str] | None = None) -> Iterator[BagMessage]:
-        """Yield serialised messages in log order, of some topics or of all.
+    def messages(
+        self, topics: Iterable[str] | None = None, msgtype: str | None = None
+    ) -> Iterator[BagMessage]:
+        """Yield serialised messages in log order; only those in CDR.
+
+        Parameters
+        ----------
+        topics
+            Their names; None for all.
+        msgtype
+            Of the messages; None for any.
 
         Raises
         ------
         BagError
             At the first damage, after all messages before it.
-        TopicError
-            Where a topic is not serialised as CDR.
         """
-        wanted = None if topics is None else set(topics)
-        for connection in self._connections():
-            if wanted is None or connection.topic in wanted:
-                _check_encoding(self.path, connection)
-        files = (_begun_when_due(file, wanted) for file in self._files)
-        for message in merge(*files, key=attrgetter("log_ns")):
-            if message.topic:
-                yield message
+        wanted = None if topics is None else frozenset(topics)
+        yield from self._messages(
+            lambda stored: (
+                (wanted is None or stored.topic in wanted) and msgtype in (None, stored.msgtype)
+            )
+        )
 
     def records(
         self, topics: Mapping[str, str] = DEFAULT_TOPICS
     ) -> Iterator[tuple[str, int, Record]]:
         """Yield (role, log time in ns, record) in log order.
 
-        A tf message gives a record per transform. Topics that are not in the bag give nothing;
-        whether that matters is the caller's decision (see `missing`).
+        A tf message gives a record per transform. Topics that are not in the bag give nothing, nor
+        do messages of another type or encoding than their role needs; whether that matters is the
+        caller's decision (see `missing` and `TopicInfo.why_not_read`).
 
         Parameters
         ----------
@@ -222,21 +253,22 @@ class BagReader:
 
         Raises
         ------
-        TopicError
-            Where a topic has another type than its role needs.
         BagError
             At the first damage, after all records before it.
         """
         roles = defaultdict(list)
         for role, topic in topics.items():
-            roles[topic].append(role)
-        for connection in self._connections():
-            for role in roles.get(connection.topic, ()):
-                _check_type(self.path, connection, role, self._readers[role].message_type)
-        for message in self.messages(roles):
-            for role in roles[message.topic]:
+            roles[topic, self._readers[role].message_type].append(role)
+        for message in self._messages(lambda stored: (stored.topic, stored.msgtype) in roles):
+            for role in roles[message.topic, message.msgtype]:
                 for record in self._read(role, message):
                     yield role, message.log_ns, record
+
+    def _messages(self, is_wanted: Callable[[StoredTopic], bool]) -> Iterator[BagMessage]:
+        files = (_begun_when_due(file, is_wanted) for file in self._files)
+        for message in merge(*files, key=attrgetter("log_ns")):
+            if message.topic:
+                yield message
 
     def _read(self, role: str, message: BagMessage) -> Sequence[Record]:
         try:
@@ -246,9 +278,9 @@ class BagReader:
             self.problems.setdefault(message.topic, one_line(error))
             return ()
 
-    def _connections(self) -> Iterator[Connection]:
+    def _stored(self) -> Iterator[StoredTopic]:
         for file in self._files:
-            yield from file.connections
+            yield from file.topics
 
 
 def _all_files(paths: Sequence[Path]) -> list[Path]:
@@ -260,40 +292,13 @@ def _all_files(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
-def _begun_when_due(file: StorageFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
+def _begun_when_due(
+    file: StorageFile, is_wanted: Callable[[StoredTopic], bool]
+) -> Iterator[BagMessage]:
     """Yield a message without topic in place of a file, then its messages.
 
     The file is not read before that message is due: of a recording in a thousand splits one is in
     memory.
     """
     yield BagMessage("", "", file.start_ns, b"")
-    yield from file.messages(topics)
-
-
-def _stored(connection: Connection) -> ConnectionExtRosbag2:
-    return cast(ConnectionExtRosbag2, connection.ext)
-
-
-def _check_types_agree(files: Iterable[StorageFile]) -> None:
-    first: dict[str, tuple[StorageFile, str]] = {}
-    for file in files:
-        for connection in file.connections:
-            other, msgtype = first.setdefault(connection.topic, (file, connection.msgtype))
-            if other is not file and msgtype != connection.msgtype:
-                raise TopicError(
-                    f"{connection.topic} is {msgtype} in {other.path} and {connection.msgtype} in "
-                    f"{file.path}; no one recording has both"
-                )
-
-
-def _check_encoding(path: str, connection: Connection) -> None:
-    encoding = _stored(connection).serialization_format
-    if encoding != "cdr":
-        raise TopicError(f"{path}: {connection.topic} is serialised as '{encoding}', expected cdr")
-
-
-def _check_type(path: str, connection: Connection, role: str, expected: str) -> None:
-    if connection.msgtype != expected:
-        raise TopicError(
-            f"{path}: {connection.topic} is {connection.msgtype}, expected {expected} for {role}"
-        )
+    yield from file.messages([t for t in file.topics if t.encoding == CDR and is_wanted(t)])

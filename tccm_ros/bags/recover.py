@@ -120,7 +120,7 @@ class _Copier:
         self._writer = writer
         self._types = types
         self._found = found
-        self._schemas: dict[int, Schema] = {}
+        self._schemas = {0: Schema(id=0, name="", encoding="", data=b"")}  # of channels without one
         self._channels: dict[int, Channel] = {}
 
     def copy(self, path: Path) -> None:
@@ -181,13 +181,20 @@ class _Copier:
         self._found.messages += 1
 
     def _declare(self, channel: Channel, schema: Schema) -> None:
-        text, encoding = schema.data.decode(errors="replace"), schema.encoding
+        text, encoding = schema.data, schema.encoding
         if not text and self._types.knows(schema.name):
-            text, encoding = self._types.definition(schema.name), "ros2msg"
+            text, encoding = self._types.definition(schema.name).encode(), "ros2msg"
         profiles: list[Any] = []
         with suppress(Exception):  # of a damaged text the topic's default is taken
             profiles = list(dump_qos_v9(parse_qos(channel.metadata.get(QOS_KEY, ""))))
-        self._writer.add_channel(channel.topic, schema.name, text, encoding, profiles)
+        self._writer.add_channel(
+            channel.topic,
+            schema.name,
+            text,
+            encoding,
+            profiles,
+            serialization=channel.message_encoding,
+        )
         self._found.topics += 1
 
 
@@ -252,11 +259,11 @@ def _records_of_database(database: sqlite3.Connection) -> Iterator[McapRecord]:
     with suppress(sqlite3.Error):
         rows = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
         definitions = {kind: (text, encoding) for kind, text, encoding in database.execute(rows)}
-    rows = f"SELECT id, name, type, {qos} FROM topics ORDER BY id"
-    for number, name, kind, offered in database.execute(rows):
+    rows = f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
+    for number, name, kind, serialization, offered in database.execute(rows):
         text, encoding = definitions.get(kind, ("", ""))
         yield Schema(id=number, name=kind, encoding=encoding, data=text.encode())
-        yield Channel(number, name, "cdr", {QOS_KEY: offered or ""}, number)
+        yield Channel(number, name, serialization, {QOS_KEY: offered or ""}, number)
     for topic, log_ns, data in _rows_from_both_ends(database):
         yield Message(channel_id=topic, log_time=log_ns, publish_time=log_ns, sequence=0, data=data)
 

@@ -6,6 +6,7 @@ is said; several are an error that names them and what to write.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -15,14 +16,15 @@ from tccm_ros.bags.depth_topics import (
     calibration_topic,
     depth_topics,
     first_message,
+    first_messages,
 )
-from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.bags.reader import CDR, DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
-from tccm_ros.records import CameraImage
+from tccm_ros.records import CameraImage, DepthImage, PointCloud, Scan
 from tccm_ros.records.building import frame_name
-from tccm_ros.robot import Robot, Stream
+from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.camera_image import (
     CHANNELS,
@@ -46,7 +48,17 @@ MAX_READ_NS = 5_000_000_000
 ROBOT_ROLES = ("odom", "joint_states")
 """What tells of the robot itself: taken by type where there is one topic of it alone."""
 
+OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
+"""Roles that tell of frames: without any of them a level laser or a lidar is the base."""
+
 LASER = READERS["scan"].message_type
+
+SETTINGS = {
+    (Scan, MountKind.TILTING): "sensors.tilt_scans",
+    (DepthImage, MountKind.ANY): "sensors.depth_images",
+    (PointCloud, MountKind.ANY): "sensors.point_clouds",
+}
+"""What names the topics of a kind of sensor."""
 
 
 @dataclass(slots=True)
@@ -63,6 +75,12 @@ class TopicChoice:
         One line for each topic that was taken by its type, and its role.
     named
         Roles whose topic the user named.
+    counts
+        Messages of each role that can be read.
+    unread
+        One line for messages on these topics that cannot be read, and their number.
+    doubts
+        Topics of which any could be meant, by role.
     """
 
     topics: dict[str, str]
@@ -70,6 +88,33 @@ class TopicChoice:
     found: list[str] = field(default_factory=list)
     found_roles: list[str] = field(default_factory=list)
     named: frozenset[str] = frozenset()
+    counts: dict[str, int] = field(default_factory=dict)
+    unread: dict[str, int] = field(default_factory=dict)
+    doubts: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> list[str]:
+        """Lines for a user: topics taken by their type, and messages that cannot be read."""
+        unread = (f"{why}: {n} messages are not read" for why, n in self.unread.items())
+        return [*self.found, *unread]
+
+    def doubt_lines(self) -> list[str]:
+        """Return a line for each role of which several topics could be meant."""
+        lines = []
+        for role, candidates in self.doubts.items():
+            names = " or ".join(f"--remap {role}:={topic}" for topic in candidates)
+            stream = next(stream for stream in self.streams if stream.role == role)
+            setting = SETTINGS.get((stream.record, stream.mount))
+            off = f", or --set {setting}=[] to use none" if setting else ""
+            lines.append(
+                f"no topic {self.topics[role]}, and several could be meant; use {names}{off}"
+            )
+        return lines
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether nothing that can be read tells of frames or odometry."""
+        return not any(self.counts[role] for role in OF_FRAMES)
 
     @property
     def readers(self) -> dict[str, MessageReader]:
@@ -81,7 +126,9 @@ class TopicChoice:
         return readers
 
 
-def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) -> TopicChoice:
+def choose_topics(
+    reader: BagReader, config: Config, remap: Sequence[str] = (), *, may_doubt: bool = False
+) -> TopicChoice:
     """Return the topics of a replay.
 
     Parameters
@@ -92,6 +139,8 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
         `sensors` names the topics.
     remap
         ``scan:=/base_scan`` for topics with other names.
+    may_doubt
+        Whether several topics that could be meant are `TopicChoice.doubts`; else they are an error.
 
     Raises
     ------
@@ -117,8 +166,26 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
     search.find_depth_images(config)
     search.find_clouds(config)
     search.find_pictures(config)
+    for doubt in () if may_doubt else choice.doubt_lines():
+        raise TopicError(f"{reader.path}: {doubt}")
     choice.streams = tuple(search.with_reader(stream) for stream in streams)
+    _count_messages(reader, choice)
     return choice
+
+
+def _count_messages(reader: BagReader, choice: TopicChoice) -> None:
+    """Count the messages of each role that can be read, and those on its topic that cannot."""
+    readers = {**READERS, **choice.readers}
+    for role, topic in choice.topics.items():
+        choice.counts[role] = 0
+        for info in reader.topics():
+            if info.name != topic or not info.count:
+                continue
+            why = info.why_not_read(readers[role].message_type)
+            if why:
+                choice.unread[why] = info.count
+            else:
+                choice.counts[role] += info.count
 
 
 def picture_topics(reader: BagReader) -> list[str]:
@@ -127,14 +194,12 @@ def picture_topics(reader: BagReader) -> list[str]:
     Of one camera the compressed ones are returned only where there are no plain ones.
     """
     plain, compressed = [], []
-    for topic in reader.topics():
-        message = first_message(reader, topic.name) if topic.count else None
-        if message is None:
-            continue
+    kinds = PICTURE_READER.message_type, COMPRESSED_PICTURE_READER.message_type
+    for topic, message in first_messages(reader, *kinds):
         if topic.msgtype == PICTURE_READER.message_type:
             if str(message.encoding) in CHANNELS:
                 plain.append(topic.name)
-        elif topic.msgtype == COMPRESSED_PICTURE_READER.message_type:
+        else:
             text = str(message.format)
             if not is_depth_format(text) and ("jpeg" in text or "png" in text):
                 compressed.append(topic.name)
@@ -147,43 +212,53 @@ class _Search:
     def __init__(self, reader: BagReader, choice: TopicChoice) -> None:
         self._reader = reader
         self._choice = choice
-        self._types = {info.name: info.msgtype for info in reader.topics() if info.count}
+        self._names: dict[str, list[str]] = defaultdict(list)
+        """Topics that can be read, by type."""
+        for info in reader.topics():
+            if info.count and info.encoding == CDR:
+                self._names[info.msgtype].append(info.name)
         self._depth: list[DepthTopic] = []
 
     def with_reader(self, stream: Stream) -> Stream:
         """Return a stream that reads the type that its topic has."""
         topic = self._choice.topics[stream.role]
-        kinds = (IMAGE_READER.message_type, COMPRESSED_READER.message_type)
-        if stream.companion is None or self._types.get(topic) not in kinds:
+        kinds = [kind for kind in _types_of(stream) if topic in self._names[kind]]
+        if stream.companion is None or not kinds:
             return stream
-        compressed = self._types[topic] == COMPRESSED_READER.message_type
+        compressed = kinds[0] == COMPRESSED_READER.message_type
         if stream.record is CameraImage:
             return replace(stream, reader=camera_stream(stream.role, compressed=compressed).reader)
         return replace(stream, reader=depth_reader(topic, compressed=compressed))
 
+    def _accepted(self, role: str) -> tuple[str, ...]:
+        """Return the types of messages that a role can read."""
+        for stream in self._choice.streams:
+            if stream.role == role:
+                return _types_of(stream)
+        return ((self._choice.readers.get(role) or READERS[role]).message_type,)
+
     def _is_absent(self, role: str) -> bool:
-        return role not in self._choice.named and self._choice.topics[role] not in self._types
+        topic = self._choice.topics[role]
+        return role not in self._choice.named and not any(
+            topic in self._names[kind] for kind in self._accepted(role)
+        )
 
     def _free(self, msgtype: str) -> list[str]:
-        """Return the topics of a type that no role has."""
-        taken = set(self._choice.topics.values())
-        return [name for name, kind in self._types.items() if kind == msgtype and name not in taken]
+        """Return the topics of a type that no role has which can read it."""
+        topics = self._choice.topics
+        taken = {topic for role, topic in topics.items() if msgtype in self._accepted(role)}
+        return [name for name in self._names[msgtype] if name not in taken]
 
     def _take(self, role: str, topic: str, what: str) -> None:
         self._choice.topics[role] = topic
         self._choice.found.append(f"{topic} is taken for {role}: {what}")
         self._choice.found_roles.append(role)
 
-    def _take_only(self, role: str, candidates: Sequence[str], what: str, setting: str) -> None:
-        """Take the only candidate; raise TopicError where there are several."""
+    def _take_only(self, role: str, candidates: Sequence[str], what: str) -> None:
+        """Take the only candidate; several are in doubt."""
         if len(candidates) > 1:
-            names = " or ".join(f"--remap {role}:={topic}" for topic in candidates)
-            off = f", or --set {setting}=[] to use none" if setting else ""
-            raise TopicError(
-                f"{self._reader.path}: no topic {self._choice.topics[role]}, and several could be "
-                f"meant; use {names}{off}"
-            )
-        if candidates:
+            self._choice.doubts[role] = list(candidates)
+        elif candidates:
             self._take(role, candidates[0], what)
 
     def find_robot(self) -> None:
@@ -207,7 +282,7 @@ class _Search:
             is_tilting = role in tilting
             fits = [name for name in lasers if (name in moved) == is_tilting]
             what = "the only laser that a joint moves" if is_tilting else "the only level laser"
-            self._take_only(role, fits, what, "sensors.tilt_scans" if is_tilting else "")
+            self._take_only(role, fits, what)
 
     def find_depth_images(self, config: Config) -> None:
         """Take the only depth image that has a calibration beside it."""
@@ -225,10 +300,9 @@ class _Search:
             roles[0],
             [image.topic for image in images],
             "the only depth image with a camera_info",
-            "sensors.depth_images",
         )
         self._depth = images
-        for image in images:
+        for image in images if len(images) == 1 else ():
             self._take_calibration(camera_info_topic(roles[0]), image)
 
     def _take_calibration(self, role: str, image: DepthTopic) -> None:
@@ -252,7 +326,7 @@ class _Search:
             for topic in self._free(CLOUD_READER.message_type)
             if self._cloud_frame(topic) not in (None, *frames)
         ]
-        self._take_only(roles[0], clouds, "the only point cloud", "sensors.point_clouds")
+        self._take_only(roles[0], clouds, "the only point cloud")
 
     def find_pictures(self, config: Config) -> None:
         """Take the only topic of pictures that has a calibration beside it, plain or compressed.
@@ -265,7 +339,7 @@ class _Search:
         found = [
             topic
             for topic in picture_topics(self._reader)
-            if self._types.get(camera_info_topic(topic)) == CAMERA_INFO_READER.message_type
+            if camera_info_topic(topic) in self._names[CAMERA_INFO_READER.message_type]
         ]
         if len(found) > 1:
             names = " or ".join(f"--remap {roles[0]}:={topic}" for topic in found)
@@ -276,12 +350,19 @@ class _Search:
 
     def _cloud_frame(self, topic: str) -> str | None:
         """Return the frame of a cloud of points, None for clouds of other numbers."""
-        message = first_message(self._reader, topic)
+        message = first_message(self._reader, topic, CLOUD_READER.message_type)
         if message is None:
             return None
         with suppress(MessageError):
             return point_cloud_from_message(message).frame_id
         return None
+
+
+def _types_of(stream: Stream) -> tuple[str, ...]:
+    """Return the types of messages that a sensor's topic may have."""
+    if stream.companion is None:
+        return (stream.reader.message_type,)
+    return IMAGE_READER.message_type, COMPRESSED_READER.message_type
 
 
 def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str, str]) -> set[str]:
@@ -302,7 +383,7 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
     robot_is_described(reader, topics, robot)
     tilts = set()
     for laser in lasers:
-        message = first_message(reader, laser)
+        message = first_message(reader, laser, LASER)
         if message is None:
             continue
         with suppress(FrameError):
@@ -339,12 +420,25 @@ def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robo
     return robot.frames.model is not None or bool(robot.frames.tf)
 
 
-def laser_is_base(topic: str) -> str:
-    """Return the line that says how a bare laser is mapped."""
+def sensor_is_base(topic: str, record: type) -> str:
+    """Return the line that says how a bare laser or lidar is mapped."""
+    sensor, scans = ("laser", "its scans") if record is Scan else ("sensor", "level scans of it")
     return (
-        f"{topic} without frames and odometry: the laser is the base, and moves as matching of its "
-        "scans says"
+        f"{topic} without frames and odometry: the {sensor} is the base, and moves as matching of "
+        f"{scans} says"
     )
+
+
+def with_level_scans(config: Config, choice: TopicChoice) -> Config:
+    """Return the configuration for a recording; a cloud that is all makes level scans, to move."""
+    sensors = [s for s in choice.streams if choice.counts[s.role] and not s.is_occasional]
+    is_alone = [sensor.record for sensor in sensors] == [PointCloud]
+    if not (choice.is_bare and is_alone) or "level_from" in config.sensors.model_fields_set:
+        return config
+    made = config.model_copy(deep=True)
+    made.sensors.level_from = "points"
+    made.sensors.point_clouds = (sensors[0].role,)
+    return made
 
 
 def _robot_inputs() -> Iterator[str]:

@@ -33,6 +33,7 @@ class _Topic:
     channel: int
     profiles: list[dict[str, Any]]
     type_hash: str
+    serialization: str
     count: int = 0
 
 
@@ -123,16 +124,17 @@ class BagWriter:
         """
         profiles = [(qos or default_qos(topic)).profile()]
         text, type_hash = self.types.definition(msgtype), self.types.type_hash(msgtype)
-        self.add_channel(topic, msgtype, text, "ros2msg", profiles, type_hash)
+        self.add_channel(topic, msgtype, text.encode(), "ros2msg", profiles, type_hash)
 
     def add_channel(
         self,
         topic: str,
         msgtype: str,
-        definition: str,
+        definition: bytes,
         encoding: str,
         profiles: list[dict[str, Any]],
         type_hash: str = "",
+        serialization: str = "cdr",
     ) -> None:
         """Declare a topic with all of its metadata, as copies of a bag need.
 
@@ -141,26 +143,26 @@ class BagWriter:
         topic, msgtype
             Names.
         definition, encoding
-            Text of the message definition, and its format (``ros2msg``).
+            The message definition, and its format (``ros2msg``).
         profiles
             Quality of service of the publishers, in the form of rosbag2's metadata.
         type_hash
             REP-2016 hash of the type.
+        serialization
+            Encoding of the messages.
         """
         if topic in self._topics:
             raise ValueError(f"topic {topic} is declared already")
         if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(
-                msgtype, encoding, definition.encode()
-            )
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, encoding, definition)
         offered = yaml.safe_dump(profiles, sort_keys=False) if profiles else ""
         channel = self._writer.register_channel(
             topic,
-            "cdr",
+            serialization,
             self._schemas[msgtype],
             {"offered_qos_profiles": offered, "topic_type_hash": type_hash},
         )
-        self._topics[topic] = _Topic(topic, msgtype, channel, profiles, type_hash)
+        self._topics[topic] = _Topic(topic, msgtype, channel, profiles, type_hash, serialization)
 
     def topic_type(self, topic: str) -> str | None:
         """Return the type of a topic that was declared, None for others."""
@@ -219,7 +221,7 @@ class BagWriter:
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.msgtype,
-                    "serialization_format": "cdr",
+                    "serialization_format": topic.serialization,
                     "offered_qos_profiles": topic.profiles,
                     "type_description_hash": topic.type_hash,
                 },

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -109,11 +109,10 @@ def read_recording(
         choice = choose_topics(reader, raw, remap)
         reader.add_readers(choice.readers)
         topics = choice.topics
-        counts = {info.name: info.count for info in reader.topics()}
-        role = _tilting_role(choice, counts)
+        role = _tilting_role(choice)
         if role is None:
             raise TopicError(reader.missing("tilt_scan", topics["tilt_scan"]))
-        found = _CycleReader(raw, role, choice.streams, bool(counts.get(topics["odom"])))
+        found = _CycleReader(raw, role, choice.streams, choice.counts["odom"] > 0)
         bars.start("read", reader.duration, "s")
         last_ns = reader.start_ns
         for role, log_ns, record in reader.records(topics):
@@ -126,11 +125,11 @@ def read_recording(
     return _recording(Path(bag).name, found, max_cycles)
 
 
-def _tilting_role(choice: TopicChoice, counts: Mapping[str, int]) -> str | None:
+def _tilting_role(choice: TopicChoice) -> str | None:
     """Return the role of the tilting laser of a bag, else that of its depth images."""
     kinds = [stream.role for kind in (Scan, DepthImage) for stream in choice.streams
              if stream.record is kind and stream.mount is not MountKind.LEVEL]  # fmt: skip
-    return next((role for role in kinds if counts.get(choice.topics[role])), None)
+    return next((role for role in kinds if choice.counts[role]), None)
 
 
 def _no_cycle_error(bag: Path | str, tilting: Sensor) -> BagError | FrameError:

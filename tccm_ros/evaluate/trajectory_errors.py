@@ -15,6 +15,10 @@ from scipy.spatial.transform import Rotation
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import interpolate_poses, inverse, pose
 
+SAME_STAMP_NS = 1_000_000
+"""Stamps that differ by no more are one, ns: text files round them to microseconds or less, and no
+sensor measures at 1 kHz."""
+
 
 class Order(StrEnum):
     """The order of factors in the error of a relation, see `relation_errors`."""
@@ -52,7 +56,8 @@ class Errors:
 def poses_at(
     stamps_ns: Int64, poses: Float64, asked_ns: Int64, *, max_gap: float = 1.0
 ) -> tuple[Float64, Bool]:
-    """Interpolate a trajectory.
+    """Return the poses of a trajectory at some stamps: the nearest within `SAME_STAMP_NS`, else
+    interpolated.
 
     Parameters
     ----------
@@ -70,10 +75,15 @@ def poses_at(
     """
     after = np.clip(np.searchsorted(stamps_ns, asked_ns), 0, len(stamps_ns) - 1)
     before = np.clip(np.where(stamps_ns[after] > asked_ns, after - 1, after), 0, None)
+    is_later = np.abs(stamps_ns[after] - asked_ns) < np.abs(stamps_ns[before] - asked_ns)
+    nearest = np.where(is_later, after, before)
+    is_same = np.abs(stamps_ns[nearest] - asked_ns) <= SAME_STAMP_NS
+    before, after = np.where(is_same, nearest, before), np.where(is_same, nearest, after)
     gap = (stamps_ns[after] - stamps_ns[before]).astype(float)
     since = (asked_ns - stamps_ns[before]).astype(float)
     fraction = np.divide(since, gap, out=np.zeros_like(gap), where=gap > 0)
-    known = (asked_ns >= stamps_ns[0]) & (asked_ns <= stamps_ns[-1]) & (gap <= max_gap * 1e9)
+    is_within = (asked_ns >= stamps_ns[0]) & (asked_ns <= stamps_ns[-1])
+    known = is_same | (is_within & (gap <= max_gap * 1e9))
     fraction = np.clip(fraction, 0.0, 1.0)
     return interpolate_poses(poses[before], poses[after], fraction), known
 

@@ -13,12 +13,16 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import LogError, one_line
 from tccm_ros.geometry import pose_from_rpy, spatial
 from tccm_ros.results.trajectory import (
+    MAX_NORM_ERROR,
     Trajectory,
     nanoseconds,
     number_columns,
     read_tum,
     text_rows,
 )
+
+TUM_COLUMNS = 8
+"""Stamp, position and quaternion."""
 
 PLANAR_COLUMNS = 5
 """Two stamps, x, y and yaw."""
@@ -99,7 +103,7 @@ def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, i
         For a file that is missing or not of this form.
     """
     try:
-        with Path(path).open(encoding="ascii", newline="") as file:
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file))
         parse = nanoseconds if key == "ipc_time" else int
         return {parse(row[key]): nanoseconds(row["stamp"]) for row in rows}
@@ -112,7 +116,8 @@ def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, i
 def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
     """Read a truth file of any of the three kinds, which its numbers distinguish.
 
-    A quaternion has length 1; a reference begins with whole numbers; the rest are relations.
+    Most quaternions have length 1; a reference begins with whole numbers; the rest are relations.
+    The rows of a trajectory may begin with an index.
 
     Raises
     ------
@@ -123,10 +128,15 @@ def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
     if Path(path).suffix == ".relations":
         return read_relations(path)
     full = _numbers(path)
-    if full.shape[1] == 8 and np.all(np.abs(np.linalg.norm(full[:, 4:], axis=1) - 1.0) < 0.01):
-        return read_tum(path)
-    whole = bool(np.all(full[:, 0] == np.rint(full[:, 0])) and np.all(full[:, 0] < 1e8))
-    if whole and np.all(np.diff(full[:, 0]) > 0):
+    index = full[:, 0]
+    is_indexed = bool(np.all(index == np.rint(index)) and np.all(index < 1e8))
+    is_indexed &= bool(np.all(np.diff(index) > 0))
+    for first in (0, 1) if is_indexed else (0,):
+        norms = np.linalg.norm(full[:, first + 4 :], axis=1)
+        is_unit = np.abs(norms - 1.0) < MAX_NORM_ERROR
+        if full.shape[1] == first + TUM_COLUMNS and is_unit.mean() > 0.5:
+            return read_tum(path, first=first)
+    if is_indexed:
         return read_reference(path)
     if full.shape[1] in (8, PLANAR_COLUMNS):
         return read_relations(path)

@@ -41,8 +41,10 @@ def map_files(
     grid = solution.grid
     if grid is not None:
         files |= grid_files(GRID_NAME, grid)
-        mask = keepout_mask(grid, solution.surfaces, solution.floor_z)
-        files |= grid_files(MASK_NAME, mask)
+        mask = solution.stages.run(
+            "keepout mask", lambda: keepout_mask(grid, solution.surfaces, solution.floor_z)
+        )
+        files |= {} if mask is None else grid_files(MASK_NAME, mask)
     return files | {MAP_FILE: map_content(saved, solution, map_frame)}
 
 

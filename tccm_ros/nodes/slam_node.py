@@ -584,6 +584,9 @@ class SlamNode(SensorNode):
             yield f"the robot is not found in the map: {reason}; map -> odom is not published"
         yield from self._problems_of_signs()
         yield from self.solver.problems()
+        if self.solver.newest is not None:
+            for stage in self.solver.newest.failed_stages:
+                yield f"left out of the map, as it failed: {stage}; report it"
         yield from self._programs.problems()
 
     def _problems_of_signs(self) -> Iterable[str]:

@@ -142,6 +142,8 @@ class Solved(NamedTuple):
         `SurfaceSolution.unused_detections`.
     is_batch
         `Solution.is_batch`.
+    failed_stages
+        Stages that were left out, by name and error.
     archive
         Descriptor (set by who receives it).
     """
@@ -157,6 +159,7 @@ class Solved(NamedTuple):
     duration_s: float
     unused_detections: Mapping[str, int]
     is_batch: bool
+    failed_stages: Mapping[str, int] = {}
     archive: int = -1
 
 

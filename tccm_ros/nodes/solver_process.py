@@ -15,6 +15,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Collection
+from functools import partial
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -48,6 +49,7 @@ from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
 from tccm_ros.slam.live_estimate import NO_WALLS
 from tccm_ros.slam.occupancy import RESOLUTION_M
+from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -156,6 +158,7 @@ class SolverProcess:
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
             pack_files(map_files(self._slam, solution, frame, saved), archive)
             self._shown = self._messages(solution, solve.map_name)
+            serialised = self._serialised(solve.topics, solution.stages)
             solved = Solved(
                 self._session,
                 solve.number,
@@ -164,27 +167,32 @@ class SolverProcess:
                 MapContent.of(saved, solution),
                 solved_map,
                 pack_scene(solution, frame, solution.grid, self._types),
-                self._serialised(solve.topics),
+                serialised,
                 time.monotonic() - start,
                 solution.unused_detections,
                 solution.slam.is_batch,
+                dict(solution.stages.failed),
             )
             self._connection.send(solved)
             reduction.send_handle(self._connection, archive.fileno(), os.getppid())
 
     def _show(self, show: Show) -> None:
-        self._connection.send(Messages(self._session, self._serialised(show.topics)))
+        serialised = self._serialised(show.topics, OptionalStages())
+        self._connection.send(Messages(self._session, serialised))
 
     def _messages(self, solution: SurfaceSolution, map_name: str) -> dict[str, TopicMessage]:
         due = [*self._builder.of(solution, solution.stamp_ns, map_name)]
         due.append(TopicMessage(GRID_TOPIC, GRID, lambda: self._grid(solution)))
         return {message.topic: message for message in due}
 
-    def _serialised(self, topics: Collection[str]) -> dict[str, bytes]:
-        return {
-            name: bytes(self._types.serialize(self._shown[name].msgtype, self._shown[name].build()))
-            for name in sorted(topics & self._shown.keys())
-        }
+    def _serialised(self, topics: Collection[str], stages: OptionalStages) -> dict[str, bytes]:
+        names = sorted(topics & self._shown.keys())
+        made = {name: stages.run(name, partial(self._bytes_of, name)) for name in names}
+        return {name: data for name, data in made.items() if data}
+
+    def _bytes_of(self, name: str) -> bytes:
+        message = self._shown[name]
+        return bytes(self._types.serialize(message.msgtype, message.build()))
 
     def _grid(self, solution: SurfaceSolution) -> Any:
         """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tccm_ros.bags.depth_topics import (
+    INFO,
     calibration_topic,
     depth_topics,
     first_message,
@@ -14,15 +15,18 @@ from tccm_ros.bags.depth_topics import (
 )
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, TopicInfo
 from tccm_ros.bags.topics import (
+    OF_FRAMES,
     TopicChoice,
     choose_topics,
-    laser_is_base,
     robot_is_described,
+    sensor_is_base,
+    with_level_scans,
 )
 from tccm_ros.calibrate.beam_timing import read_beam_timing
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError, MessageError, TopicError
+from tccm_ros.errors import FrameError, MessageError, TccmError
 from tccm_ros.records import DepthImage, PointCloud
+from tccm_ros.records.building import frame_name
 from tccm_ros.robot import MountKind, Robot
 from tccm_ros.sensors.camera_rays import has_known_lens
 from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
@@ -38,9 +42,6 @@ CONSEQUENCES = {
     "tf_static": "",
 }
 """What follows where an input is missing, by role."""
-
-OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
-"""Roles that tell of frames; a level laser without any of them is the base."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,14 +93,14 @@ def bag_info(path: Path | str) -> BagInfo:
     with BagReader(path) as reader:
         notes = _notes(reader)
         duration, topics = reader.duration, reader.topics()
-    return BagInfo(Path(path), duration, topics, [*notes, *_beam_notes(path)])
+    return BagInfo(Path(path), duration, topics, [*_beam_notes(path), *notes])
 
 
 def _beam_notes(path: Path | str) -> list[str]:
     """Return what to set where the beams of the level laser were measured at other times."""
     try:
         timing = read_beam_timing(path)
-    except TopicError:  # told already
+    except TccmError:  # told already, or by the replay
         return []
     return [timing.text()] if timing is not None and timing.is_significant else []
 
@@ -107,59 +108,76 @@ def _beam_notes(path: Path | str) -> list[str]:
 def _notes(reader: BagReader) -> list[str]:
     """Return a line for each missing input and each topic taken, and the remappings to try."""
     config = Config()
-    try:
-        choice = choose_topics(reader, config)
-    except TopicError as error:
-        choice = choose_topics(reader, _without_search(config))
-        doubt = [str(error).removeprefix(f"{reader.path}: ")]
-    else:
-        doubt = []
-    counts = {topic.name: topic.count for topic in reader.topics()}
+    choice = choose_topics(reader, config, may_doubt=True)
+    counts = choice.counts
     has_points = any(
-        counts.get(choice.topics[stream.role])
+        counts[stream.role]
         for stream in choice.streams
         if stream.mount is MountKind.ANY and not stream.is_occasional
     )
-    is_bare = bool(counts.get(choice.topics["scan"])) and not any(
-        counts.get(choice.topics[role]) for role in OF_FRAMES
-    )
-    notes = [laser_is_base(choice.topics["scan"])] if is_bare else []
+    is_alone = with_level_scans(config, choice) is not config
+    notes = _places_of_sensors(reader, choice)
+    notes += [
+        sensor_is_base(choice.topics[stream.role], stream.record)
+        for stream in choice.streams
+        if choice.is_bare and counts[stream.role] and (stream.can_be_base or is_alone)
+    ]
+    is_bare = choice.is_bare and (counts["scan"] > 0 or is_alone)
     for role, consequence in CONSEQUENCES.items():
-        if is_bare and role in OF_FRAMES:
+        if (is_bare and role in OF_FRAMES) or role in choice.doubts:
             continue
-        topic = choice.topics[role]
-        if consequence and not counts.get(topic) and not (has_points and role == "tilt_scan"):
+        if role == "joint_states" and not counts["tilt_scan"]:
+            continue
+        if consequence and not counts[role] and not (has_points and role == "tilt_scan"):
             notes.append(f"no {DEFAULT_TOPICS[role]}: {consequence}")
-    if has_points and not counts.get(choice.topics["scan"]):
-        kinds = {s.record: s for s in choice.streams if counts.get(choice.topics[s.role])}
+    if has_points and not counts["scan"] and not is_bare and "scan" not in choice.doubts:
+        kinds = {s.record: s for s in choice.streams if counts[s.role]}
         source = "points" if PointCloud in kinds else "depth"
         notes.append(f"--set sensors.level_from={source} makes level scans for walls")
-    notes += _faults_of_cameras(reader, choice)
+    notes += _faults_of_cameras(reader)
     images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
     notes += unreadable_topics(reader, images)
-    notes += [*choice.found, *doubt]
+    notes += [*choice.notes, *choice.doubt_lines()]
     order = [*DEFAULT_TOPICS, *choice.topics]
-    remaps = {role: choice.topics[role] for role in sorted(choice.found_roles, key=order.index)}
-    if remaps:
-        notes.append("try " + " ".join(f"--remap {role}:={t}" for role, t in remaps.items()))
+    taken = {role: choice.topics[role] for role in choice.found_roles}
+    taken |= {role: candidates[0] for role, candidates in choice.doubts.items()}
+    remaps = [f"--remap {role}:={taken[role]}" for role in sorted(taken, key=order.index)]
+    if any(counts[stream.role] for stream in choice.streams) or choice.doubts:
+        notes.append(" ".join(["try tccm replay", reader.path, "--out map", *remaps]))
     return notes
 
 
-def _without_search(config: Config) -> Config:
-    """Return a configuration with which no topic is looked for by its type but odometry's."""
-    made = config.model_copy(deep=True)
-    made.sensors.depth_images = made.sensors.point_clouds = ()
-    made.sensors.level_from = "depth"  # a level laser is not looked for
-    return made
-
-
-def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
-    """Return why depth images could not be used: calibration, size, or place on the robot."""
+def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
+    """Return a line for each sensor: its frame, and the base or why it has no place there."""
     notes, robot = [], Robot(Config(), choice.streams)
     described = robot_is_described(reader, choice.topics, robot)
+    for stream in choice.streams:
+        topic = choice.topics[stream.role]
+        if not choice.counts[stream.role] or stream.is_occasional:
+            continue
+        message = first_message(reader, topic, stream.reader.message_type)
+        if message is None:
+            notes.append(f"{topic}: its first message is damaged")
+            continue
+        frame = frame_name(message.header.frame_id)
+        mount = robot.sensors[stream.role].mount
+        try:
+            if described or stream.can_be_base:
+                mount.find(frame, final=True)
+        except FrameError as error:
+            notes.append(f"{topic}: {error}")
+            continue
+        base = f"on base '{mount.base}'" if mount.base else "on no known base"
+        notes.append(f"{stream.role}: {topic} in frame '{frame}' {base}")
+    return notes
+
+
+def _faults_of_cameras(reader: BagReader) -> list[str]:
+    """Return why depth images could not be used: calibration or size."""
+    notes = []
     for image in depth_topics(reader):
         info = calibration_topic(reader, image)
-        message = None if info is None else first_message(reader, info)
+        message = None if info is None else first_message(reader, info, INFO)
         if message is None:
             beside = camera_info_topic(image.topic)
             notes.append(f"{image.topic}: no {beside}: its images cannot be used")
@@ -177,10 +195,4 @@ def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
         if image.size is not None and image.size != camera.image_size:
             (a, b), (c, d) = image.size, camera.image_size
             notes.append(f"{image.topic} has {a} x {b} pixels, {info} says {c} x {d}")
-        mounts = [s.mount for s in robot.sensors.values() if s.stream.mount is MountKind.ANY]
-        try:
-            if described and mounts:
-                mounts[0].find(image.frame_id, final=True)
-        except FrameError as error:
-            notes.append(f"{image.topic}: {error}")
     return notes

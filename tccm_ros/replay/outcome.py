@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.records import PlaneKind
 from tccm_ros.results.cycles_file import CycleHistory
+from tccm_ros.slam.occupancy import OCCUPIED
 from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -55,3 +57,33 @@ class Outcome:
     continues_map: bool = False
     found_topics: tuple[str, ...] = ()
     changes: tuple[tuple[int, Change], ...] = ()
+
+    def why_empty(self) -> list[str]:
+        """Return a line for surfaces and one for walls, each where there are none."""
+        found = [surface.label for surface in self.solution.surfaces]
+        lines = []
+        if all(label == "floor" for label in found):
+            lines.append(f"no surfaces: {self._why_no_surfaces()}")
+        if not self.solution.slam.walls:
+            lines.append(f"no walls: {self._why_no_walls()}")
+        return lines
+
+    def _why_no_surfaces(self) -> str:
+        if not self.cycles:
+            return "there is no tilting laser, no depth image and no point cloud"
+        planes = [plane for cycle in self.cycles for plane in cycle.planes]
+        level = sum(plane.kind is PlaneKind.HORIZONTAL for plane in planes)
+        limit = self.config.surfaces.min_height
+        seen = f"{len(self.cycles)} tilt cycles have {len(planes)} planes"
+        if not planes:
+            return f"{seen}: nothing was measured, or what was is too noisy or too far away"
+        above = f"{limit:g} m (surfaces.min_height) above the floor"
+        return f"{seen}, {level} of them horizontal; none is a surface {above}"
+
+    def _why_no_walls(self) -> str:
+        scans, grid = self.slam.counts["level scans"], self.solution.grid
+        if not scans:
+            return "there is no level scan; sensors.level_from makes some of depths or points"
+        if grid is None or not (grid.cells == OCCUPIED).any():
+            return f"of {scans} level scans no beam measured a range: all say that nothing is there"
+        return f"{scans} level scans have no straight line of {self.config.lines.min_length:g} m"

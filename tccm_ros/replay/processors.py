@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from tccm_ros.config import Config
@@ -16,6 +17,7 @@ from tccm_ros.robot import Robot, Stream
 from tccm_ros.sensors.level_projection import LevelProjector
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.signs.processor import SignProcessor
+from tccm_ros.stages import OptionalStages
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.saved_map import SavedMap
@@ -56,6 +58,8 @@ class Pipeline:
         Coarsened part map of every tilt cycle, for the report.
     changes
         What has changed, and the stamp of the view that told it, ns; empty unless asked for.
+    stages
+        Runs what hangs on the map, and counts what failed.
     """
 
     def __init__(
@@ -72,7 +76,7 @@ class Pipeline:
         self.config = config
         self._on_cycle = on_cycle
         self._maps: list[Cuboids] = []
-        self.clock = clock or Stopwatch()
+        self.clock, self.stages = clock or Stopwatch(), OptionalStages()
         streams = default_streams(config) if streams is None else streams
         self._mapped = frozenset(stream.role for stream in streams if stream.processor == "tccm")
         self.robot = Robot(config, streams, expects_odometry=expects_odometry)
@@ -114,7 +118,7 @@ class Pipeline:
     def solve(self) -> SurfaceSolution:
         """Optimise the graph and build the surface map."""
         with self.clock.stage("solve"):
-            return self.slam.solve()
+            return self.slam.solve(stages=self.stages)
 
     def _store_map(self, _: CyclePlanes) -> None:
         """Store the integration map after a tilt cycle: several may be complete at once."""
@@ -153,12 +157,14 @@ class Pipeline:
                 self.slam.add(result.boxes)
             if self._session_changes is not None:
                 with self.clock.stage("events"):
-                    told = self._session_changes.solve()
+                    told = self.stages.run("events", self._session_changes.solve) or []
                 self.changes += [(result.stamp_ns, change) for change in told]
             with self.clock.stage("history"):
                 self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
             with self.clock.stage("write"):
-                self._on_cycle(result, cuboids)
+                self.stages.run(
+                    "messages of a tilt cycle", partial(self._on_cycle, result, cuboids)
+                )
             self.cycles.append(_without_points(result))
         self._maps.clear()
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.replay.outcome import Outcome
 from tccm_ros.replay.run import run_bag
 from tccm_ros.results.cycles_file import save_cycles
-from tccm_ros.results.exports import write_results, write_timing
+from tccm_ros.results.exports import write_results, write_summary, write_timing
 from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
     CountsEntry,
@@ -36,6 +36,10 @@ from tccm_ros.results.models import (
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from tccm_ros.report.pictures import Pictures
+    from tccm_ros.results.folder_reader import Results
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
@@ -62,6 +66,8 @@ class Summary:
         Seconds of the bag in a second of processing.
     found_topics
         One line for each topic that was taken by its type, and for a laser that is the base.
+    why_empty
+        A line for surfaces and one for walls, each where there are none.
     """
 
     out: Path
@@ -69,6 +75,7 @@ class Summary:
     seconds: dict[str, float]
     real_time_factor: float
     found_topics: tuple[str, ...] = ()
+    why_empty: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -76,6 +83,7 @@ class Summary:
             "out": str(self.out),
             **asdict(self.content),
             "real_time_factor": self.real_time_factor,
+            "why_empty": list(self.why_empty),
         }
 
     def text(self) -> str:
@@ -92,11 +100,12 @@ class Summary:
         if counts.dropped:
             reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
             lines.append(f"dropped: {reasons}")
+        lines += [f"left out, as it failed: {stage}" for stage in counts.failed_stages]
         lines.append(f"map       {self.out / 'surfaces.json'}")
         if (self.out / "report.html").exists():
             lines.append(f"pictures  {self.out / 'map.png'}, {self.out / 'map3d.png'}")
             lines.append(f"report    {self.out / 'report.html'}  (open it in a browser)")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.why_empty])
 
 
 def _factor_text(factor: float) -> str:
@@ -154,15 +163,27 @@ def replay(
         )  # fmt: skip
         bars.start("write", 1.0)
         with clock.stage("write"):
-            content = _write(folder, outcome, messages)
+            _write(folder, outcome, messages)
         _copy_stamps(bag_paths(bag), folder)
-        factor = _real_time_factor(outcome, clock)
+        factor, stages = _real_time_factor(outcome, clock), outcome.solution.stages
+        content = _write_summary(folder, outcome)
         if pictures:
             bars.start("pictures", 1.0)
-            _write_report(folder, factor, clock)
-        else:
-            _write_timing(folder, factor, clock)
-    return Summary(Path(out), content, clock.seconds, factor, outcome.found_topics)
+            drawn = stages.run("pictures", lambda: _write_pictures(folder, clock))
+        timing = _write_timing(folder, factor, clock)
+        if pictures and drawn is not None:
+            results = replace(drawn[0], timing=timing)
+            stages.run("report", lambda: _write_page(results, drawn[1], folder, clock))
+        if stages.failed:
+            content = _write_summary(folder, outcome)
+    return Summary(
+        Path(out),
+        content,
+        clock.seconds,
+        factor,
+        outcome.found_topics,
+        tuple(outcome.why_empty()),
+    )
 
 
 def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
@@ -172,38 +193,49 @@ def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
     return timing
 
 
-def _write_report(folder: Path, factor: float, clock: Stopwatch) -> None:
-    """Draw the pictures, then write timing.json and the page, which shows it."""
+def _write_pictures(folder: Path, clock: Stopwatch) -> tuple[Results, Pictures]:
+    """Draw the pictures; return them, and the results that they show."""
     # Imported here: matplotlib takes half a second, and a replay without pictures needs none of it.
-    from tccm_ros.report.html_report import write_page
     from tccm_ros.report.pictures import write_pictures
     from tccm_ros.results.folder_reader import load_results
 
     with clock.stage("pictures"):
         results = load_results(folder)
-        drawn = write_pictures(results, folder)
-    timing = _write_timing(folder, factor, clock)
+        return results, write_pictures(results, folder)
+
+
+def _write_page(results: Results, drawn: Pictures, folder: Path, clock: Stopwatch) -> None:
+    from tccm_ros.report.html_report import write_page
+
     with clock.stage("report"):
-        write_page(replace(results, timing=timing), drawn, folder)
+        write_page(results, drawn, folder)
 
 
-def _write(
-    folder: Path,
-    outcome: Outcome,
-    messages: CycleMessageStore,
-) -> SummaryFile:
-    config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
-    cuboids = outcome.tccm.map.cuboids()
+def _write_summary(folder: Path, outcome: Outcome) -> SummaryFile:
     content = _summary(outcome, len(outcome.solution.objects))
-    write_results(folder, solution, cycles, cuboids, config, summary=content)
-    save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
+    write_summary(folder, content)
+    return content
+
+
+def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore) -> None:
+    """Write the files of the map, then what hangs on it."""
+    config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
+    stages = solution.stages
+    write_results(folder, solution, cycles, outcome.tccm.map.cuboids(), config)
     saved = outcome.slam.saved(solution)
-    write_result_bag(
-        folder / "result.mcap", cycles, messages, solution, config, outcome.changes, solution.grid
-    )
     map_frame = config.frames.prefix + config.frames.map
     save_map(folder / "map.mcap", saved, solution, map_frame)
-    return content
+    stages.run(
+        "cycles.npz",
+        lambda: save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome))),
+    )
+    stages.run(
+        "result.mcap",
+        lambda: write_result_bag(
+            folder / "result.mcap", cycles, messages, solution, config, outcome.changes,
+            solution.grid,
+        ),
+    )  # fmt: skip
 
 
 def _T_map_odom(outcome: Outcome) -> Float64:
@@ -247,6 +279,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
             surfaces=surfaces.counted,
             small_surfaces=surfaces.small,
             objects=objects,
+            failed_stages=dict(sorted(solution.stages.failed.items())),
         ),
         config=outcome.config.model_dump(mode="json"),
     )

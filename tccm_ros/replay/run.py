@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from tccm_ros.bags.reader import BagPaths, BagReader
-from tccm_ros.bags.topics import TopicChoice, choose_topics, laser_is_base
+from tccm_ros.bags.topics import (
+    TopicChoice,
+    choose_topics,
+    sensor_is_base,
+    with_level_scans,
+)
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.progress import Bars, Silent
@@ -65,14 +70,16 @@ def run_bag(
     with BagReader(bag) as reader:
         choice = choose_topics(reader, config, remap)
         _check_there(reader, choice)
+        config, asked = with_level_scans(config, choice), config
+        if config is not asked:
+            choice = choose_topics(reader, config, remap)
         topics = choice.topics
         reader.add_readers(choice.readers)
-        present = {info.name for info in reader.topics() if info.count}
-        compile_kernels(_processors(choice, present), config, bars)
+        compile_kernels(_processors(choice), config, bars)
         pipeline = Pipeline(
             config,
             streams=choice.streams,
-            expects_odometry=topics["odom"] in present,
+            expects_odometry=choice.counts["odom"] > 0,
             saved=saved,
             events=events,
             on_cycle=on_cycle,
@@ -97,11 +104,14 @@ def run_bag(
             pipeline.slam,
             solution,
             messages,
-            pipeline.dropped + unreadable + Counter(solution.unused_detections),
+            pipeline.dropped
+            + unreadable
+            + Counter(choice.unread)
+            + Counter(solution.unused_detections),
             reader.duration,
             saved is not None,
             (
-                *choice.found,
+                *choice.notes,
                 *_lasers_that_are_bases(pipeline, choice),
                 *pipeline.robot.remarks,
                 *_missing_extra(pipeline),
@@ -110,18 +120,19 @@ def run_bag(
         )
 
 
-def _processors(choice: TopicChoice, present: Collection[str]) -> set[str]:
+def _processors(choice: TopicChoice) -> set[str]:
     """Return the processors that a recording needs: SLAM gives each its trajectory."""
-    return {"slam"} | {s.processor for s in choice.streams if choice.topics[s.role] in present}
+    return {"slam"} | {s.processor for s in choice.streams if choice.counts[s.role]}
 
 
 def _check_there(reader: BagReader, choice: TopicChoice) -> None:
     """Raise TopicError without any sensor, or without a topic that was named."""
-    counts = {info.name: info.count for info in reader.topics()}
-    absent = [role for role in sorted(choice.named) if choice.topics[role] not in counts]
-    measured = [stream for stream in choice.streams if not stream.is_occasional]
-    if not any(counts.get(choice.topics[stream.role]) for stream in measured):
-        absent = absent or [measured[0].role]
+    names = {info.name for info in reader.topics()}
+    absent = [role for role in sorted(choice.named) if not choice.counts[role]]
+    measured = [stream.role for stream in choice.streams if not stream.is_occasional]
+    if not any(choice.counts[role] for role in measured):
+        unread = [role for role in measured if choice.topics[role] in names]
+        absent = absent or unread or measured
     if absent:
         raise TopicError(reader.missing(absent[0], choice.topics[absent[0]]))
 
@@ -149,19 +160,18 @@ def _feed(
 
 def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:
     """Raise an error with the reason where nothing that a kind of sensor recorded could be used."""
-    counts = {info.name: info.count for info in reader.topics()}
     mapped = [s for s in choice.streams if s.processor == "tccm"]
     level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
     for streams, used in (
         (mapped, pipeline.tccm.counts["cycles"]),
         (level, pipeline.slam.counts["level scans"]),
     ):
-        topics = [(s, choice.topics[s.role]) for s in streams if counts.get(choice.topics[s.role])]
+        topics = [(s, choice.topics[s.role]) for s in streams if choice.counts[s.role]]
         if used or not topics:
             continue
         for stream, topic in topics:
             what = _name_of(stream)
-            if reader.dropped[topic] == counts[topic]:
+            if reader.dropped[topic] == choice.counts[stream.role]:
                 raise BagError(
                     f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
                 )
@@ -179,8 +189,8 @@ def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> N
 
 def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[str]:
     for role, sensor in pipeline.robot.sensors.items():
-        if sensor.posed and sensor.mount.is_base:
-            yield laser_is_base(choice.topics[role])
+        if sensor.posed and sensor.mount.is_base and choice.counts[role]:
+            yield sensor_is_base(choice.topics[role], sensor.stream.record)
 
 
 def _missing_extra(pipeline: Pipeline) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +47,6 @@ def write_results(
     cycles: Sequence[CycleResult],
     cuboids: Cuboids,
     config: Config,
-    *,
-    summary: SummaryFile,
 ) -> None:
     """Write the data files of a run into a folder that is made ready (see `output_folder`).
 
@@ -64,8 +62,6 @@ def write_results(
         The final integration map.
     config
         Groups ``frames``, ``map`` and ``planes``.
-    summary
-        What summary.json holds.
 
     Raises
     ------
@@ -74,10 +70,7 @@ def write_results(
     """
     write_solution(folder, solution, config)
     odom = cycles[-1].frame_id if cycles else config.frames.odom_name
-    models = {
-        "planes.json": PlanesFile.of(cycles),
-        "summary.json": summary,
-    }
+    models = {"planes.json": PlanesFile.of(cycles)}
     _write(folder, _encoded(models) | {"cuboids.npz": cuboids_archive(cuboids, config, odom)})
 
 
@@ -103,27 +96,33 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
 
 def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes]:
     """Return the content of the files of `write_solution` by their names."""
-    map_frame, slam = config.frames.map_name, solution.slam
+    map_frame, slam, stages = config.frames.map_name, solution.slam, solution.stages
+    placements = stages.run("placements", lambda: ranked_placements(solution))
+    if placements is None:
+        placements = PlacementsEntry.of(_placement_request(solution), [])
     models = {
         "surfaces.json": SurfacesFile.of(
             solution.surfaces, solution.floor_z, map_frame, solution.rooms
         ),
         "labels.json": LabelsFile.of(solution.corrected_labels),
         "walls.json": WallsFile.of(slam.walls),
-        "objects.json": ObjectsFile.of(
-            solution.objects, solution.free_places, ranked_placements(solution)
-        ),
+        "objects.json": ObjectsFile.of(solution.objects, solution.free_places, placements),
         "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
-        "surfaces.geojson": feature_collection(solution.surfaces, slam.walls, map_frame),
     }
     trajectory = Trajectory(solution.trajectory_ns, spatial(solution.trajectory))
     files = {
-        "surfaces.scene": scene_text(solution.surfaces).encode(),
         "surfaces.ply": surface_ply(solution.mapped.points, solution.mapped.surface_id),
         "trajectory.tum": trajectory.tum().encode(),
     }
-    return _encoded(models) | files
+    exports: dict[str, Callable[[], bytes]] = {
+        "surfaces.geojson": lambda: _json(
+            feature_collection(solution.surfaces, slam.walls, map_frame)
+        ),
+        "surfaces.scene": lambda: scene_text(solution.surfaces).encode(),
+    }
+    made = {name: stages.run(name, export) for name, export in exports.items()}
+    return _encoded(models) | files | {k: data for k, data in made.items() if data is not None}
 
 
 def ranked_placements(solution: SurfaceSolution) -> PlacementsEntry:
@@ -135,8 +134,17 @@ def ranked_placements(solution: SurfaceSolution) -> PlacementsEntry:
         Its `place_size` is the footprint of the object.
     """
     queries = SurfaceQueries(solution.surfaces, solution.objects, solution.floor_z)
-    request = PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
+    request = _placement_request(solution)
     return PlacementsEntry.of(request, queries.find_placements(SurfaceFilter(), request))
+
+
+def _placement_request(solution: SurfaceSolution) -> PlacementRequest:
+    return PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
+
+
+def write_summary(folder: Path, summary: SummaryFile) -> None:
+    """Write summary.json (see `write_results`)."""
+    _write(folder, _encoded({"summary.json": summary}))
 
 
 def write_timing(folder: Path, timing: TimingFile) -> None:
@@ -145,7 +153,11 @@ def write_timing(folder: Path, timing: TimingFile) -> None:
 
 
 def _encoded(models: Mapping[str, Any]) -> dict[str, bytes]:
-    return {name: json_text(model).encode() for name, model in models.items()}
+    return {name: _json(model) for name, model in models.items()}
+
+
+def _json(model: Any) -> bytes:
+    return json_text(model).encode()
 
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:

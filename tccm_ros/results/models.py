@@ -774,6 +774,8 @@ class CountsEntry:
         As `count_surfaces` counts them.
     objects
         On surfaces.
+    failed_stages
+        Stages that hang on the map and were left out, by name and error.
     """
 
     messages: dict[str, int]
@@ -788,6 +790,7 @@ class CountsEntry:
     surfaces: int
     small_surfaces: int
     objects: int
+    failed_stages: dict[str, int] = field(default_factory=dict)
 
     @property
     def surface_counts(self) -> SurfaceCounts:

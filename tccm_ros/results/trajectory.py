@@ -77,15 +77,22 @@ class Trajectory:
         )
 
 
-def read_tum(path: Path | str) -> Trajectory:
+def read_tum(path: Path | str, *, first: int = 0) -> Trajectory:
     """Read ``stamp x y z qx qy qz qw`` lines; rows of one stamp keep the last.
+
+    Parameters
+    ----------
+    path
+        The file.
+    first
+        Columns before the stamp, which are not read.
 
     Raises
     ------
     LogError
         If the file is missing or has another format.
     """
-    stamps, values = number_columns(path, stamps=1, numbers=7)
+    stamps, values = number_columns(path, stamps=1, numbers=7, first=first)
     if not len(stamps):
         return Trajectory(np.zeros(0, np.int64), np.zeros((0, 4, 4)))
     norms = np.linalg.norm(values[:, 3:], axis=1)
@@ -107,14 +114,16 @@ def text_rows(path: Path | str) -> list[list[str]]:
         If the file is missing or not text.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
     rows = [line.replace(",", " ").split() for line in text.splitlines()]
     return [row for row in rows if row and not row[0].startswith("#")]
 
 
-def number_columns(path: Path | str, *, stamps: int, numbers: int) -> tuple[Int64, Float64]:
+def number_columns(
+    path: Path | str, *, stamps: int, numbers: int, first: int = 0
+) -> tuple[Int64, Float64]:
     """Read the columns of a text file: stamps first, then numbers.
 
     Parameters
@@ -125,6 +134,8 @@ def number_columns(path: Path | str, *, stamps: int, numbers: int) -> tuple[Int6
         How many columns are stamps, s.
     numbers
         How many columns after those are numbers.
+    first
+        How many columns before the stamps are not read.
 
     Returns
     -------
@@ -140,9 +151,12 @@ def number_columns(path: Path | str, *, stamps: int, numbers: int) -> tuple[Int6
     """
     times, values = [], []
     for k, row in enumerate(text_rows(path)):
+        row = row[first:]
         try:
             times.append([nanoseconds(x) for x in row[:stamps]])
             values.append([float(x) for x in row[stamps : stamps + numbers]])
+        except LogError as error:
+            raise LogError(f"{path}: row {k}: {error}") from None
         except (ValueError, InvalidOperation):
             raise LogError(
                 f"{path}: row {k} is not made of numbers; expected a trajectory (TUM), relations "
@@ -161,9 +175,13 @@ def nanoseconds(text: str) -> int:
     Raises
     ------
     ValueError, InvalidOperation
-        If the text is not a finite number, or too large for a stamp.
+        If the text is not a finite number.
+    LogError
+        If it is too large for a stamp in s.
     """
     number = Decimal(text)
-    if not number.is_finite() or abs(number) > MAX_STAMP_S:
+    if not number.is_finite():
         raise ValueError(text)
+    if abs(number) > MAX_STAMP_S:
+        raise LogError(f"stamp {text[:40]} is no time in s; divide stamps in ns by 1e9")
     return int((number * 1_000_000_000).to_integral_value())

@@ -88,7 +88,10 @@ class ChainFinder:
         kind: MountKind,
         frames: FrameTree,
         joints: JointTracks,
+        *,
+        can_be_base: bool = False,
     ):
+        self._can_be_base = can_be_base
         self.base: str | None = config.frames.base or None
         self.odometry_chain: Chain | None = None
         self.is_base = False
@@ -131,9 +134,9 @@ class ChainFinder:
         return build_chain(find_path(base, laser, edges), self.reading)
 
     def _has_no_frames(self, known: set[str]) -> bool:
-        """Return whether a level laser is all that there is: then it is the base."""
+        """Return whether a sensor that can be the base is all that there is: then it is."""
         is_alone = not known and not self._frames.odometry_child and not self._config.frames.base
-        return is_alone and self._kind is MountKind.LEVEL and self._config.rig.kinematics == "auto"
+        return is_alone and self._can_be_base and self._config.rig.kinematics == "auto"
 
     def _odometry_chain(self, base: str, known: set[str], edges: Edges) -> Chain | None:
         child = self._frames.odometry_child

@@ -40,15 +40,25 @@ class Mount:
         How the sensor is mounted.
     frames, joints
         What is known of the robot, shared by all its sensors.
+    can_be_base
+        Whether the sensor is the base where nothing tells of any frame.
     """
 
-    def __init__(self, config: Config, kind: MountKind, frames: FrameTree, joints: JointTracks):
+    def __init__(
+        self,
+        config: Config,
+        kind: MountKind,
+        frames: FrameTree,
+        joints: JointTracks,
+        *,
+        can_be_base: bool = False,
+    ):
         self._no_chain: FrameError | None = None
         self._no_samples: tuple[FrameError, Track | None] | None = None
         self._kind = kind
         self._frames = frames
         self._joints = joints
-        self._finder = ChainFinder(config, kind, frames, joints)
+        self._finder = ChainFinder(config, kind, frames, joints, can_be_base=can_be_base)
         self._chains: dict[str, Chain] = {}
         self._version = -1
         self._tilt = TiltReadout(config.rig.tilt_scale, config.rig.tilt_offset)

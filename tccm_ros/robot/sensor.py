@@ -60,7 +60,7 @@ class Sensor:
 
     def __init__(self, stream: Stream, config: Config, frames: FrameTree, joints: JointTracks):
         self.stream = stream
-        self.mount = Mount(config, stream.mount, frames, joints)
+        self.mount = Mount(config, stream.mount, frames, joints, can_be_base=stream.can_be_base)
         self.waiting: deque[Any] = deque()
         self.dropped: Counter[str] = Counter()
         self.remarks: Counter[str] = Counter()

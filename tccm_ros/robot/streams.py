@@ -90,6 +90,9 @@ class Stream:
     is_occasional
         Whether records come now and then, and may be in the odometry or the map frame too: what a
         program recognised. No tilt cycle waits for them, and their silence is no fault.
+    can_be_base
+        Whether the sensor is the base where nothing tells of any frame or of odometry: its records
+        move it by matching.
     """
 
     role: str
@@ -107,3 +110,4 @@ class Stream:
     companion: Companion | None = None
     max_waiting: int = 1000
     is_occasional: bool = False
+    can_be_base: bool = False

@@ -53,7 +53,8 @@ def aligned(walls: Sequence[Float64]) -> list[Float64]:
 def frame(walls: Sequence[Float64]) -> list[Float64]:
     """Return the sides of the rectangle around all walls, in the direction of the longest.
 
-    They close rooms of which a wall was not seen.
+    They close rooms of which a wall was not seen. Walls on one line have no rectangle around them
+    but that line: sides shorter than `SNAP` are left out.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def frame(walls: Sequence[Float64]) -> list[Float64]:
     (left, low), (right, high) = ends.min(axis=0), ends.max(axis=0)
     corners = [(left, low), (right, low), (right, high), (left, high), (left, low)]
     ring = np.array(corners) @ R.T
-    return [ring[k : k + 2] for k in range(4)]
+    sides = [ring[k : k + 2] for k in range(4)]
+    return [side for side in sides if _length(side) > SNAP]
 
 
 def extended(wall: Float64) -> LineString:

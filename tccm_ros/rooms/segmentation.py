@@ -64,6 +64,8 @@ def find_rooms(walls: Sequence[Float64], grid: OccupancyGrid) -> list[Float64]:
     if len(lines) < MIN_WALLS:
         return []
     cells = plane_cells([*lines, *frame(lines)])
+    if not cells:
+        return []
     borders = cell_borders(cells, lines, walls)
     free = np.array([free_fraction(cell, grid) for cell in cells])
     widths = np.array([half_width(cell) for cell in cells])
@@ -120,6 +122,8 @@ def _outlines(cells: Sequence[Polygon], group: Int64) -> Iterator[Polygon]:
         area = area.buffer(half, join_style="mitre").buffer(-half, join_style="mitre")
         for part in getattr(area, "geoms", [area]):
             room = Polygon(part.exterior).simplify(SIMPLE).difference(taken)
+            if not room.is_valid:  # rounding of nearly coincident edges
+                room = shapely.make_valid(room)
             room = max(getattr(room, "geoms", [room]), key=lambda piece: piece.area)
             if room.area >= MIN_AREA and half_width(room) >= MIN_HALF_WIDTH:
                 taken = taken.union(room)

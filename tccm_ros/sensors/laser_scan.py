@@ -142,6 +142,7 @@ LEVEL_SCAN = replace(
     mount=MountKind.LEVEL,
     processor="slam",
     sees_robot=False,
+    can_be_base=True,
     correct=timed_scan,
 )
 

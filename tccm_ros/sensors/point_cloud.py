@@ -74,7 +74,7 @@ def rejection_reason(cloud: PointCloud, max_range: float = math.inf) -> str | No
     return TOO_FAR if within < LOST_FRACTION * points else None
 
 
-def cloud_stream(topic: str, config: Config | None = None) -> Stream:
+def cloud_stream(topic: str, config: Config | None = None, *, can_be_base: bool = False) -> Stream:
     """Return the stream of the point clouds on a topic, whose name is the role of the stream.
 
     The configuration gives `scan.max_range`.
@@ -91,6 +91,7 @@ def cloud_stream(topic: str, config: Config | None = None) -> Stream:
         rejection_reason=partial(rejection_reason, max_range=max_range),
         sees_robot=True,
         max_waiting=MAX_WAITING,
+        can_be_base=can_be_base,
     )
 
 

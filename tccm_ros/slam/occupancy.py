@@ -26,6 +26,10 @@ MARGIN_M = 0.5
 """Unknown border around the scans, m; chosen."""
 
 
+OCCUPIED = 100
+"""Value of an occupied cell, as in nav_msgs/OccupancyGrid."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class OccupancyGrid:
     """Cells with the values of nav_msgs/OccupancyGrid.
@@ -71,7 +75,7 @@ def occupancy_grid(
     hits, passed = np.zeros((2, int(size[1]), int(size[0])), np.int32)
     _trace((starts - low) / resolution, (points - low) / resolution, hits, passed)
     seen = hits + passed
-    cells = np.where(hits >= MIN_HIT_FRACTION * seen, np.int8(100), np.int8(0))
+    cells = np.where(hits >= MIN_HIT_FRACTION * seen, np.int8(OCCUPIED), np.int8(0))
     cells[(seen < MIN_BEAMS) & (hits == 0)] = -1
     return OccupancyGrid(cells, resolution, low)
 

@@ -43,6 +43,7 @@ from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.lines import label_by_splitting
+from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces.corrected_labels import corrected_labels
 from tccm_ros.surfaces.object_labels import (
     MAX_WAIT_NS,
@@ -114,6 +115,8 @@ class SurfaceSolution:
         Labels that a person gave, by surface id.
     grid
         What the level laser saw; None without one.
+    stages
+        Runs what hangs on this map, and counts what failed.
     """
 
     slam: Solution
@@ -133,6 +136,7 @@ class SurfaceSolution:
     unused_detections: Mapping[str, int] = field(default_factory=dict)
     corrected_labels: Mapping[int, str] = field(default_factory=dict)
     grid: OccupancyGrid | None = None
+    stages: OptionalStages = field(default_factory=OptionalStages)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -316,7 +320,13 @@ class SurfaceSlam:
         """Return the live estimate."""
         return self.walls.current_pose()
 
-    def solve(self, *, every_covariance: bool = True, is_final: bool = True) -> SurfaceSolution:
+    def solve(
+        self,
+        *,
+        every_covariance: bool = True,
+        is_final: bool = True,
+        stages: OptionalStages | None = None,
+    ) -> SurfaceSolution:
         """Rebuild the graph in stamp order, register the views and build the surfaces.
 
         Parameters
@@ -325,8 +335,10 @@ class SurfaceSlam:
             Whether the covariances of all keyframes are computed (see `WallSlam.solve`).
         is_final
             Whether the graph is solved as a batch at any size.
+        stages
+            Runs what hangs on the map.
         """
-        is_lost = self._is_lost
+        is_lost, stages = self._is_lost, stages or OptionalStages()
         views = [view for view in self.map.views if view.session == self.session and not is_lost]
         slam = self._solve_graph(views, every_covariance=every_covariance, is_final=is_final)
         own = _view_poses(slam)
@@ -339,13 +351,17 @@ class SurfaceSlam:
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
         grid = occupancy_grid(self._walls_to_save(slam))
-        rooms = self._rooms(slam, grid)
-        mapped = replace(mapped, surfaces=placed_surfaces(mapped.surfaces, rooms, slam.signs))
+        rooms = stages.run("rooms", lambda: self._rooms(slam, grid)) or ()
+        placed = stages.run(
+            "names of rooms", lambda: placed_surfaces(mapped.surfaces, rooms, slam.signs)
+        )
+        surfaces = placed or mapped.surfaces
+        mapped = replace(mapped, surfaces=surfaces)
         newest = self._place_detections(views, own.T_map_view, slam) if is_found else ()
         tracked = track_objects(
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
         )
-        objects = scene_objects(mapped.surfaces, tracked.tracks)
+        objects = scene_objects(surfaces, tracked.tracks)
         place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
@@ -358,7 +374,7 @@ class SurfaceSlam:
             compose2(planar(T_map_session), poses),
             objects,
             rooms,
-            free_places(mapped.surfaces, objects, place_size),
+            stages.run("free places", lambda: free_places(surfaces, objects, place_size)) or {},
             place_size,
             alignment,
             self._newest_ns,
@@ -366,6 +382,7 @@ class SurfaceSlam:
             count_unused(self._unusable, tracked.unused_detections),
             corrected_labels(surface_map.views),
             grid,
+            stages,
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:

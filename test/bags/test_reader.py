@@ -1,4 +1,5 @@
 import os
+import sqlite3
 import tracemalloc
 from collections import Counter
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 import zstandard
-from bag_copies import mcap_bag, read, rosbags_bag
+from bag_copies import foreign_bag, mcap_bag, read, ros1_name, rosbags_bag
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Chunk
@@ -186,14 +187,21 @@ def test_compressed_bags_of_one_name_are_read_together(tmp_path, reference):
     assert read([tmp_path / "0" / "bag", tmp_path / "1" / "bag"]) == reference
 
 
-def test_a_topic_of_two_types_in_two_bags_names_both(tmp_path):
-    for name, kind in (("one", STRING), ("two", SCAN)):
-        with BagWriter(tmp_path / name) as writer:
-            writer.write("/scan", kind, START, TYPES.make(kind))
-    with pytest.raises(TopicError, match=r"one/one\.mcap.*two/two\.mcap") as caught:
-        BagReader([tmp_path / "one", tmp_path / "two"])
-    assert STRING in str(caught.value)
-    assert SCAN in str(caught.value)
+@pytest.mark.parametrize("together", [False, True])
+def test_of_a_topic_of_two_types_that_of_the_role_is_read(tmp_path, together):
+    folders = [tmp_path / "one", tmp_path / ("one" if together else "two")]
+    rows = [[("/scan", STRING, START, TYPES.make(STRING))],
+            [("/scan", SCAN, START + 1, TYPES.make(SCAN))]]  # fmt: skip
+    if together:
+        foreign_bag(folders[0] / "bag.mcap", [*rows[0], *rows[1]])
+    else:
+        for folder, messages in zip(folders, rows):
+            foreign_bag(folder / "bag.mcap", messages)
+    with BagReader(sorted(set(folders))) as bag:
+        infos = [info for info in bag.topics() if info.name == "/scan"]
+        assert [(info.msgtype, info.count) for info in infos] == [(SCAN, 1), (STRING, 1)]
+        assert [role for role, _, _ in bag.records()] == ["scan"]
+        assert [i.why_not_read(SCAN) for i in infos] == ["", f"/scan is {STRING}, expected {SCAN}"]
 
 
 def test_a_bag_cannot_be_named_twice(tmp_path):
@@ -238,13 +246,11 @@ def test_unknown_role_names_the_nearest():
 
 
 def test_another_type_on_a_topic_names_both(tmp_path):
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.write("/scan", STRING, START, TYPES.make(STRING))
-    with (
-        BagReader(tmp_path / "bag") as bag,
-        pytest.raises(TopicError, match=r"/scan is std_msgs.*expected sensor_msgs/msg/LaserScan"),
-    ):
-        next(bag.records())
+    foreign_bag(tmp_path / "bag.mcap", [("/scan", STRING, START, TYPES.make(STRING))])
+    with BagReader(tmp_path / "bag.mcap") as bag:
+        assert list(bag.records()) == []
+        said = bag.missing("scan", "/scan")
+    assert said.endswith(f"bag.mcap: /scan is {STRING}, expected {SCAN}")
 
 
 def test_a_missing_topic_names_those_of_its_type(tmp_path):
@@ -276,23 +282,78 @@ def test_offered_qos_is_kept(tmp_path):
         assert bag.qos("/robot_description") == Qos(latched=True, depth=1)
 
 
+@pytest.mark.parametrize("profile", ["ros1", "ros2", ""])
+def test_ros_1_messages_name_the_conversion(tmp_path, profile):
+    path = foreign_bag(
+        tmp_path / "bag.mcap", [("/scan", SCAN, START, b"x")], profile=profile, encoding="ros1",
+        schema_encoding="ros1msg", name=ros1_name,
+    )  # fmt: skip
+    with BagReader(path) as bag:
+        assert list(bag.records()) == []
+        assert "rosbags-convert" in bag.missing("scan", "/scan")
+
+
+@pytest.mark.parametrize("profile", ["", "x-jsonschema"])
+@pytest.mark.parametrize("name", [str, ros1_name])
+def test_a_file_of_any_profile_and_names_of_types_with_one_slash_are_read(
+    tmp_path, reference, profile, name
+):
+    path = foreign_bag(tmp_path / "bag.mcap", sample_messages(), profile=profile, name=name)
+    assert read(path) == reference
+
+
 @pytest.mark.parametrize(
-    ("profile", "error", "cause"),
+    ("schema_encoding", "schema_data", "encoding"),
     [
-        ("ros1", BagError, "Profile is not ros2"),
-        ("ros2", TopicError, "'ros1', expected cdr"),
+        ("jsonschema", b"{}", "json"),
+        ("protobuf", b"\x0a\xff\xfe", "protobuf"),
+        ("ros1msg", b"", "ros1"),
+        ("unknown", b"\x80", "cdr"),
+        ("", b"", ""),
     ],
 )
-def test_other_serialisations_are_refused(tmp_path, profile, error, cause):
-    path = tmp_path / "bag.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile)
-        schema = writer.register_schema(SCAN, "ros2msg", b"")
-        writer.add_message(writer.register_channel("/scan", "ros1", schema), 1, b"x", 1)
-        writer.finish()
-    with pytest.raises(error, match=cause), BagReader(path) as bag:
-        next(bag.records())
+def test_a_topic_that_nobody_asks_for_may_be_anything(
+    tmp_path, reference, schema_encoding, schema_data, encoding
+):
+    foreign_bag(tmp_path / "a" / "a.mcap", sample_messages())
+    foreign = [("/status", "my_msgs/msg/Status", START, b"\xff")]
+    foreign_bag(
+        tmp_path / "b" / "b.mcap", foreign, schema_encoding=schema_encoding,
+        schema_data=schema_data, encoding=encoding,
+    )  # fmt: skip
+    both = [tmp_path / "a", tmp_path / "b"]
+    assert read(both) == reference
+    with BagReader(both) as bag:
+        (status,) = [info for info in bag.topics() if info.name == "/status"]
+        assert (status.msgtype, status.encoding) == ("my_msgs/msg/Status", encoding)
+    recover(tmp_path / "b", tmp_path / "copy")
+    with BagReader(tmp_path / "copy") as bag:
+        assert [(i.name, i.encoding, i.count) for i in bag.topics()] == [("/status", encoding, 1)]
+
+
+def test_a_database_with_a_definition_in_an_unknown_form_is_read(tmp_path, reference):
+    folder = rosbags_bag(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    (file,) = folder.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("UPDATE message_definitions SET encoding = 'unknown'")
+        database.execute("UPDATE topics SET offered_qos_profiles = 'damaged: ['")
+    assert read(folder) == reference
+
+
+def test_a_compression_that_cannot_be_unpacked_is_no_damage_to_recover_from(tmp_path):
+    path = foreign_bag(tmp_path / "bag.mcap", sample_messages())
+    path.write_bytes(path.read_bytes().replace(b"\4\0\0\0zstd", b"\4\0\0\0lzma"))
+    without_summary_crc(path)
+    with pytest.raises(BagError, match="compressed as 'lzma', expected zstd or lz4") as caught:
+        BagReader(path)
+    assert "recover" not in str(caught.value)
+
+
+def without_summary_crc(path):
+    """Set the checksum of the summary to 0: there is none."""
+    data = bytearray(path.read_bytes())
+    data[-12:-8] = bytes(4)
+    path.write_bytes(data)
 
 
 def damaged(path, name):

@@ -6,12 +6,15 @@ from dataclasses import replace
 import numpy as np
 import plan
 import pytest
+from bag_copies import foreign_bag
 from depth_room import TOP, camera, write_recording
+from sample_bags import SCAN, START, TYPES
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.topics import choose_topics
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
+from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import TccmError, TopicError
 from tccm_ros.replay.info import bag_info
@@ -146,3 +149,23 @@ def test_a_bare_laser_is_the_base_and_moves_as_matching_says(tmp_path):
     assert len(found) == len(run.scans)
     # 1 cm of range noise; the corridor has a niche and two corners in sight.
     assert np.hypot(*(found[:, 1:3] - run.truth[:, :2]).T).max() < 0.05
+
+
+def test_messages_that_a_role_cannot_read_are_said_and_others_are_looked_for(tmp_path):
+    cloud = "sensor_msgs/msg/PointCloud2"
+    foreign_bag(tmp_path / "bag" / "a.mcap", [
+        ("/scan", cloud, START, TYPES.make(cloud)),
+        ("/base_scan", SCAN, START, TYPES.make(SCAN)),
+        ("/odom", "geometry_msgs/msg/PoseStamped", START, b""),
+    ])  # fmt: skip
+    foreign = [("/imu", "sensor_msgs/msg/Imu", START, b"{}")]
+    foreign_bag(tmp_path / "bag" / "b.mcap", foreign, encoding="json")
+    with BagReader(tmp_path / "bag") as reader:
+        choice = choose_topics(reader, Config())
+    assert choice.topics["scan"] == "/base_scan"
+    assert choice.counts["scan"] == 1
+    assert choice.counts["odom"] == choice.counts["imu"] == 0
+    assert choice.unread == {
+        "/odom is geometry_msgs/msg/PoseStamped, expected nav_msgs/msg/Odometry": 1,
+        "/imu is serialised as 'json', expected cdr": 1,
+    }

@@ -156,10 +156,40 @@ def test_nees_of_consistent_errors_is_one():
 def test_poses_are_interpolated_and_unknown_within_gaps():
     stamps = np.array([0, 10**9, 20 * 10**9])
     poses = spatial(np.array([[0.0, 0, 0], [1.0, 0, 0.2], [2.0, 0, 0]]))
-    asked = np.array([0, 5 * 10**8, 10**9, 10 * 10**9, 20 * 10**9, 21 * 10**9, -1])
+    asked = np.array([0, 5 * 10**8, 10**9, 10 * 10**9, 20 * 10**9, 21 * 10**9, -2_000_000])
     found, known = poses_at(stamps, poses, asked)
     assert known.tolist() == [True, True, True, False, True, False, False]
     assert found[1, 0, 3] == pytest.approx(0.5)
+
+
+def test_the_pose_of_a_rounded_stamp_is_known_beside_a_gap():
+    stamps = np.array([0, 5 * 10**9, 10 * 10**9])
+    poses = spatial(np.array([[0.0, 0, 0], [1.0, 0, 0.2], [2.0, 0, 0]]))
+    asked = np.array([-900_000, 4_999_999_100, 5_000_900_000, 5_001_100_000, 10_000_000_500])
+    found, known = poses_at(stamps, poses, asked)
+    assert known.tolist() == [True, True, True, False, True]
+    assert found[known, 0, 3].tolist() == [0.0, 1.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("spoil", ["byte order mark", "index", "zero quaternion"])
+def test_a_trajectory_is_known_by_its_numbers_whatever_stands_before(tmp_path, spoil):
+    poses, stamps = circle(), stamps_of(80)
+    path = write_tum(tmp_path / "truth.txt", poses, stamps)
+    rows = [row for row in path.read_text().splitlines() if not row.startswith("#")]
+    if spoil == "byte order mark":
+        path.write_text("\ufeff" + "\n".join(rows), encoding="utf-8")
+    elif spoil == "index":
+        path.write_text("\n".join(f"{k} {row}" for k, row in enumerate(rows)))
+    else:
+        rows[3] = " ".join(rows[3].split()[:4]) + " 0 0 0 0"
+        path.write_text("\n".join(rows))
+        with pytest.raises(LogError, match="quaternion of pose 3 has length 0"):
+            read_truth(path)
+        return
+    truth = read_truth(path)
+    assert isinstance(truth, Trajectory)
+    assert np.array_equal(truth.stamps_ns, stamps)
+    assert np.allclose(truth.T_map_base, spatial(poses), atol=1e-8)
 
 
 def test_pairs_that_meet_are_those_of_a_brute_force_search():
@@ -225,6 +255,7 @@ def test_stamps_that_the_importer_changed_are_matched(tmp_path):
         ("a b c d e f g h\n", "not made of numbers"),
         ("1.5 0 0 0 0.1 0.1 0.1 0.1\n1.6 0 0 0 0.1 0.1 0.1 0.1\n", "length"),
         ("1 nan 0 0 0 0 0 1\n", "finite"),
+        ("1700000000000000000 0 0 0 0 0 0 1\n", "row 0: stamp 17.* divide stamps in ns by 1e9"),
     ],
 )
 def test_files_of_another_form_are_errors(tmp_path, text, said):

@@ -52,3 +52,41 @@ def mcap_bag(path, messages, **options):
             writer.add_message(channels[topic], stamp, data, stamp)
         writer.finish()
     return path
+
+
+def foreign_bag(path, messages, *, profile="ros2", name=str, **of_messages):
+    """Write messages with the mcap library as other programs do.
+
+    Parameters
+    ----------
+    path
+        The file; its folder is made.
+    messages
+        (topic, type, log_ns, message or its bytes) each.
+    profile
+        Of the file.
+    name
+        Returns the name that a type has in the file.
+    of_messages
+        ``encoding`` of all messages, and of all schemas: ``schema_encoding``, ``schema_data``.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    encoding = of_messages.get("encoding", "cdr")
+    schema_encoding = of_messages.get("schema_encoding", "ros2msg")
+    with path.open("wb") as stream:
+        writer, channels = Writer(stream), {}
+        writer.start(profile)
+        for topic, kind, stamp, message in messages:
+            if (topic, kind) not in channels:
+                text = of_messages.get("schema_data", b"")
+                schema = writer.register_schema(name(kind), schema_encoding, text)
+                channels[topic, kind] = writer.register_channel(topic, encoding, schema)
+            data = message if isinstance(message, bytes) else bytes(TYPES.serialize(kind, message))
+            writer.add_message(channels[topic, kind], stamp, data, stamp)
+        writer.finish()
+    return path
+
+
+def ros1_name(msgtype):
+    """Return the name of a type as ROS 1 writes it: ``package/Type``."""
+    return msgtype.replace("/msg/", "/")

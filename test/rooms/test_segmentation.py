@@ -1,10 +1,12 @@
 """Rooms of plans that are known: their outlines, whatever the direction, doors and furniture."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import Polygon, box, contains_xy
+from shapely import Polygon, box, contains_xy, union_all
 
 from tccm_ros.rooms.cells import plane_cells
 from tccm_ros.rooms.segmentation import find_rooms
@@ -140,3 +142,44 @@ def test_walls_that_nearly_coincide_cut_the_plane_as_one(seed):
     cells = [cell for cell in plane_cells(walls) if cell.area > 1.0]
     inside = [cell for cell in cells if box(0.0, -4.5, 9.0, 4.5).covers(cell.buffer(-0.01))]
     assert sum(cell.area for cell in inside) == pytest.approx(81.0, abs=1.0)
+
+
+def near(value, steps=(0.0, 1e-9, 1e-4, 1e-3, 0.02)):
+    """Return a strategy of numbers that nearly, or exactly, coincide with one."""
+    return st.sampled_from([value + sign * step for step in steps for sign in (-1, 1)])
+
+
+pieces_of_one_line = st.lists(
+    st.tuples(near(-1.0) | st.floats(-2, 2), near(0.0), st.floats(0.05, 1.5), near(0.0)),
+    min_size=1, max_size=6,
+).map(lambda rows: [np.array([(x, y), (x + long, y + dy)]) for x, y, long, dy in rows])  # fmt: skip
+corner = st.tuples(near(0.0), near(1.0)) | st.tuples(st.floats(-2, 2), st.floats(-2, 2))
+chains = st.lists(corner, min_size=2, max_size=7).map(
+    lambda points: [np.array(pair) for pair in pairwise(points)]
+)
+copies = st.tuples(corner, corner, st.lists(st.tuples(*[near(0.0)] * 4), max_size=5)).map(
+    lambda made: [
+        np.array(made[:2]) + np.reshape(shift, (2, 2)) for shift in [(0.0,) * 4, *made[2]]
+    ]
+)
+
+
+@settings(max_examples=150)
+@given(
+    st.lists(pieces_of_one_line | chains | copies, min_size=1, max_size=2),
+    st.sampled_from([0.0, np.pi / 2]) | st.floats(-np.pi, np.pi),
+)
+def test_few_collinear_touching_and_nearly_coincident_walls_have_rooms_or_none(parts, yaw):
+    walls = [moved(wall, yaw, (0.0, 0.0)) for part in parts for wall in part]
+    rooms = [Polygon(ring) for ring in find_rooms(walls, grid_of([box(-3, -3, 3, 3)]))]
+    assert all(room.is_valid for room in rooms)
+    overlap = sum(room.area for room in rooms) - union_all(rooms).area
+    assert overlap == pytest.approx(0.0, abs=1e-6)
+    if all(np.abs(wall @ [np.sin(yaw), -np.cos(yaw)]).max() < 0.1 for wall in walls):
+        assert rooms == []
+
+
+def test_three_pieces_of_one_wall_enclose_nothing():
+    """The legs of a table before the one wall behind it."""
+    walls = [np.array([(2.6, y), (2.6, y + 0.8)]) for y in (-2.0, -0.3, 1.1)]
+    assert find_rooms(walls, grid_of([box(0, -2, 2.6, 2)])) == []

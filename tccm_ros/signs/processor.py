@@ -20,7 +20,7 @@ from tccm_ros.sensors.camera_image import (
 )
 from tccm_ros.signs.detector import Detector, sign_detector
 from tccm_ros.signs.hog import region_patches
-from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
+from tccm_ros.signs.measurement import DetectedSign, SearchedPicture, SignMeasurement
 
 BEYOND_RATE = "pictures beyond signs.rate"
 UNCHANGED = "pictures of a view that was looked at before"
@@ -33,6 +33,10 @@ wanders by less; half a degree moves a picture by some pixels."""
 VIEW_SIZE = (64, 48)
 """Width and height to which views are scaled to be compared, pixels. Chosen: a picture's noise is
 averaged, and a digit that can be read is seen."""
+
+BORDER = 0.25
+"""Distance of a number from the border of a picture up to which it may be cut off, in its heights.
+Chosen: a line grows beyond its ink by as much."""
 
 SAME_LEVELS = 4.0
 """Change of brightness in one of these pixels up to which a view is the same, of 255. Chosen."""
@@ -179,7 +183,9 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
     """
     camera = posed.image.camera
     assert camera is not None
-    signs = detector.search(pixels).signs
+    found = detector.search(pixels).signs
+    # Of a number that the border cuts off, the middle is not known.
+    signs = [s for s in found if _is_whole(s, posed.image.size)]
     if not signs:
         return []
     # The detector counts from the edge of the first pixel, a calibration from its middle.
@@ -207,3 +213,9 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
         for k, sign in enumerate(signs)
         if np.isfinite(bearings[k]).all()
     ]
+
+
+def _is_whole(sign: DetectedSign, size: tuple[int, int]) -> bool:
+    """Return whether a number is so far inside a picture that its border cuts nothing off."""
+    margin = BORDER * sign.box[3]
+    return bool((sign.corners > margin).all() and (sign.corners < np.array(size) - margin).all())

@@ -184,3 +184,11 @@ def test_a_picture_without_a_sign_tells_that_it_was_searched(blind):
     assert searched.size == picture.image.size
     assert searched.focal_lengths.tolist() == [camera.K[0, 0], camera.K[1, 1]]
     assert searched.center.tolist() == camera.K[:2, 2].tolist()
+
+
+@needs_reader
+@pytest.mark.parametrize("moved", [230, 240])
+def test_a_number_that_the_border_cuts_off_is_not_measured(moved):
+    signs, whole = SignProcessor(Config()), wall_with("317")
+    assert len(signs.add(posed(whole))) == 2
+    assert len(signs.add(posed(np.roll(whole, -moved, axis=1), START + 10**9))) == 1

@@ -1,4 +1,4 @@
-# make demo | make test | make bench | make lint | make build | make docs | make reference | make figures
+# make demo | make messages | make test | make test-lowest | make bench | make lint | make build | make docs | make reference | make figures
 #
 # Everything lives in .venv, which is made when it is missing or what it is made from has changed. Each
 # target installs what it needs: demo and the nodes what runs, the others tests and tools as well.
@@ -20,15 +20,24 @@ export MPLBACKEND := Agg
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
 
-.PHONY: demo test bench lint build docs reference figures clean
+.PHONY: demo messages test test-lowest bench lint build docs reference figures clean
 
-# The replay needs no ROS messages: those of the nodes are made after it.
+# The replay needs no ROS messages.
 demo: $(VENV)/.wheels
 	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
-	@$(MAKE) --silent $(STAMP)
+
+# The messages of the nodes, which work without them but for typed topics and questions.
+messages: $(STAMP)
 
 test: $(TESTING)
 	@$(BIN)/python -m pytest -n $(JOBS) test
+
+# The lowest versions that setup.py allows, in an environment of their own.
+test-lowest: $(VENV)/.wheels
+	@$(BIN)/python tools/lowest_versions.py > $(VENV)/lowest.txt
+	@$(BIN)/python -m venv --clear $(VENV)-lowest
+	@$(VENV)-lowest/bin/python -m pip install -qq --disable-pip-version-check . -c $(VENV)/lowest.txt
+	@$(VENV)-lowest/bin/tccm demo --no-browser --out out/lowest
 
 bench: $(TOOLS)
 	@$(BIN)/python bench/run.py

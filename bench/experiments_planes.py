@@ -50,7 +50,7 @@ from tccm_ros.replay.run import run_bag  # noqa: E402
 from tccm_sim.scene import Motion, Scene  # noqa: E402
 
 CONFIG = Config()
-COARSE = Config.model_validate({"map": {"cell_size": 0.04}, "center_core": {"min_length": 0.012}})
+COARSE = Config.model_validate({"map": {"cell_size": 0.04}, "center_core": {"min_length": 0.016}})
 """What center cores need in one tilt cycle: the paper's largest cells, without short cores."""
 
 CORE_LENGTH = COARSE.center_core.min_length

@@ -34,6 +34,7 @@ IN_SHORT = {
     "bench_live": ("ring",),
     "bench_merge": ("flat",),
     "bench_planes": ("--tests", "3"),
+    "bench_pose": ("--names", "turtlebot4", "robocup2026_1"),
     "bench_question_latency": ("--answers", "30"),
     "bench_replay": (str(HERE.parent / "bags" / "flat"),),
     "bench_rooms": ("4",),

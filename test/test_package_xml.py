@@ -11,8 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import generate_interfaces
 import pytest
 import setuptools
+from lowest_versions import lowest
 
 import tccm_ros
 from tccm_sim.bundled import DEMO
@@ -122,6 +124,14 @@ def test_every_requirement_has_a_lowest_version():
         assert ">=" in line, line
 
 
+def test_lowest_versions_are_constraints_for_pip():
+    given = ["numpy<3,>=1.26", "rosbags<0.12,>=0.11.9", 'duckdb>=1.1; extra == "fleet"']
+    assert lowest(given) == ["numpy==1.26", "rosbags==0.11.9"]
+    with pytest.raises(ValueError, match="pillow: no lowest version"):
+        lowest(["pillow"])
+    assert len(lowest(arguments()["install_requires"])) == len(arguments()["install_requires"])
+
+
 def test_the_extra_all_is_the_union_of_the_others():
     extras = dict(arguments()["extras_require"])
     everything = extras.pop("all")
@@ -155,3 +165,12 @@ def test_requirement_files_repeat_nothing_of_setup(path):
 
 def test_the_recording_of_the_demo_is_small():
     assert DEMO.stat().st_size <= 3_000_000
+
+
+def test_only_the_generators_of_cpp_are_left_out():
+    left_out = re.search(r'MATCHES "([^"]+)"', generate_interfaces.PROJECT)[1]
+    needed = ("generator_c", "generator_py", "generator_type_description", "typesupport_c",
+              "typesupport_fastrtps_c", "typesupport_introspection_c")  # fmt: skip
+    assert not [name for name in needed if re.search(left_out, f"rosidl_{name}")]
+    for name in ("generator_cpp", "typesupport_cpp", "typesupport_fastrtps_cpp"):
+        assert re.search(left_out, f"rosidl_{name}")

@@ -2,13 +2,13 @@
 
 Usage: python tools/faults.py [WORD ...] [--jobs N]
 
-tools/faults.toml lists the faults. Each has a name, the edits that make it (file, text as it is,
-text with the fault) and the tests that must fail. Given words, only the faults are run whose names
-contain one of them. The last line is ``N killed, M survived``, and exit status 0 says that all were
-killed.
+tools/faults.toml lists the faults. Each has a name, the edits that make it (a function by name, an
+expression or statement in it, and its form with the fault) and the tests that must fail. Given
+words, only the faults are run whose names contain one of them. The last line is ``N killed, M
+survived``, and exit status 0 says that all were killed.
 
 A fault is killed where a test ran and failed. Where that cannot be said it is an ERROR, which is
-neither: its text is not in the code, the code with it cannot be compiled or imported, no test was
+neither: its piece is not in the code, the code with it cannot be compiled or imported, no test was
 found or could be set up, or they did not end in time. The last line then counts those as ``not
 tried``, and the exit status is 2. The tests must pass without any fault; that is tried first.
 
@@ -21,6 +21,7 @@ faults are tried at once as there are processors, or as many as ``--jobs`` says.
 from __future__ import annotations
 
 import argparse
+import ast
 import os
 import re
 import shutil
@@ -34,7 +35,11 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "tools" / "faults.toml"
@@ -65,30 +70,149 @@ class FaultError(Exception):
 
 @dataclass(frozen=True)
 class Edit:
-    """A text in a file of the package, and what stands there with the fault."""
+    """A piece of a function, and what it is with the fault.
 
-    file: str
+    Attributes
+    ----------
+    place
+        Qualified name of a function, method, class or constant of the package; after ``module:``
+        where several have that name.
+    old
+        An expression or statements in it, compared as syntax trees: formatting does not count.
+    new
+        What stands there with the fault.
+    needs
+        Imports that `new` needs.
+    """
+
+    place: str
     old: str
     new: str
+    needs: tuple[str, ...] = ()
 
-    def apply(self, root: Path) -> None:
-        """Make the edit in a copy of the package.
+    def apply(self, root: Path) -> Path:
+        """Make the edit in a copy of the package and return the file that it changed.
 
         Raises
         ------
         FaultError
-            Where the text is not in the file exactly once, or the file is no Python after that.
+            Where place or piece is not there exactly once, or the file is no Python after that.
         """
-        path = root / self.file
-        source = path.read_text(encoding="utf-8")
-        if (count := source.count(self.old)) != 1:
-            raise FaultError(f"{self.file}: found {count} times, expected once: {self.old!r}")
-        changed = source.replace(self.old, self.new)
+        path, place = self._find_place(root / PACKAGE)
+        first, last = self._find_piece(place)
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        begin = _position(lines, first.lineno, first.col_offset)
+        end = _position(lines, last.end_lineno, last.end_col_offset)
+        source = "".join(lines)
+        indent = "\n" + " " * first.col_offset
+        new = self.new.replace("\n", indent) if isinstance(first, ast.stmt) else f"({self.new})"
+        changed = source[:begin] + new + source[end:]
+        head = "from __future__ import annotations\n"
+        changed = changed.replace(head, head + "".join(f"{line}\n" for line in self.needs), 1)
         try:
-            compile(changed, self.file, "exec")
+            compile(changed, path.name, "exec")
         except SyntaxError as error:
-            raise FaultError(f"{self.file}: no Python with the fault: {error}") from error
+            raise FaultError(f"{self.place}: no Python with the fault: {error}") from error
         path.write_text(changed, encoding="utf-8")
+        return path
+
+    def _find_place(self, package: Path) -> tuple[Path, ast.AST]:
+        module, _, name = self.place.rpartition(":")
+        files = package.rglob(f"{module or '*'}.py")
+        # A file without the last name has no definition of it: most need not be parsed.
+        last = name.rpartition(".")[2]
+        sources = ((f, f.read_text(encoding="utf-8")) for f in sorted(files))
+        found = [
+            (file, node)
+            for file, source in sources
+            if last in source
+            for known, node in definitions(_tree(source))
+            if known == name
+        ]
+        if len(found) != 1:
+            raise FaultError(f"{self.place}: found {len(found)} times, expected once")
+        return found[0]
+
+    def _find_piece(self, place: ast.AST) -> tuple[Any, Any]:
+        try:
+            sought = ast.parse(self.old).body
+        except SyntaxError as error:
+            raise FaultError(f"{self.place}: no Python: {self.old!r}") from error
+        found: list[tuple[Any, Any]] = []
+        if len(sought) == 1 and isinstance(sought[0], ast.Expr) and _is_expression(self.new):
+            tree = ast.dump(sought[0].value)
+            found += [(n, n) for n in _expressions(place) if ast.dump(n) == tree]
+        if not found:
+            trees = [ast.dump(node) for node in sought]
+            for body in _bodies(place):
+                for k in range(len(body) - len(trees) + 1):
+                    piece = body[k : k + len(trees)]
+                    if [ast.dump(node) for node in piece] == trees:
+                        found.append((piece[0], piece[-1]))
+        if len(found) != 1:
+            raise FaultError(f"{self.place}: found {len(found)} times, expected once: {self.old!r}")
+        return found[0]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A parameter of a configuration file, and its value with the fault."""
+
+    file: str
+    name: str
+    value: Any
+
+    def apply(self, root: Path) -> Path:
+        """Change the file in a copy of the repository and return it; `FaultError` if not there."""
+        path = root / self.file
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        group, _, name = self.name.rpartition(".")
+        parameters = tree["/**"]["ros__parameters"].get(group, {})
+        if name not in parameters:
+            raise FaultError(f"{self.file}: no {self.name}")
+        parameters[name] = self.value
+        path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+        return path
+
+
+@cache
+def _tree(source: str) -> ast.Module:
+    return ast.parse(source)
+
+
+def definitions(tree: ast.AST, prefix: str = "") -> Iterator[tuple[str, ast.AST]]:
+    """Yield the functions, classes and constants of a module with their qualified names."""
+    for node in getattr(tree, "body", ()):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield prefix + node.name, node
+            yield from definitions(node, f"{prefix}{node.name}.")
+        elif isinstance(node, ast.Assign) and not isinstance(tree, ast.FunctionDef):
+            yield from ((prefix + t.id, node) for t in node.targets if isinstance(t, ast.Name))
+
+
+def _is_expression(source: str) -> bool:
+    try:
+        ast.parse(source, mode="eval")
+    except SyntaxError:
+        return False
+    return True
+
+
+def _expressions(place: ast.AST) -> Iterator[ast.expr]:
+    return (node for node in ast.walk(place) if isinstance(node, ast.expr))
+
+
+def _bodies(place: ast.AST) -> Iterator[list[ast.stmt]]:
+    for node in ast.walk(place):
+        for name in ("body", "orelse", "finalbody"):
+            if isinstance(body := getattr(node, name, None), list):
+                yield body
+
+
+def _position(lines: Sequence[str], line: int, column: int) -> int:
+    """Return where a position of the syntax tree (its columns are bytes) is in the text."""
+    before = sum(map(len, lines[: line - 1]))
+    return before + len(lines[line - 1].encode()[:column].decode())
 
 
 @dataclass(frozen=True)
@@ -100,7 +224,7 @@ class Fault:
     name
         What is wrong then.
     edits
-        The texts that make it.
+        The changes that make it.
     tests
         As pytest takes them, relative to the repository.
     jit
@@ -108,7 +232,7 @@ class Fault:
     """
 
     name: str
-    edits: tuple[Edit, ...]
+    edits: tuple[Edit | Setting, ...]
     tests: tuple[str, ...]
     jit: bool = True
 
@@ -119,7 +243,11 @@ def read_faults(path: Path = LIST) -> list[Fault]:
     return [
         Fault(
             entry["name"],
-            tuple(Edit(*edit) for edit in entry["edits"]),
+            tuple(
+                Edit(edit["in"], edit["old"], edit["new"], tuple(edit.get("needs", ())))
+                for edit in entry.get("edit", ())
+            )
+            + tuple(Setting(**setting) for setting in entry.get("setting", ())),
             tuple(entry["tests"]),
             entry.get("jit", True),
         )
@@ -132,17 +260,19 @@ def changed_copy(change: Callable[[Path], None]) -> Iterator[Path]:
     """Yield a folder like the repository, with a copy of the package that has a change in it."""
     with tempfile.TemporaryDirectory(prefix="tccm-fault-") as name:
         copy = Path(name)
+        copied = {PACKAGE, "config", "test"}  # tests find files of config/ beside their own folder
         for entry in ROOT.iterdir():
-            if entry.name != PACKAGE:
+            if entry.name not in copied:
                 (copy / entry.name).symlink_to(entry)
-        shutil.copytree(ROOT / PACKAGE, copy / PACKAGE)
+            elif entry.is_dir():
+                shutil.copytree(entry, copy / entry.name)
         change(copy)
         yield copy
 
 
 def run_tests(
     tests: Sequence[str],
-    edits: Sequence[Edit] = (),
+    edits: Sequence[Edit | Setting] = (),
     *,
     jit: bool = True,
     timeout_s: float = TIMEOUT_S,

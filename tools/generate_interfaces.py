@@ -67,19 +67,23 @@ PACKAGE = """\
 </package>
 """
 
-UNITY = """\
+PROJECT = """\
+find_package(ament_cmake REQUIRED)
+macro(ament_register_extension point package file)
+  if(NOT "${package}" MATCHES "^rosidl_.*_cpp$")
+    list(APPEND AMENT_EXTENSIONS_${point} "${package}:${file}")
+  endif()
+endmacro()
 function(unity_build)
-  foreach(kind c cpp fastrtps_c fastrtps_cpp)
+  foreach(kind c fastrtps_c)
     set_target_properties(${PROJECT_NAME}__rosidl_typesupport_${kind} PROPERTIES
       UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL unity_build)
 """
-"""Compiles each of these libraries in one go: their headers take longer than what they hold.
-
-This halves the time of a package with twenty messages. Introspection cannot be compiled so.
-"""
+"""Leaves out the generators of C++, which neither Python nor Fast DDS needs, and compiles each
+library of C++ files in one go: their headers take longer than what they hold."""
 
 BUILD_PYTHON = "/opt/python/"
 """Where the wheels' CMake files believe that Python is."""
@@ -172,8 +176,8 @@ def generate(folder: Path, environment: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         source, build = Path(temporary) / "source", Path(temporary) / "build"
         copy(folder, source)
-        unity = Path(temporary) / "unity.cmake"
-        unity.write_text(UNITY)
+        project = Path(temporary) / "project.cmake"
+        project.write_text(PROJECT)
         paths = {
             "AMENT_PREFIX_PATH": str(environment),
             "CMAKE_PREFIX_PATH": str(environment),
@@ -184,7 +188,7 @@ def generate(folder: Path, environment: Path) -> None:
             "Python3_EXECUTABLE": sys.executable,
             "BUILD_TESTING": "OFF",
             "CMAKE_INSTALL_PREFIX": environment,
-            "CMAKE_PROJECT_INCLUDE": unity,
+            "CMAKE_PROJECT_INCLUDE": project,
         }
         options = [f"-D{key}={value}" for key, value in settings.items()]
         failure = f"{name} could not be generated"

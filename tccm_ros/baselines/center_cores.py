@@ -6,8 +6,10 @@ The center core of a cuboid is the long axis of the ellipsoid of its points. A t
 cores; if they lie in one plane, the cores that belong to it are collected and rated by Eq. (8). The
 best of 10 or 50 trials is the plane.
 
-`find_core_planes` takes the best plane's cores out and goes on until no trial finds a plane. The
-cores of a plane are clustered by their cells, so that two tables of one height are two planes.
+`find_core_planes` takes the best plane's cores out and goes on until a plane of a tenth of the
+remaining cores would have been drawn. In a whole room no plane has that many, so the detector wants
+a region of interest (`map.region`), as the paper has. The cores of a plane are clustered by their
+cells, so that two tables of one height are two planes.
 
 Where the printed formulas are incomplete: the normals b of Eq. (6) are given one sign before they
 are averaged, pairs of parallel, aligned cores (b = 0) are skipped, and Eq. (8) is taken over the
@@ -35,8 +37,12 @@ from tccm_ros.planes import PlaneFits
 MIN_POINTS = 3
 """A cuboid of fewer points has no center core. Chosen: the covariance of two points is a line."""
 
-MAX_PLANES = 100
-"""Maximum number of planes of one map. Chosen."""
+SOUGHT_FRACTION = 0.1
+"""The search ends where a plane with this fraction of the remaining cores would have been found. A
+table or a shelf's front has 0.2 to 0.8 of those of the paper's region (bench/plane_scenes.py)."""
+
+CONFIDENCE = 0.99
+"""How surely such a plane has been drawn by then; RANSAC's usual figure."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +124,8 @@ def find_core_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> 
     """Find the planes of a map by center cores, the one of the largest val first.
 
     The paper finds several planes in one map (Fig. 12) and does not say how; here the cores of a
-    plane are taken out before the next is looked for. The cuboids of a plane are those of its
+    plane are taken out before the next is looked for. Rounds of `center_core.trials` without a
+    plane do not end the search before `max_missed_rounds`. The cuboids of a plane are those of its
     cores.
 
     Parameters
@@ -129,15 +136,34 @@ def find_core_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> 
     cores = center_cores(cuboids, config.center_core.min_length)
     rest = np.arange(len(cores))
     groups = []
-    for seed in range(MAX_PLANES):
+    seed = missed = 0
+    while missed < max_missed_rounds(config):
         plane = find_core_plane(cores.select(rest), config, seed=seed)
+        seed += 1
         if plane is None:
-            break
+            missed += 1
+            continue
+        missed = 0
         members = rest[plane.cores]
         clusters = cluster_by_cell(cuboids, cores.cuboid[members], config)
         groups += [(cluster, plane.normal, plane.offset) for cluster in clusters]
         rest = np.setdiff1d(rest, members, assume_unique=True)
     return fits_of_groups(cuboids, groups, config, viewpoint)
+
+
+def max_missed_rounds(config: Config) -> int:
+    """Return after how many rounds of trials without a plane the search ends.
+
+    All l cores of a trial are of a plane with probability f^l, f its fraction of the cores.
+
+    Parameters
+    ----------
+    config
+        Uses `center_core.cores` (l) and `center_core.trials`.
+    """
+    drawn = SOUGHT_FRACTION**config.center_core.cores
+    trials = math.log(1.0 - CONFIDENCE) / math.log1p(-drawn)
+    return math.ceil(trials / config.center_core.trials)
 
 
 def cluster_by_cell(cuboids: Cuboids, members: Int64, config: Config) -> list[Int64]:

@@ -1,17 +1,20 @@
 """Horizontal planes by the labels of neighbours as published (IV.A): `planes.detector: neighbours`.
 
-Two cuboids in neighbouring cells, of eight, get the same label where their tops differ by less than
-`planes.height_threshold`. A group of one label is a horizontal plane. Where a single tilt cycle
-leaves empty cells between its scan lines, a surface falls into strips, as it does by the printed
-rule; `planes.horizontal_clusters` has the labels that follow the spacing of the samples.
+Two cuboids in neighbouring cells, of eight, get the same label where their tops u differ by less
+than `planes.height_threshold`. A group of one label is a horizontal plane at the mean of its u.
+Where a single tilt cycle leaves empty cells between its scan lines, a surface falls into strips, as
+it does by the printed rule; `planes.horizontal_clusters` has the labels that follow the spacing of
+the samples.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.arrays import Int32, Int64
 from tccm_ros.baselines.plane_fits import fits_of_groups
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, cell_keys
@@ -70,8 +73,8 @@ def _merge_neighbours(keys: Int64, top: Int32, steps: Int64, threshold: float) -
 def find_neighbour_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
     """Find the horizontal planes of a map by the labels of neighbours.
 
-    A plane is at the mean height of its points. Groups of fewer points than `planes.min_points`, or
-    whose cells have less than `planes.min_area`, are none.
+    A plane is at the mean u of its cuboids, however far these reach down. Groups of fewer points
+    than `planes.min_points`, or whose cells have less than `planes.min_area`, are none.
 
     Parameters
     ----------
@@ -83,11 +86,14 @@ def find_neighbour_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike
     groups = []
     for label in np.flatnonzero(cells * cuboids.cell_size**2 >= config.planes.min_area):
         members = np.flatnonzero(labels == label)
-        groups.append((members, UP, _mean_height(cuboids, members)))
-    return fits_of_groups(cuboids, groups, config, viewpoint)
+        groups.append((members, UP, float(cuboids.top[members].mean()) * TICK))
+    return fits_of_groups(points_at_tops(cuboids), groups, config, viewpoint)
 
 
-def _mean_height(cuboids: Cuboids, members: Int64) -> float:
-    """Return the mean height of the points of some cuboids, m."""
-    heights: Float64 = cuboids.s[members, 2]
-    return float(heights.sum() / cuboids.count[members].sum() * TICK)
+def points_at_tops(cuboids: Cuboids) -> Cuboids:
+    """Return cuboids with each point moved up to its cuboid's top: x and y stay, z is u."""
+    u = cuboids.top.astype(float)
+    s, S = cuboids.s.copy(), cuboids.S.copy()
+    S[:, 2], S[:, 4], S[:, 5] = s[:, 0] * u, s[:, 1] * u, cuboids.count * u**2
+    s[:, 2] = cuboids.count * u
+    return replace(cuboids, s=s, S=S)

@@ -85,7 +85,8 @@ class Planes(Group):
 
     detector: Literal["moments", "center_cores", "neighbours"] = param(
         "moments",
-        "moments: pooled moments; center_cores, neighbours: the published detectors, as baselines",
+        "moments: pooled moments; center_cores (needs map.region), neighbours: the published "
+        "detectors, as baselines",
     )
     source: Literal["map", "part"] = param("map", "detect in the integration map or the part map")
     height_threshold: float = param(

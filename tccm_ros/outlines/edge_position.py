@@ -39,9 +39,10 @@ OUTERMOST = 0.56
 """The last sample is the outermost of at least two of a front: so many `SIGMA` further out than the
 front. The mean of the larger one of two normal variables, 1 / sqrt(pi)."""
 
-FADE = 0.03
+FADE = 0.06
 """Where a view did not look past the last sample, the surface may go on: a density that falls by a
-factor of e over this, m; chosen."""
+factor of e over this, m. Of 0.03, 0.06, 0.12 and 0.24, this one gives the best outlines (mean
+overlap .925, .927, .927, .924 on bags/flat, .919, .920, .913, .906 on bags/rgbd_kitchen)."""
 
 INDEPENDENT = 8.0
 """The samples of one view share its pose: they count as at most this many; chosen."""
@@ -82,7 +83,7 @@ class EdgeSamples(NamedTuple):
 
 
 def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float, float]:
-    """Return how far across an edge is, and its standard deviation, m.
+    """Return how far across an edge is, the median, and its standard deviation, m.
 
     Parameters
     ----------
@@ -97,7 +98,8 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     density = np.exp(score - score.max())
     density /= density.sum()
     mean = float(density @ across)
-    return mean, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))
+    median = float(np.interp(0.5, np.cumsum(density) - 0.5 * density, across))
+    return median, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))
 
 
 def rotation_scores(

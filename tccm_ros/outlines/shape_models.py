@@ -201,13 +201,15 @@ def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Mo
 
 
 def _models(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Iterator[Model]:
-    for yaw in yaws.tolist():
-        yield from _with_axes(samples, yaw)
-    yield from _round_models(outline)
     sigma = float(np.median(samples.sigma))
     whole = _from_far_corner(outline)
-    for factor in (1.0, 2.0, 3.0):
-        polygon = whole.simplify(factor * sigma)
+    simple = [whole.simplify(factor * sigma) for factor in (1.0, 2.0, 3.0)]
+    for yaw in yaws.tolist():
+        yield from _with_axes(samples, yaw)
+        for polygon in simple:
+            yield from _with_arms(samples, polygon, yaw)
+    yield from _round_models(outline)
+    for polygon in simple:
         if 3 <= len(polygon.exterior.coords) - 1 <= MAX_CORNERS:
             yield _straight(polygon, samples)
 
@@ -251,6 +253,34 @@ def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
         if min(upper[a] - inner[a], upper[b] - inner[b]) >= MIN_NOTCH:
             offsets = np.array([upper[a], inner[b], inner[a], upper[b], outer[c], outer[d]])
             yield StraightModel(SurfaceShape.L, normals[[a, b, a, b, c, d]], offsets, True)
+
+
+def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterator[StraightModel]:
+    """Yield the outline of arms at right angles (U, T, Z) that a polygon is, if it is one.
+
+    Its edges have the nearest of four directions, of which `yaw`, rad, is one. Successive edges of
+    one direction, such as a corner cut off and the edge after it, are one edge.
+    """
+    ring = np.asarray(shapely.geometry.polygon.orient(polygon, 1.0).exterior.coords)
+    steps = np.diff(ring, axis=0)
+    angle = np.arctan2(-steps[:, 0], steps[:, 1]) - yaw
+    side = np.rint(angle / (0.5 * np.pi)).astype(np.int64) % 4
+    begins = np.flatnonzero(side != np.roll(side, 1))
+    sides = side[begins]
+    is_corner = (sides - np.roll(sides, 1)) % 2 == 1
+    if not 6 < len(begins) <= MAX_CORNERS or not is_corner.all():
+        return
+    run_of = np.cumsum(side != np.roll(side, 1)) - 1
+    lines = shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1))
+    nearest = run_of[shapely.STRtree(lines).nearest(shapely.points(samples.points))] % len(begins)
+    normals = np.array([(np.cos(a), np.sin(a)) for a in (yaw + 0.5 * np.pi * sides).tolist()])
+    offsets = np.empty(len(begins))
+    for k, normal in enumerate(normals):
+        own = (nearest == k) & (samples.outward @ normal > FACING)
+        if not own.any():
+            return
+        offsets[k] = _level(samples.points[own] @ normal, samples.seen[own])
+    yield StraightModel(SurfaceShape.POLYGON, normals, offsets, True)
 
 
 def _level(across: Float64, seen: Bool) -> float:

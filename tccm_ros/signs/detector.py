@@ -9,7 +9,7 @@ from PIL import Image
 from tccm_ros.arrays import UInt8
 from tccm_ros.config.signs import Signs
 from tccm_ros.signs.measurement import DetectedSign, RefusedText, SearchedText
-from tccm_ros.signs.numbers import normalised, room_number
+from tccm_ros.signs.numbers import has_digits, normalised, person_name, room_number
 from tccm_ros.signs.plates import (
     MIN_CONFIDENCE,
     OTHER_CONFIDENCE,
@@ -83,7 +83,8 @@ class SignDetector:
         signs: list[DetectedSign] = []
         reasons: list[tuple[ReadLine, str]] = []
         on_signs: list[ReadLine] = []
-        for own in sorted(read, key=lambda r: -r.line.height):
+        # Numbers before names: a name may be written larger than the number of its plate.
+        for own in sorted(read, key=lambda r: (not has_digits(r.number or ""), -r.line.height)):
             if own in on_signs:
                 continue
             if own.number is None:
@@ -108,11 +109,12 @@ class SignDetector:
     def _read(self, picture: Image.Image, line: TextLine) -> ReadLine:
         text, confidence = self._reader.read(picture, line)
         text = normalised(text)
-        number = room_number(text) if confidence >= MIN_CONFIDENCE else None
+        is_sure = confidence >= MIN_CONFIDENCE
+        number = room_number(text) or person_name(text) if is_sure else None
         return ReadLine(line, text, confidence, number)
 
 
 def _why_no_number(line: ReadLine) -> str:
     if line.confidence < OTHER_CONFIDENCE:
         return f"unsure ({line.confidence:.2f})"
-    return "no number of a room"
+    return "no number of a room, no name with a title"

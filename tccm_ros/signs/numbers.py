@@ -12,6 +12,9 @@ NUMBER = re.compile(rf"(?=.*\d){GROUP}(?:[-./]{GROUP}){{0,3}}")
 CODE = re.compile(r"[A-Z]{1,3}|[A-Z]{0,3}\d{1,5}[A-Z]{0,3}")
 """A word beside a number that is part of it: a wing, a floor, a building (BC 410, C7 118)."""
 
+NAME = re.compile(r"(?:(?:Prof|Dr|Mr|Mrs|Ms)\.? ?){1,3}(?:[A-Z][\w'-]*\.? ?){1,4}")
+"""A person, by the title: names without one have the form of any heading."""
+
 GENERIC = frozenset({"NO", "NR", "RM"})
 """Short words beside a number that tell doors not from each other."""
 
@@ -65,6 +68,16 @@ def room_number(text: str) -> str | None:
         if k == 1 and words[0].isalpha():
             return f"{words[0]} {number}"
     return None
+
+
+def person_name(text: str) -> str | None:
+    """Return the name of a person with a title that a line of text is, capitals, None for none."""
+    return text.upper() if NAME.fullmatch(text) else None
+
+
+def has_digits(text: str) -> bool:
+    """Return whether there is a digit in a text."""
+    return any(map(str.isdigit, text))
 
 
 def is_doubtful(number: str) -> bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.signs.measurement import DetectedSign
-from tccm_ros.signs.numbers import is_doubtful, joined_number
+from tccm_ros.signs.numbers import has_digits, is_doubtful, joined_number
 from tccm_ros.signs.reading import TextLine, bounding_corners
 
 ALIKE = 0.75
@@ -24,7 +24,7 @@ NOTICE_LINES = 5
 names of one size are a plate."""
 
 LIST_NUMBERS = 2
-"""Of these, lines with digits that make a list of rooms. Chosen: two lines are a number."""
+"""Of these, lines with digits or names that make a list. Chosen: two lines are a number."""
 
 PLATE_DISTANCE = (1.5, 2.5)
 """How far beside, and above or below a number other lines are on its plate, in its heights. Chosen:
@@ -55,7 +55,7 @@ class ReadLine(NamedTuple):
     confidence
         Mean probability of its characters, 0 to 1.
     number
-        Of a room that it has; None for none.
+        Of a room that it has, or the name of a person; None for none.
     """
 
     line: TextLine
@@ -112,7 +112,8 @@ def plate_of(own: ReadLine, lines: Sequence[ReadLine]) -> Plate:
     parts = [own]
     for other in near(own, lines, PART_DISTANCE):
         is_word = is_doubtful(own.number or "") and other.text.isalpha()
-        if _is_as_high(other.line, own.line) and (other.number or is_word):
+        is_part = has_digits(other.number or "") and has_digits(own.number or "")
+        if _is_as_high(other.line, own.line) and (is_part or is_word):
             parts.append(other)
     others = [r for r in near(own, lines, PLATE_DISTANCE) if r not in parts]
     return Plate(tuple(_in_order(parts)), tuple(others))
@@ -133,7 +134,7 @@ def refusal(plate: Plate, lines: Sequence[ReadLine]) -> str:
     if is_doubtful(plate.number) and confidence < DIGIT_CONFIDENCE:
         return f"a single digit, read with {confidence:.2f}"
     rows = [r for r in lines if r is not own and _is_row(own.line, r.line)]
-    if sum(any(map(str.isdigit, r.text)) for r in rows) >= LIST_NUMBERS:
+    if sum(has_digits(r.text) or r.number is not None for r in rows) >= LIST_NUMBERS:
         return "a row of a list"
     return ""
 

@@ -13,7 +13,7 @@ from PIL import Image, ImageOps
 from tccm_ros.arrays import Float32, Float64, UInt8
 from tccm_ros.signs.classifier import SignClassifier, read_classifier
 from tccm_ros.signs.measurement import DetectedSign, SearchedText
-from tccm_ros.signs.numbers import is_list, normalised, room_number
+from tccm_ros.signs.numbers import is_doubtful, is_list, normalised, room_number
 from tccm_ros.signs.reading import TextLine, TextReader, bounding_corners
 from tccm_ros.signs.saliency import salient_boxes
 
@@ -151,6 +151,8 @@ class SaliencyDetector:
             text, confidence = self._reader.read(picture, lines[k])
             number = room_number(normalised(text))
             if number is None or confidence < MIN_CONFIDENCE:
+                continue
+            if is_doubtful(number) and " " in number:  # "Lab 2", another line of a plate
                 continue
             if is_list([line.height for line in lines], k) or self._is_row(whole, lines[k], low):
                 return None

@@ -32,7 +32,7 @@ from tccm_ros.slam.registered_views import RegisteredViews
 from tccm_ros.slam.se2 import compose
 from tccm_ros.slam.systematic import CarriedDisplacement, scale_displacements
 from tccm_ros.slam.walls.association import WallTable
-from tccm_ros.slam.walls.corners import corner_factors
+from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.growing import GrowingWalls
 from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors
 from tccm_ros.slam.walls.lines import Lines
@@ -108,7 +108,7 @@ class Growth:
 
     def _corner_factors(self, numbers: Iterable[int]) -> dict[Hashable, list[Factor]]:
         """Return the factors of corners by the variable of each."""
-        if not self._config.walls.enabled:
+        if not uses_corners(self._config):
             return {}
         walls, keys = self._walls, self._chain.keys
         return {

@@ -44,7 +44,7 @@ from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
-from tccm_ros.slam.walls.corners import corner_factors
+from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_records
 from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 
@@ -398,7 +398,8 @@ class WallSlam:
     def _wall_factors(self, used: Inliers) -> list[Factor]:
         keys = self._chain.keys
         factors = wall_factors(used.walls, self._lines, keys, self.config)
-        factors += corner_factors(used.corners, used.walls, keys)
+        if uses_corners(self.config):
+            factors += corner_factors(used.corners, used.walls, keys)
         if self.config.walls.structure_prior:
             factors += structure_factors(used.walls)
         return factors

@@ -27,7 +27,7 @@ from tccm_ros.surfaces.displacement import (
     is_displaced,
     line_of_sight,
 )
-from tccm_ros.surfaces.free_grid import FreeGrid
+from tccm_ros.surfaces.free_grid import FreeGrid, blocks_of
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import Patch, View
 
@@ -134,10 +134,12 @@ class _Eyes:
     view: View
     free: FreeGrid
     faces: tuple[_Face, ...]
+    blocks: tuple[Float64, ...]
 
     @classmethod
     def of(cls, view: View) -> _Eyes:
-        return cls(view, FreeGrid.of(view.free), tuple(map(_Face.of, view.patches)))
+        blocks = tuple(blocks_of(p.points, view.free.cell_size) for p in view.patches)
+        return cls(view, FreeGrid.of(view.free), tuple(map(_Face.of, view.patches)), blocks)
 
 
 class _Carved(NamedTuple):
@@ -175,16 +177,17 @@ class _ViewPair:
 
     @classmethod
     def of(
-        cls, older: View, newer: _Eyes, step: Int64, is_same_pose: bool, config: Config
+        cls, older: _Eyes, newer: _Eyes, step: Int64, is_same_pose: bool, config: Config
     ) -> _ViewPair:
         T = pose_from_rpy(step * STEPS)
         margins, limit = (config.views.clear_margin, TILT_MARGIN), newer.view.max_range
         touched = tuple(
             p
-            for p, patch in enumerate(older.patches)
-            if newer.free.touches(patch.points, T, limit, margins, is_same_pose)
+            for p, patch in enumerate(older.view.patches)
+            if (is_same_pose or newer.free.may_touch(older.blocks[p], T, limit, margins))
+            and newer.free.touches(patch.points, T, limit, margins, is_same_pose)
         )
-        return cls(older, newer, step, is_same_pose, touched, {})
+        return cls(older.view, newer, step, is_same_pose, touched, {})
 
     def is_of(self, older: View, newer: _Eyes) -> bool:
         """Return whether the pair is of these views."""
@@ -238,17 +241,17 @@ class Carver:
         self.compared = 0
         for w, newer in enumerate(eyes):
             for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
-                pair = self._pair_of(views[v], newer, step, is_same_pose)
+                pair = self._pair_of(eyes[v], newer, step, is_same_pose)
                 for p in pair.touched:
                     self._carve_patch(pair, (v, p, w), states, left)
         self._forget_unused()
         return left
 
-    def _pair_of(self, older: View, newer: _Eyes, step: Int64, is_same_pose: bool) -> _ViewPair:
+    def _pair_of(self, older: _Eyes, newer: _Eyes, step: Int64, is_same_pose: bool) -> _ViewPair:
         """Return a pair of views, remembered where it was compared at this relative pose."""
-        key = older.key, newer.view.key
+        key = older.view.key, newer.view.key
         self._used[key] = self._calls
-        known = [p for p in self._pairs.get(key, ()) if p.is_of(older, newer)]
+        known = [p for p in self._pairs.get(key, ()) if p.is_of(older.view, newer)]
         pair = next((p for p in known if p.fits(step, is_same_pose)), None)
         if pair is None:
             pair = _ViewPair.of(older, newer, step, is_same_pose, self._config)

@@ -15,9 +15,12 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
+from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
+from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
+from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
+from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
 from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION, probes
@@ -78,6 +81,17 @@ MIN_FRACTION = 0.4
 """A line has at least this fraction of the points of the median line; chosen: what noise carries
 over to the next one is less."""
 
+REACHED = 0.018
+"""A view measured up to an edge if its last sample is within a distance of samples and this, m:
+three standard deviations of `edge_position.SIGMA`."""
+
+EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
+"""What `median_sigma` gives for an even distribution, over its width: its median distance from the
+middle is a quarter of that."""
+
+EYE_HEIGHT = 1.0
+"""Height over the base of a sensor of which nothing is known, m; chosen."""
+
 FRONT = 0.7
 """At a near edge so many of the last samples are of the front below it; chosen: the height of the
 front that counts as the surface is that of a scan line's step or two."""
@@ -124,11 +138,14 @@ class EdgeSampler:
         The surface.
     views, T_map_view
         All views, and float64 (V, 4, 4).
+    config
+        Uses the systematic errors of ``sensors``.
     """
 
     surface: MergedSurface
     views: Sequence[View]
     T_map_view: Float64
+    config: Config
 
     @cached_property
     def _clouds(self) -> list[tuple[NumberedPatch, Float64]]:
@@ -272,6 +289,52 @@ class EdgeSampler:
         rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
+    def seen_fraction(self, edge: Edge) -> float:
+        """Return in which fraction of the pieces of an edge a view measured up to it and past it.
+
+        Pieces without any point of the surface do not count: scan lines may be further from each
+        other than pieces are long.
+        """
+        found = self.edge_samples(edge)
+        is_end = found.ends & (np.abs(found.last) <= found.gap + REACHED)
+        seen = np.unique(np.floor(found.at[is_end] / PIECE).astype(np.int64))
+        return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
+
+    def reached_fraction(self, edge: Edge, distance: float) -> float:
+        """Return in which fraction of the pieces of an edge the surface comes so near to it, m."""
+        last = self._last_points(edge, np.inf)
+        return float(np.mean(last[np.isfinite(last)] >= -distance)) if len(last) else 0.0
+
+    def ragged_sigma(self, edge: Edge) -> float:
+        """Return the deviation of last samples across an edge beyond that of sampling, m.
+
+        The samples of an edge of the surface are in line. Those at the rim of what something else
+        hides from the views are not, and the views do not know by how much all of them fall short.
+        """
+        found = self.edge_samples(edge)
+        last, gap = found.last[found.ends], found.gap[found.ends]
+        if len(last) < MIN_PIECES:
+            return 0.0
+        spread = median_sigma(last - np.median(last))
+        expected = float(np.mean(gap**2)) * EVEN_SIGMA**2 + SIGMA**2
+        return max(spread**2 - expected, 0.0) ** 0.5
+
+    def shared_sigma(self, edge: Edge) -> float:
+        """Return the deviation across an edge of what all points of its views share, m.
+
+        It is that of one sensor on all views: errors of range along opposite rays cancel out.
+        """
+        middle = self.surface.lift(0.5 * (edge.start + edge.end)[None])
+        moved = []
+        for view, T_view_map in self._inverses.items():
+            eye = self.views[view].viewpoint
+            eye = np.array([0.0, 0.0, EYE_HEIGHT]) if eye is None else eye
+            local = transform(T_view_map, middle)
+            errors = systematic_errors(local, eye, self.views[view].sensor, self.config)[0]
+            outward = self.T_map_view[view][:2, :3].T @ edge.outward
+            moved.append(errors @ outward)
+        return float(np.linalg.norm(np.stack(moved).mean(axis=0)))
+
     def furthest(self, edge: Edge, limit: float) -> float:
         """Return how far across an edge the surface was measured, m; -inf: nowhere.
 
@@ -282,12 +345,17 @@ class EdgeSampler:
         limit
             Points further across than this do not count, m.
         """
+        last = self._last_points(edge, limit)
+        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
+
+    def _last_points(self, edge: Edge, limit: float) -> Float64:
+        """Return how far across each piece of an edge the surface was measured, m; -inf: not."""
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
         at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
         near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
         last = np.full(int(edge.length / PIECE) + 1, -np.inf)
         np.maximum.at(last, np.floor(at[near] / PIECE).astype(np.int64), across[near])
-        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
+        return last
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""

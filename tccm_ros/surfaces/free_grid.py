@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float32, Float64, Int64
-from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns
+from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns, column_keys
 from tccm_ros.kernels import kernel
 
 
@@ -67,6 +67,21 @@ class FreeGrid:
         grid = self.cell_size, self.corner, self.first, self.low, self.high
         return bool(_touches(points, T, max_range, margins, is_near_enough, *grid))
 
+    def may_touch(
+        self, blocks: Float64, T: Float64, max_range: float, margins: tuple[float, float]
+    ) -> bool:
+        """Return whether any of the points in blocks may count; False is certain.
+
+        Parameters
+        ----------
+        blocks
+            float64 (B, 5), of `blocks_of`, in the other view.
+        T, max_range, margins
+            As of `look`.
+        """
+        grid = self.cell_size, self.corner, self.first, self.low, self.high
+        return bool(_may_touch(blocks, T, max_range, margins, *grid))
+
     def look(
         self, points: Float32, T: Float64, max_range: float, margins: tuple[float, float]
     ) -> tuple[Float64, Bool, Float64]:
@@ -97,10 +112,26 @@ class FreeGrid:
         return _look(points, T, max_range, margins, *grid)
 
 
+def blocks_of(points: Float32, size: float) -> Float64:
+    """Return blocks that hold points (N, 3), float64 (B, 5).
+
+    A row is the middle x, y and z of a block, its horizontal radius, and half its height, m. Blocks
+    are columns whose edge is `size`, m.
+    """
+    exact = points.astype(np.float64)
+    keys = column_keys(exact, size)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(keys[order]) > 0])
+    low = np.minimum.reduceat(exact[order], starts)
+    high = np.maximum.reduceat(exact[order], starts)
+    half = 0.5 * (high - low)
+    return np.column_stack([0.5 * (low + high), np.hypot(half[:, 0], half[:, 1]), half[:, 2]])
+
+
 @kernel(inline="always")
-def _moved(point, T):  # type: ignore[no-untyped-def]
-    """Return a point in another frame."""
-    x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
+def _moved(points, k, T):  # type: ignore[no-untyped-def]
+    """Return point k in another frame; a row of its own would be counted by reference."""
+    x, y, z = np.float64(points[k, 0]), np.float64(points[k, 1]), np.float64(points[k, 2])
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -126,7 +157,7 @@ def _touches(  # type: ignore[no-untyped-def]
     points, T, max_range, margins, is_near_enough, cell_size, corner, first, low, high
 ):
     for k in range(len(points)):
-        x, y, z = _moved(points[k], T)
+        x, y, z = _moved(points, k, T)
         distance = np.sqrt(x * x + y * y)
         if distance <= max_range:
             margin = margins[0] + margins[1] * distance
@@ -136,12 +167,34 @@ def _touches(  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _may_touch(blocks, T, max_range, margins, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
+    for k in range(len(blocks)):
+        x, y, z = _moved(blocks, k, T)
+        radius, half = blocks[k, 3], blocks[k, 4]
+        wide = np.sqrt(radius * radius + half * half)
+        nearest = max(np.sqrt(x * x + y * y) - wide, 0.0)
+        if nearest > max_range:
+            continue
+        margin = margins[0] + margins[1] * nearest
+        tall = np.hypot(T[2, 0], T[2, 1]) * radius + abs(T[2, 2]) * half
+        i_first = max(np.int64(np.floor((x - wide) / cell_size)) - corner[0], 0)
+        j_first = max(np.int64(np.floor((y - wide) / cell_size)) - corner[1], 0)
+        i_end = min(np.int64(np.floor((x + wide) / cell_size)) - corner[0] + 1, first.shape[0])
+        j_end = min(np.int64(np.floor((y + wide) / cell_size)) - corner[1] + 1, first.shape[1] - 1)
+        for i in range(i_first, i_end):
+            for row in range(first[i, j_first], first[i, max(j_end, j_first)]):
+                if low[row] + margin <= z + tall and z - tall <= high[row] - margin:
+                    return True
+    return False
+
+
+@kernel
 def _look(points, T, max_range, margins, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
     moved = np.empty((len(points), 3))
     through = np.zeros(len(points), np.bool_)
     margin = np.full(len(points), -1.0)
     for k in range(len(points)):
-        x, y, z = _moved(points[k], T)
+        x, y, z = _moved(points, k, T)
         moved[k, 0], moved[k, 1], moved[k, 2] = x, y, z
         distance = np.sqrt(x * x + y * y)
         if distance <= max_range:

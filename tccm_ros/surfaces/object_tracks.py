@@ -3,7 +3,8 @@
 A box is numbered over all views in stamp order, and the id of an object is the number of its oldest
 box. So ids follow from the views alone, as those of surfaces do (`track_ids`). An object that a
 view does not measure stays, as it may be hidden or out of sight; it has left once enough views have
-looked through it. What detectors recognise where it stands says of which class it is.
+looked through it, and was none if enough views looked just above it and did not measure it. What
+detectors recognise where it stands says of which class it is.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ of a view are as wide as a cup, and beams pass beside one. Chosen."""
 INSIDE = 0.5
 """An object is part of another one where they share more of the smaller footprint. Chosen."""
 
+ABOVE = 0.05
+"""A view that looks through this far above an object would measure it, m; chosen."""
+
 PART_OF_POINTS = 0.5
 """A view that measured fewer points than this fraction of an earlier one saw a part. Chosen."""
 
@@ -58,6 +62,8 @@ class ObjectTrack:
         Views that measured it.
     misses
         Views in a row that looked through it.
+    passed_over
+        Views that looked into the column of its middle, just above it, and did not measure it.
     scores
         What detections say of its class.
     """
@@ -71,6 +77,7 @@ class ObjectTrack:
     last_seen_ns: int
     views: int
     misses: int = 0
+    passed_over: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
 
     @property
@@ -200,7 +207,11 @@ def _update(
         same = [known[i] for i, k in matched.items() if k == j]
         kept.append(_combined(same, new) if same else new)
     needed = config.objects.agreeing_views
-    return [track for track in kept if track.misses < min(track.views, needed)]
+    return [
+        track
+        for track in kept
+        if track.misses < min(track.views, needed) and track.passed_over < needed * track.views
+    ]
 
 
 def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
@@ -300,5 +311,9 @@ def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) 
         points[k, :, 2] = track.center[2]
     seen = view.free.contains(transform(inverse(T), points.reshape(-1, 3)))
     through = np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)
+    above = np.array([t.center for t in tracks])
+    above[:, 2] += [0.5 * t.size[2] + ABOVE for t in tracks]
+    over = view.free.contains(transform(inverse(T), above))
     for k, track in enumerate(tracks):
         track.misses += bool(through[k])
+        track.passed_over += bool(over[k])

@@ -29,7 +29,7 @@ NEIGHBOURS = 24
 """Number of nearest points over which the local spacing is taken; chosen."""
 
 THINNING_FRACTION = 0.25
-"""Points are thinned to this fraction of the gap that their area and number allow; chosen."""
+"""Points are thinned to this fraction of the local spacing, that between scan lines; chosen."""
 
 QUANTILE = 0.4
 """Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as
@@ -82,11 +82,11 @@ def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, floa
 
     The parameters are those of `horizontal_outline`; the points may be in any frame.
     """
-    mesh = _mesh(cell_means(points_xy, 0.5 * min_gap)[0])
-    gap = THINNING_FRACTION * _gap_by_area(*mesh)
-    if gap > 0.5 * min_gap:
-        mesh = _mesh(cell_means(points_xy, gap)[0])
-    points, triangles, longest = mesh
+    # Noise makes a scan line two or three fine cells wide: they seem to be of a dense surface.
+    coarse = _local_spacing(*_mesh(cell_means(points_xy, min_gap)[0]))
+    gap = float(np.median(coarse)) if len(coarse) else 0.0
+    cell_size = max(0.5 * min_gap, THINNING_FRACTION * gap)
+    points, triangles, longest = _mesh(cell_means(points_xy, cell_size)[0])
     if len(triangles) == 0:
         return MultiPolygon(), 0.0
     local = _local_spacing(points, triangles, longest)
@@ -100,17 +100,6 @@ def _mesh(points_xy: Float64) -> Mesh:
     corners = points_xy[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return points_xy, triangles, longest.max(axis=1, initial=0.0)
-
-
-def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> float:
-    """Return the area-weighted median of longest edges, m: slivers of noise have no area."""
-    if len(triangles) == 0:
-        return 0.0
-    a, b, c = (points_xy[triangles[:, k]] for k in range(3))
-    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
-    order = np.argsort(longest, kind="stable")
-    area = np.cumsum(np.abs(ux * vy - uy * vx)[order])
-    return float(longest[order[np.searchsorted(area, 0.5 * area[-1])]])
 
 
 def _area_of(points_xy: Float64, triangles: Int64) -> MultiPolygon:
@@ -137,11 +126,13 @@ def _triangulate(points_xy: Float64) -> Int64:
 
 
 def _local_spacing(points_xy: Float64, triangles: Int64, longest: Float64) -> Float64:
-    """Return the spacing around each point, float64 (N,), m.
+    """Return the spacing around each point, float64 (N,), m; of no triangles, none.
 
     A point's own gap is the longest edge of its triangles: the distance between scan lines, even
     where the distance between the beams of a line is a hundredth of that.
     """
+    if len(triangles) == 0:
+        return np.zeros(0)
     own = np.zeros(len(points_xy))
     np.maximum.at(own, triangles.ravel(), np.repeat(longest, 3))
     count = min(NEIGHBOURS, len(points_xy))

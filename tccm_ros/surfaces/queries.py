@@ -7,6 +7,7 @@ it is made, so that an answer takes milliseconds whatever the size of the map.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -52,7 +53,7 @@ class SurfaceFilter:
     max_distance
         Largest distance of a surface's outline from `near`, m; 0 for any.
     near_sign
-        Part of the text of a sign near the surface, upper and lower case alike; empty for any.
+        Parts of the text of a sign near the surface, upper and lower case alike; empty for any.
     words
         Words that all stand in the label, the room, the texts of signs near it or the classes of
         the objects on it, upper and lower case alike.
@@ -202,11 +203,18 @@ def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) ->
             return False
     elif surface.label == "floor" and not wanted.ids:
         return False
-    sign = wanted.near_sign.casefold()
+    sign = _parts(wanted.near_sign)
     return (
         surface.confidence >= wanted.min_confidence
         and wanted.min_height <= height <= wanted.max_height
         and surface.area >= wanted.min_area
-        and (not sign or any(sign in near.casefold() for near in surface.near))
-        and all(word.casefold() in text for word in wanted.words)
+        and (
+            not sign or any(all(part in near.casefold() for part in sign) for near in surface.near)
+        )
+        and all(part in text for word in wanted.words for part in _parts(word))
     )
+
+
+def _parts(text: str) -> list[str]:
+    """Return the letters and digits between the marks of a text: C7-118 is found as C7 118."""
+    return re.findall(r"[^\W_]+", text.casefold())

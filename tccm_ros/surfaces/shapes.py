@@ -16,6 +16,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.outlines.shape_models import (
     FACING,
@@ -60,7 +61,7 @@ MIN_PART = 0.25
 sofas and side panels of furniture have the same front, and are narrower than what stands on it."""
 
 AT_WALL_SEEN = 0.03
-"""An edge at a wall was seen where points come so near to it, m; chosen: a distance of beams."""
+"""An edge at a wall was seen where last samples are so near, m; chosen: a distance of beams."""
 
 RAGGED = 0.012
 """What hides an edge lets most last points end short of the furthest by more than a distance of
@@ -81,6 +82,10 @@ ROUND_SIGMA = 0.01
 
 FREE_SIGMA = 0.02
 """Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
+
+END_SIGMA = 0.005
+"""Standard deviation of where samples end at an edge, common to all views, m: mixed pixels. With it
+errors are as large as deviations say, on four recordings (`bench/bench_edges.py`)."""
 
 NEAR = 0.08
 """Samples of the outline within this of an edge are of it, m; chosen."""
@@ -136,6 +141,7 @@ def fit_shape(
     views: Sequence[View],
     T_map_view: Float64,
     walls: Float64,
+    config: Config,
 ) -> Shape:
     """Return the shape of a surface.
 
@@ -149,8 +155,10 @@ def fit_shape(
         All views, and float64 (V, 4, 4).
     walls
         float64 (W, 2, 2), ends of the walls in map, m.
+    config
+        Uses the systematic errors of ``sensors``.
     """
-    sampler = EdgeSampler(surface, views, T_map_view)
+    sampler = EdgeSampler(surface, views, T_map_view, config)
     samples = sampler.outline_samples()
     exterior = Polygon(surface.polygon.exterior)
     walls = walls[shapely.dwithin(shapely.linestrings(walls), exterior, exterior.length)]
@@ -369,9 +377,15 @@ def _edges(
     for k, edge in enumerate(_edges_of(corners)):
         across = wall_across(edge, walls)
         state = _state(edge, sampler, samples)
-        sigma = ROUND_SIGMA if isinstance(model, RoundModel) else float(sigmas[k])
+        sigma = ROUND_SIGMA
+        if not isinstance(model, RoundModel):
+            parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), END_SIGMA
+            sigma = float(np.linalg.norm(parts))
+            if state is EdgeState.SEEN and sampler.seen_fraction(edge) < SEEN_FRACTION:
+                state = EdgeState.HIDDEN
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            state = EdgeState.SEEN if sampler.furthest(edge, np.inf) >= -AT_WALL_SEEN else state
+            is_reached = sampler.reached_fraction(edge, AT_WALL_SEEN) >= SEEN_FRACTION
+            state = EdgeState.SEEN if is_reached else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return tuple(edges[first:] + edges[:first])

@@ -13,10 +13,15 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Bool, Float32, Int32
+from tccm_ros.surfaces.thinning import cells_of
 
 GAP = 1.5
 """Strays are further from all others than so many times the spacing of the surface's points.
 Chosen: the next scan line is nearer, with noise."""
+
+CELL = 0.5
+"""Points are linked by the means of cells of this edge, in spacings of the surface's points: denser
+points link nothing more, and cost the square of their density."""
 
 MAX_FRACTION = 0.05
 """And are at most this fraction of the points. Chosen: what an object hides is seen to both sides,
@@ -51,9 +56,11 @@ def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32
     """
     if spacing <= 0.0 or not len(others):
         return np.zeros(len(points), np.bool_)
-    pairs = cKDTree(points[:, :2]).query_pairs(GAP * spacing, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
-    part_of = connected_components(links, directed=False)[1]
+    cells = cells_of(points[:, :2].astype(np.float64), CELL * spacing)
+    pairs = cKDTree(cells.means).query_pairs(GAP * spacing, output_type="ndarray")
+    count = len(cells.means)
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    part_of = connected_components(links, directed=False)[1][cells.of_point]
     measured = np.bincount(part_of, weights=weights) / weights.sum()
     strays = np.zeros(len(points), np.bool_)
     for part in np.flatnonzero(measured <= MAX_FRONT_FRACTION):

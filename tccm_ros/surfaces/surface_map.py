@@ -287,7 +287,7 @@ class SurfaceMap:
             above = []
         others = {id(surface) for surface in above}
         return [
-            fit_shape(surface, above, views, T_map_view, walls)
+            fit_shape(surface, above, views, T_map_view, walls, self._config)
             if id(surface) in others
             else free_shape(surface)
             for surface in surfaces

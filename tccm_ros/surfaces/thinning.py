@@ -3,11 +3,30 @@
 from __future__ import annotations
 
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.cuboids.free_columns import KEY_STEP
+
+
+class Cells(NamedTuple):
+    """The cells that points are in.
+
+    Attributes
+    ----------
+    means
+        float64 (M, D), of the points of each cell, in the order of the cells.
+    counts
+        int64 (M,), points of each cell.
+    of_point
+        int64 (N,), the cell of each point.
+    """
+
+    means: Float64
+    counts: Int64
+    of_point: Int64
 
 
 def cell_means(points: Float64, cell_size: float) -> tuple[Float64, Int64]:
@@ -27,11 +46,16 @@ def cell_means(points: Float64, cell_size: float) -> tuple[Float64, Int64]:
     counts : int64 (M,)
         Points of each cell.
     """
+    return cells_of(points, cell_size)[:2]
+
+
+def cells_of(points: Float64, cell_size: float) -> Cells:
+    """Return the cells of points, with the parameters of `cell_means`."""
     cells = np.floor(points / cell_size).astype(np.int64)
     keys = reduce(lambda key, axis: key * KEY_STEP + axis, cells.T)
     _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
     sums = [np.bincount(group, axis, len(count)) for axis in points.T]
-    return np.stack(sums, axis=1) / count[:, None], count
+    return Cells(np.stack(sums, axis=1) / count[:, None], count, group)
 
 
 def thin_cloud(points: Float32, voxel_size: float) -> tuple[Float32, Int32]:

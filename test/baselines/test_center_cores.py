@@ -9,6 +9,7 @@ from tccm_ros.baselines.center_cores import (
     center_cores,
     find_core_plane,
     find_core_planes,
+    max_missed_rounds,
 )
 from tccm_ros.config import Config
 from tccm_ros.records import PlaneKind
@@ -56,6 +57,41 @@ def test_quality_is_that_of_equation_8():
     # All cores belong, and no noise: l3 is at its floor of 0.1 mm quantisation.
     assert len(plane.cores) > 0.99 * len(cuboids)
     assert plane.quality == pytest.approx(values[2] * values[1] / 1e-9, rel=0.15)
+
+
+def test_val_has_the_spread_of_the_cores_themselves_and_each_eigenvalue_once():
+    """Eq. (8) in NumPy over many points of each core: l1 l2 / l3, no square of any of them."""
+    cores = joined(level_cores(60, 0.70, 11), level_cores(60, 0.71, 12))
+    lengths = np.random.default_rng(13).uniform(0.05, 0.3, len(cores))
+    cores = CenterCores(cores.cuboid, cores.center, cores.axis, lengths)
+    plane = find_core_plane(cores, CONFIG, 50, seed=0)
+    used = cores.select(plane.cores)
+    assert len(used) > 30
+    # Two points a standard deviation to either side have the covariance of a core.
+    ends = np.concatenate([used.center + s * used.length[:, None] * used.axis for s in (-1, 1)])
+    l3, l2, l1 = np.linalg.eigvalsh(np.cov(ends.T, bias=True))
+    assert plane.quality == pytest.approx(l1 * l2 / l3, rel=1e-6)
+
+
+def test_the_normal_is_the_mean_of_all_pairs():
+    """Eq. (6) and the average after (7), for three cores that are not quite in one plane."""
+    rng = np.random.default_rng(14)
+    found = 0
+    for seed in range(60):
+        center = np.array([[0.5, -0.3, 0.7], [1.1, 0.0, 0.7], [0.6, 0.5, 0.7]])
+        center[:, 2] += rng.normal(0.0, 0.01, 3)
+        yaw = rng.uniform(0.0, np.pi, 3)
+        cores = cores_of(center, np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(3)]))
+        plane = find_core_plane(cores, settings(min_quality=0.0), 1, seed=seed)
+        drawn = (np.random.default_rng(seed).random(3) * 3).astype(int)
+        if plane is None or len(set(drawn)) < 3:
+            continue
+        b = [np.cross(cores.axis[j], center[i] - center[j]) for i in drawn for j in drawn if i != j]
+        b = np.array([n / np.linalg.norm(n) for n in b])
+        mean = (b * np.sign(b @ b[0])[:, None]).mean(axis=0)
+        np.testing.assert_allclose(plane.normal, mean / np.linalg.norm(mean), atol=1e-12)
+        found += 1
+    assert found > 5
 
 
 def test_the_same_seed_gives_the_same_plane():
@@ -183,6 +219,24 @@ def test_all_planes_are_found_the_one_with_the_largest_support_first():
     assert fits[0].support >= fits[1].support
     assert fits[0].rms < 0.006
     assert fits[0].area == pytest.approx(0.6 * 0.8, rel=0.1)
+
+
+def test_rounds_without_a_plane_do_not_end_the_search():
+    """One trial a round: three cores of the table are drawn in one round of some twenty."""
+    clutter = np.random.default_rng(3).uniform((0.4, -0.4, 0.0), (1.6, 0.4, 0.6), (4000, 3))
+    points = sheet(np.random.default_rng(4), *TABLE_TOP, sigma=0.001)
+    cuboids = part_map(np.concatenate([points, clutter]), cell=0.04)
+    config = Config.model_validate({"center_core": {"trials": 1, "min_quality": 100.0}})
+    assert find_core_plane(center_cores(cuboids), config, seed=0) is None
+    fits = find_core_planes(cuboids, config, EYE)
+    assert fits[0].kind == PlaneKind.HORIZONTAL
+    assert fits[0].offset == pytest.approx(0.7, abs=0.01)
+
+
+def test_the_search_ends_when_a_plane_of_a_tenth_would_have_been_drawn():
+    """ln(0.01) / ln(1 - 0.1^3) = 4603 trials, in rounds of 50."""
+    assert max_missed_rounds(CONFIG) == 93
+    assert max_missed_rounds(settings(cores=2, trials=10)) == 46
 
 
 def test_tables_of_one_height_are_two_planes_by_their_cells():

@@ -52,6 +52,20 @@ def test_a_step_of_the_height_threshold_parts_two_planes(step, planes):
         assert fits[0].area == pytest.approx(0.4 * 0.6, rel=0.05)
 
 
+@pytest.mark.parametrize("front", [0.0, 0.05, 0.4, 1.1])
+def test_a_plane_is_at_u_whatever_the_depth_of_its_cuboids(front):
+    """A block whose whole inside is points, as a shelf seen from the front: thin and tall alike."""
+    rng = np.random.default_rng(6)
+    top = sheet(rng, 8000, (0.4, -0.3), (0.8, 0.3), offset=1.2)
+    below = top[rng.integers(0, len(top), 60_000)] - [[0.0, 0.0, 1.0]] * rng.uniform(
+        0.0, front, (60_000, 1)
+    )
+    fit = find_neighbour_planes(part_map(np.concatenate([top, below])), Config(), EYE)[0]
+    assert fit.offset == pytest.approx(1.2, abs=1e-4)
+    assert fit.rms < 1e-4
+    assert fit.area == pytest.approx(0.4 * 0.6, rel=0.05)
+
+
 def test_a_tilted_board_is_a_horizontal_plane_as_published():
     """No slope is estimated: a rise of 6 mm a cell passes for level, one of 16 mm does not."""
     rng = np.random.default_rng(2)

@@ -55,6 +55,22 @@ def test_a_board_with_few_points_is_missed_as_published():
     assert np.all(segment(points, Config())[1500:] == -1)
 
 
+@pytest.mark.parametrize(("count", "surfaces"), [(450, 1), (499, 1), (501, 2)])
+def test_a_cluster_of_a_plane_needs_500_points_as_published(count, surfaces):
+    """A large board and, 2 m beside it in the same plane, a small dense one."""
+    small = board(0, 2.5, 0.7, count, 2) * [0.25, 1.0, 1.0]
+    labels = segment(np.concatenate([board(1, 0, 0.7, 1500, 1), small]), Config())
+    assert len(set(labels[labels >= 0])) == surfaces
+    assert np.all(labels[1500:] >= 0) == (surfaces == 2)
+
+
+def test_a_board_is_horizontal_whichever_way_its_normal_points():
+    """The sign of a fitted normal is arbitrary: over twenty clouds it points up and down."""
+    for seed in range(20):
+        labels = segment(board(1, 0.1 * seed, 0.7, 800, seed), Config())
+        assert (labels == 0).mean() > 0.99
+
+
 def test_the_same_cloud_gives_the_same_surfaces():
     points = np.concatenate([board(1, 0, 0.7, 900, 1), wall(3000, 3)])
     np.testing.assert_array_equal(segment(points, Config()), segment(points, Config()))

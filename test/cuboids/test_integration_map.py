@@ -219,6 +219,18 @@ class TestMsnlist:
         assert c.cycles.tolist() == [0, 1, 2]
         assert c.cycle_offsets.tolist() == [0, 3]
 
+    def test_a_long_window_names_each_of_its_part_maps(self):
+        """More cycles than a machine word has bits: each has two slices of one pile."""
+        settings = config(window_cycles=150, cell_size=0.002, cuboid_depth=0.0001)
+        order = np.random.default_rng(0).permutation(300).reshape(150, 2)
+        map_ = IntegrationMap(settings)
+        for cycle, slices in enumerate(order.tolist()):
+            points = [(0, 0, z) for k in slices for z in range(10 * k + 1, 10 * k + 11)]
+            map_.add(part_of(points, cycle, settings))
+        c = map_.cuboids()
+        assert len(c) == 1
+        assert c.cycles.tolist() == list(range(150))
+
     def test_separate_cuboids_name_their_own_part_maps(self):
         c = column((0, 10), (20, 30)).cuboids()
         assert c.cycles.tolist() == [0, 1]

@@ -59,6 +59,13 @@ def test_a_number_in_two_lines_is_one_sign(detector):
     assert sign.pixel == pytest.approx((308, 240), abs=8)
 
 
+def test_a_name_with_a_title_is_a_sign_and_one_beside_a_number_is_its_text(detector):
+    (sign,) = detector.detect(wall(("Dr. Ann Miller", (258, 215), 20)))
+    assert sign.number == "DR. ANN MILLER"
+    (sign,) = detector.detect(wall(("Dr. Miller", (262, 195), 26), ("205", (270, 250), 24)))
+    assert (sign.number, sign.text) == ("205", "Dr. Miller 205")
+
+
 def test_the_other_lines_of_a_plate_are_its_text(detector):
     (sign,) = detector.detect(wall(("205", (270, 190), 40), ("Archive", (270, 250), 22)))
     assert (sign.number, sign.text) == ("205", "205 Archive")
@@ -90,7 +97,7 @@ def test_what_is_refused_has_a_reason(detector):
     assert "a line of a notice" in {text.reason for text in found.refused}
     found = detector.search(wall(("10:30", (262, 215), 34)))
     assert [(text.text, text.reason) for text in found.refused] == [
-        ("10:30", "no number of a room")
+        ("10:30", "no number of a room, no name with a title")
     ]
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tccm_ros.signs.numbers import is_list, normalised, room_number
+from tccm_ros.signs.numbers import is_list, normalised, person_name, room_number
 
 
 @pytest.mark.parametrize(
@@ -73,3 +73,13 @@ def test_a_list_is_no_plate():
     assert is_list([20, 21, 19, 20], 1)
     assert not is_list([40, 20, 19, 20, 22], 0)
     assert not is_list([20, 20, 20], 0)
+
+
+@pytest.mark.parametrize("text", ["Dr. Ann Miller", "Prof. Dr. M\u00fcller", "Ms Lee", "Dr.Smith"])
+def test_names_with_titles(text):
+    assert person_name(normalised(text)) == text.upper()
+
+
+@pytest.mark.parametrize("text", ["Drawing Room", "Electrical Room", "MS OFFICE", "Dr", "EXIT"])
+def test_other_words_are_no_names(text):
+    assert person_name(normalised(text)) is None

@@ -19,7 +19,7 @@ from tccm_ros.surfaces.carving import (
     _with_strays,
     carve,
 )
-from tccm_ros.surfaces.free_grid import FreeGrid
+from tccm_ros.surfaces.free_grid import FreeGrid, blocks_of
 from tccm_ros.surfaces.views import empty_view, with_cloud, with_intervals
 
 CONFIG = Config()
@@ -157,6 +157,29 @@ def test_a_grid_answers_as_its_columns(seed):
         some = points[k : k + 3]
         assert FreeGrid.of(free).touches(some, T, 2.0, (0.02, 0.006)) == inside[k : k + 3].any()
     assert FreeGrid.of(free).touches(points, T, 2.0, (9.0, 0.0), True)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_blocks_leave_out_no_points_that_count(seed):
+    """Small patches at any height and tilt; blocks decide for most that none of them counts."""
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(0.0, 1.0, (300, 1))
+    rows = np.hstack([rng.uniform(-2.0, 2.0, (300, 2)), low, low + 0.3]).astype(np.float32)
+    grid = FreeGrid.of(FreeColumns.of(ViewIntervals(1, "base", rows), 0.1))
+    counts, may_count = [], []
+    for _ in range(400):
+        corner = rng.uniform((-2.5, -2.5, -0.2), (2.5, 2.5, 1.6))
+        points = (corner + rng.uniform(0, (0.2, 0.3, 0.03), (40, 3))).astype(np.float32)
+        T = pose_from_rpy(
+            [*rng.uniform(-0.3, 0.3, 3), *rng.uniform(-0.1, 0.1, 2), rng.uniform(0, 3)]
+        )
+        how = T, 2.0, (0.02, 0.006)
+        counts.append(grid.touches(points, *how))
+        may_count.append(grid.may_touch(blocks_of(points, 0.1), *how))
+    counts, may_count = np.array(counts), np.array(may_count)
+    assert may_count[counts].all()
+    assert counts.sum() > 0
+    assert np.mean(~may_count[~counts]) > 0.5
 
 
 def test_a_view_without_free_columns_looks_through_nothing():

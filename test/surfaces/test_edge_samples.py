@@ -12,8 +12,8 @@ from surface_maps import build
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, spatial, transform2
-from tccm_ros.outlines.edge_position import INDEPENDENT
-from tccm_ros.records import ViewIntervals
+from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
+from tccm_ros.records import SensorKind, ViewIntervals
 from tccm_ros.surfaces.edge_samples import (
     BEYOND,
     END_MARGIN,
@@ -40,7 +40,7 @@ def sampler():
     mapped = build([(Room([TABLE]), (0.0, 0.0, 0.0), 10)])
     of_table = next(m for m, s in zip(mapped.members, mapped.surfaces) if s.label != "floor")
     views = surface_map.views
-    return EdgeSampler(fit_surface(of_table, views, T, Config()), views, T)
+    return EdgeSampler(fit_surface(of_table, views, T, Config()), views, T, Config())
 
 
 def test_an_edge_has_its_surface_on_the_left():
@@ -74,7 +74,7 @@ def test_views_look_over_what_is_beside_a_table_and_not_over_what_is_far_away(sa
 
 def sampler_at(view):
     """A sampler of one view that looked past nothing."""
-    found = EdgeSampler(None, [], spatial(np.array([[*view, 0.3]])))
+    found = EdgeSampler(None, [], spatial(np.array([[*view, 0.3]])), Config())
     object.__setattr__(found, "_looks_past", lambda view, points, outward: np.zeros(len(points)))
     return found
 
@@ -161,3 +161,50 @@ def test_half_of_what_is_beyond_an_edge_must_have_been_looked_over(seed):
         assert transform2(pose, ((place - pose[:2]) @ back)[None])[0] == pytest.approx(place)
         over += tuple(np.floor((place - pose[:2]) @ back / 0.1).astype(int).tolist()) in known
     assert EdgeSampler.looks_over(sampler, edge) == (over >= 0.5 * PROBES)
+
+
+def far_edge(x):
+    """The far edge of the table as if it were at x, m."""
+    return Edge(np.array([x, -0.5]), np.array([x, 0.5]))
+
+
+def test_an_edge_was_seen_where_a_view_measured_up_to_it_and_looked_past(sampler):
+    """Beyond an edge 15 cm short of the table's, the table goes on: nothing was looked through."""
+
+    def left_edge(y):
+        return Edge(np.array([1.95, y]), np.array([1.3, y]))
+
+    assert sampler.seen_fraction(left_edge(0.6)) > 0.9
+    assert sampler.reached_fraction(left_edge(0.6), 0.05) > 0.9
+    for wrong in (0.45, 0.75):
+        assert sampler.seen_fraction(left_edge(wrong)) == 0.0
+    assert sampler.reached_fraction(left_edge(0.75), 0.05) == 0.0
+
+
+def test_last_samples_in_line_leave_no_doubt_and_ragged_ones_do():
+    gaps = np.full(40, 0.02)
+
+    def ragged(last):
+        found = EdgeSamples(np.arange(40.0), last, gaps, 0.0 * gaps, gaps > 0.0, gaps)
+        sampler = EdgeSampler(None, [], T, Config())
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(EdgeSampler, "edge_samples", lambda self, edge: found)
+            return sampler.ragged_sigma(far_edge(0.0))
+
+    rng = np.random.default_rng(0)
+    assert ragged(-rng.uniform(0.0, 0.02, 40) + rng.normal(0.0, 0.003, 40)) < 0.003
+    # A shadow across the edge: last points go back by 20 cm from one end of it to the other.
+    assert ragged(np.linspace(-0.2, 0.0, 40)) == pytest.approx(1.4826 * 0.05, rel=0.1)
+
+
+@pytest.mark.parametrize(("yaws", "expected"), [((0.0,), 0.005), ((0.0, np.pi), 0.0)])
+def test_range_errors_of_one_sensor_do_not_average_out(yaws, expected):
+    """An offset of 5 mm along level rays: views from opposite sides move an edge both ways."""
+    poses = spatial(np.array([(2.0 - 2.0 * np.cos(yaw), 0.0, yaw) for yaw in yaws]))
+    eye, kind = np.array([0.0, 0.0, 0.5]), SensorKind.LASER
+    views = [SimpleNamespace(viewpoint=eye, sensor=kind) for _ in yaws]
+    surface = SimpleNamespace(
+        views=set(range(len(yaws))), lift=lambda xy: np.column_stack([xy, np.full(len(xy), 0.5)])
+    )
+    found = EdgeSampler(surface, views, poses, Config()).shared_sigma(far_edge(2.0))
+    assert found == pytest.approx(expected, abs=1e-9)

@@ -17,8 +17,8 @@ BOX = (1.2, 0.3, 0.8, 0.2, 0.1, 0.16, 0.4)
 """x, y, z, edges and yaw in map, m and rad."""
 
 
-def view(stamp_ns, boxes, *, seen_through=(), pose=(0.0, 0.0, 0.0)):
-    """Return a view from a planar pose, and that pose."""
+def view(stamp_ns, boxes, *, seen_through=(), above=0.5, pose=(0.0, 0.0, 0.0)):
+    """Return a view from a planar pose, which looked through columns above a height, and that."""
     T = spatial(np.array(pose))
     rows = np.array(boxes, float).reshape(-1, 7)
     made = with_objects(
@@ -33,7 +33,7 @@ def view(stamp_ns, boxes, *, seen_through=(), pose=(0.0, 0.0, 0.0)):
         near = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2)
         cells = (np.floor(centers[:, None, :2] / 0.1) + near).reshape(-1, 2)
         columns = np.unique(cells, axis=0) * 0.1 + 0.05
-        low = np.column_stack([columns, np.full(len(columns), 0.5), np.full(len(columns), 1.5)])
+        low = np.column_stack([columns, np.full(len(columns), above), np.full(len(columns), 1.5)])
         made = with_intervals(made, ViewIntervals(stamp_ns, "base", low.astype(np.float32)))
     return made, T
 
@@ -66,6 +66,17 @@ def test_what_no_view_looked_through_stays_and_what_some_did_leaves():
 
 def test_what_a_single_view_measured_leaves_with_the_next_that_looks_through_it():
     assert tracks(view(10, [BOX]), view(20, [], seen_through=[BOX])) == ()
+
+
+@pytest.mark.parametrize(("views", "passed", "stays"), [(1, 1, 1), (1, 2, 0), (2, 3, 1), (2, 4, 0)])
+def test_what_views_look_over_and_do_not_measure_is_no_object(views, passed, stays):
+    """Two views, for each that measured it, looked just above it: noise on a surface, not a box."""
+    seen = [view(10 + k, [BOX]) for k in range(views)]
+    over = [view(20 + k, [], seen_through=[BOX], above=0.9) for k in range(passed)]
+    assert len(tracks(*seen, *over)) == stays
+    assert len(tracks(*seen, *over, view(40, [BOX]))) == 1
+    far = [view(20 + k, [], seen_through=[BOX], above=1.2) for k in range(4)]
+    assert len(tracks(*seen, *far)) == 1, "they looked higher"
 
 
 def test_two_sides_of_a_box_are_one_object():

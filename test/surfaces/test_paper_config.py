@@ -15,6 +15,16 @@ PAPER = read_config(Path(__file__).resolve().parents[2] / "config" / "paper.yaml
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
 
 
+def test_only_what_is_published_is_switched_on():
+    """III.A: odometry and walls; registration of views is the paper's future work."""
+    assert not PAPER.matching.enabled
+    assert not PAPER.loops.enabled
+    assert not PAPER.surfaces.registration
+    assert PAPER.walls.discount == 1.0
+    assert PAPER.lines.extractor == "ransac"
+    assert PAPER.surfaces.segmentation == "seed"
+
+
 def test_walls_and_odometry_alone_correct_a_lap():
     """RANSAC walls as landmarks: 0.5 m of odometry's error become less than 5 cm."""
     run = plan.drive(plan.ring(), plan.route(LAP), seed=3, drift=0.003)

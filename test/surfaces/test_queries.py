@@ -29,7 +29,7 @@ def surface(identity, label, x, y, size, z, merged_ids=()) -> Surface:
 FLOOR = surface(0, "floor", 0, 0, (10, 10), 0.1)
 TABLE = surface(1, "table", 2, 0, (1.2, 0.8), 0.8, merged_ids=(7,))
 COUNTER = replace(
-    surface(2, "counter", -3, 0, (2, 0.6), 1.0), room="205", near=("205 Archive", "206")
+    surface(2, "counter", -3, 0, (2, 0.6), 1.0), room="205", near=("205 Archive", "206", "12-034B")
 )
 SHELF = surface(3, "shelf", -3, 0, (2, 0.6), 1.3)
 BOX = SceneObject(
@@ -68,6 +68,11 @@ def test_without_conditions_all_but_the_floor_are_found(queries):
         (SurfaceFilter(words=("205", "table")), []),
         (SurfaceFilter(near_sign="ARCH"), [2]),
         (SurfaceFilter(near_sign="207"), []),
+        (SurfaceFilter(near_sign="034b"), [2]),
+        (SurfaceFilter(near_sign="12 034B"), [2]),
+        (SurfaceFilter(near_sign="205 034B"), []),
+        (SurfaceFilter(words=("12-034B", "counter")), [2]),
+        (SurfaceFilter(words=("12/034", "counter")), [2]),
         (SurfaceFilter(words=("Cereal",)), [1]),
         (SurfaceFilter(words=("box", "table")), [1]),
         (SurfaceFilter(words=("cereal", "shelf")), []),

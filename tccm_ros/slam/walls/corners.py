@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
 from tccm_ros.slam.factors.corners import CornerObservation, WallThroughCorner
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, corner_key, wall_key
@@ -114,6 +115,18 @@ def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
     if gaps[p, q] > JOINED:
         return None
     return np.asarray(0.5 * (lines.endpoints[i, p] + lines.endpoints[j, q]))
+
+
+def uses_corners(config: Config) -> bool:
+    """Return whether corners are landmarks of the graph.
+
+    Matching places a scan by all its beams, those of corners among them. Where it does, corners add
+    nothing but the noise of the last beams of lines.
+    """
+    walls = config.walls
+    if not walls.enabled or walls.corners == "none":
+        return False
+    return walls.corners == "point" or not config.matching.enabled
 
 
 def corner_factors(

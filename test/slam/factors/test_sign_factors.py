@@ -79,6 +79,20 @@ def test_the_residual_of_a_bearing_is_the_angle_to_the_sign():
         assert np.linalg.norm(residual) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize("sigmas", [0.5, 1.345, 10.0, 40.0])
+def test_a_wrong_reading_pulls_as_far_as_hubers_function_allows(sigmas):
+    """Half the square up to 1.345 sigma, beyond that the tangent there."""
+    direction, distance = np.array([1.0, 0.0, 0.0]), 2.0
+    values = gtsam.Values()
+    values.insert(BASE.symbol, gtsam.Pose3())
+    off = distance * 0.003 * sigmas
+    values.insert(SIGN_KEY.symbol, np.array([distance, off, 0.0]))
+    graph = graph_of(bearing_factor(np.eye(4), direction))
+    k = 1.345
+    expected = 0.5 * sigmas**2 if sigmas <= k else k * (sigmas - 0.5 * k)
+    assert graph.error(values) == pytest.approx(expected, rel=1e-6)
+
+
 def test_the_derivatives_of_both_factors_are_those_of_their_residuals():
     random = np.random.default_rng(4)
     for _ in range(20):

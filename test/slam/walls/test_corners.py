@@ -15,7 +15,7 @@ from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.association import WallTable, associate_walls
-from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners
+from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners, uses_corners
 from tccm_ros.slam.walls.lines import extract_lines
 
 ROOM = plan.box(-2.0, -1.5, 3.0, 2.5)
@@ -54,6 +54,29 @@ def test_corners_few_keyframes_saw_are_left_out():
     lines = [lines_at(pose) for pose in POSES]
     table = associate_walls(POSES, lines, Config())
     assert find_corners(table, lines, len(POSES) + 1) == []
+
+
+@pytest.mark.parametrize(("angle_rad", "meets"), [(0.05, False), (0.4, False), (0.6, True)])
+def test_walls_that_are_nearly_parallel_have_no_corner(angle_rad, meets):
+    """Their common point is badly determined: by 1 / sin(angle) of the error of a line."""
+    along = np.linspace(-2.0, 0.0, 60)
+    beyond = np.linspace(0.02, 2.0, 60)
+    beams = np.concatenate(
+        [
+            np.column_stack([along, np.full(60, 2.0)]),
+            np.column_stack([np.cos(angle_rad) * beyond, 2.0 + np.sin(angle_rad) * beyond]),
+        ]
+    )
+    config = Config.model_validate({"lines": {"min_length": 0.5}})
+    lines = extract_lines(beams, np.zeros(2), config, label=halves)
+    assert len(lines) == 2
+    table = associate_walls(np.zeros((3, 3)), [lines] * 3, config)
+    assert bool(find_corners(table, [lines] * 3, 3)) is meets
+
+
+def halves(points, config):
+    """Label beams: the first half is one line, the second another."""
+    return (np.arange(len(points)) >= len(points) // 2).astype(np.int64)
 
 
 def two_keyframes(with_corner):
@@ -148,3 +171,36 @@ def test_a_corner_is_known_equally_well_in_every_direction(yaw):
         place = spatial(np.array([*in_map(pose, factor.point) + step, yaw]))
         values.insert(factor.corner.symbol, gtsam.Pose3(place))
         assert 2.0 * graph.error(values) == pytest.approx((distance / sigma) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("corners", "matching", "walls", "expected"),
+    [
+        ("auto", True, True, False),
+        ("auto", False, True, True),
+        ("point", True, True, True),
+        ("point", True, False, False),
+        ("none", False, True, False),
+    ],
+)
+def test_corners_are_landmarks_where_matching_has_not_used_their_beams(
+    corners, matching, walls, expected
+):
+    config = Config()
+    config.walls.corners, config.walls.enabled = corners, walls
+    config.matching.enabled = matching
+    assert uses_corners(config) is expected
+
+
+@pytest.mark.parametrize(("corners", "expected"), [("auto", False), ("point", True)])
+def test_the_graph_has_corners_by_the_setting(corners, expected, monkeypatch):
+    config, added = Config(), []
+    config.walls.corners = corners
+    add = PoseGraph.add
+    monkeypatch.setattr(PoseGraph, "add", lambda g, f: (added.extend(f), add(g, f))[1])
+    slam = WallSlam(config)
+    for posed in plan.drive(ROOM, plan.route([(0, 0), (1.5, 0), (1.5, 1.5)]), beams=361).scans:
+        slam.add_scan(posed)
+    solution = slam.solve()
+    assert any(isinstance(factor, CornerObservation) for factor in added) is expected
+    assert any(wall.corners for wall in solution.walls)

@@ -53,8 +53,8 @@ class WallTable:
     extent
         float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
     roughness
-        float64 (W,), standard deviation of its lines across the wall, m: they bow, are rough, and
-        poses err.
+        float64 (W,), standard deviation of its lines across the wall, m, without the slow errors
+        of poses.
     """
 
     keyframe: Int64
@@ -161,10 +161,28 @@ class WallAssociation:
         """Return all walls, those that are not confirmed as well."""
         pooled = self._pooled
         extent = np.stack([pooled["low"], pooled["high"]], axis=1)
-        roughness = np.sqrt(pooled["across"])
         return WallTable(
-            self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent, roughness
-        )
+            self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent,
+            self._roughness(),
+        )  # fmt: skip
+
+    def _roughness(self) -> Float64:
+        """Return the roughness of each wall, float64 (W,), m.
+
+        It follows from the steps across the wall from one segment to the next in time: half their
+        mean square (von Neumann). The errors of poses change slowly, and hardly count.
+        """
+        segment = np.flatnonzero(self.wall >= 0)
+        wall = self.wall[segment]
+        normal = np.stack([np.cos(self._pooled["phi"]), np.sin(self._pooled["phi"])], axis=1)
+        middle = self._ends[segment].mean(axis=1)
+        off = np.einsum("nk,nk->n", middle, normal[wall]) - self._pooled["rho"][wall]
+        order = np.argsort(wall, kind="stable")
+        wall, step = wall[order], np.diff(off[order])
+        same = wall[1:] == wall[:-1]
+        count, n = len(self._pooled), wall[1:][same]
+        squares = np.bincount(n, step[same] ** 2, minlength=count)
+        return np.asarray(np.sqrt(0.5 * squares / np.maximum(np.bincount(n, minlength=count), 1)))
 
 
 def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> WallTable:

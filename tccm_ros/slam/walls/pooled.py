@@ -10,12 +10,11 @@ from tccm_ros.arrays import Float64
 from tccm_ros.kernels import kernel
 
 WALL_FIELDS = (
-    "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "across", "low", "high"
+    "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
 )  # fmt: skip
 POOLED = np.dtype([(name, np.float64) for name in WALL_FIELDS])
 """A wall: moments of its segments weighed by length (m), the sum of the directions that they face,
-the line of them all with their variance across it (m2), and its lowest and highest position along
-its tangent."""
+the line of them all, and its lowest and highest position along its tangent."""
 
 
 @kernel
@@ -59,7 +58,6 @@ def fit_pooled(w: Any) -> None:  # pragma: no cover - compiled
         phi -= np.pi
     w.phi = phi
     w.rho = np.cos(phi) * mx + np.sin(phi) * my
-    w.across = max(0.5 * (sxx + syy) - np.hypot(0.5 * (sxx - syy), sxy), 0.0)
 
 
 @kernel

@@ -48,7 +48,7 @@ class KnownFrames:
         """
         frame = frame.lstrip("/")
         if frame == self.odom_frame:
-            return np.eye(4)
+            return self._robot.robot.motion.odometry.T_near_odom
         with self._robot.lock:
             base = self._base()
             return self._T_odom_base(base) @ self._T_base_frame(base, frame)

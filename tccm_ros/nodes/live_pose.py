@@ -11,6 +11,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import TfPublisher, has_tf2_msgs
 from tccm_ros.records import TransformSample
 from tccm_ros.ros.output_messages import pose_covariance_message
@@ -29,6 +30,8 @@ class LivePosePublisher:
         The node, its message classes, and groups `frames` and `tf`.
     intake
         Of the node: calls back when /tf is due.
+    robot
+        Whose odometry may be kept near an origin of its own.
 
     Attributes
     ----------
@@ -38,8 +41,10 @@ class LivePosePublisher:
         Whether the place of this session in a map that was loaded is known.
     """
 
-    def __init__(self, node: Node, types: MessageTypes, config: Config, intake: Intake):
-        self._types, self._config = types, config
+    def __init__(
+        self, node: Node, types: MessageTypes, config: Config, intake: Intake, robot: SharedRobot
+    ):
+        self._types, self._config, self._robot = types, config, robot
         self.map_frame = config.frames.map_name
         self.odom_frame = config.frames.odom_name
         self._live: LivePose | None = None
@@ -134,7 +139,6 @@ class LivePosePublisher:
             return None
         stamp_ns = max(live.stamp_ns, self._newest_ns)
         stamp_ns += round(self._config.tf.transform_tolerance * 1e9)
-        sample = TransformSample(
-            stamp_ns, self.map_frame, self.odom_frame, spatial(live.map_odom), False
-        )
+        T = spatial(live.map_odom) @ self._robot.robot.motion.odometry.T_near_odom
+        sample = TransformSample(stamp_ns, self.map_frame, self.odom_frame, T, False)
         return transform_message(self._types, sample)

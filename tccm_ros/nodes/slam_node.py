@@ -115,7 +115,7 @@ class SlamNode(SensorNode):
         self._has_tilt_scan = False
         self._saved_keyframes = 0
         self._is_told = False
-        self.live = LivePosePublisher(self, self.types, self.config, self.intake)
+        self.live = LivePosePublisher(self, self.types, self.config, self.intake, self.robot)
         self.localisation = LocalisationPublisher(
             self,
             self.types,

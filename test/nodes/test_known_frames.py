@@ -69,7 +69,7 @@ def test_a_link_is_where_odometry_and_joints_put_it():
 
 
 def test_the_newest_odometry_counts():
-    frames = known(model(), odometry(1_000, 0.0), odometry(2_000, 7.0))
+    frames = known(model(), odometry(1_000_000_000, 0.0), odometry(2_000_000_000, 7.0))
     assert frames.T_odom_frame("base_link")[0, 3] == pytest.approx(7.0)
 
 

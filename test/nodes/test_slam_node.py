@@ -1,6 +1,7 @@
 """The SLAM node over DDS: tf and pose, map and grid, save, load and reset."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tccm_ros.geometry import compose2
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.slam_node import raw_stamp_ns
 from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.records import Odometry
 from tccm_ros.records.building import stamp_ns_from_message
 
 SECOND = 1_000_000_000
@@ -72,6 +74,28 @@ def test_pose_and_map_to_odom_are_published_also_without_tf(ros):
     # A metre of driving without noise: matching is as good as its grid.
     assert abs(poses[-1].pose.pose.position.x - 0.3 * 0.05 * 59) < 0.02
     assert poses[-1].header.frame_id == odom[-1].header.frame_id == "map"
+
+
+def test_map_to_odom_is_of_the_odometry_as_it_was_sent(ros):
+    """Odometry that begins far away is kept near an origin inside, and nobody outside knows it."""
+    node, robot, viewer = slam(ros, tf__publish=False), ros.robot(), Listener(ros)
+    odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
+    ros.connect(node, viewer.node, "/surface_slam/map_to_odom")
+    far = np.eye(4)
+    far[:2, 3] = 450_000.0, 5_400_000.0
+    records = [
+        (topic, replace(r, T_odom_base=far @ r.T_odom_base) if isinstance(r, Odometry) else r)
+        for topic, r in recording(3, speed=0.3)
+    ]
+    robot.play(records, node)
+    last_ns = node.processor.current_pose().stamp_ns
+    ros.spin_until(
+        lambda: odom and stamp_ns_from_message(odom[-1].header.stamp) == last_ns + SECOND // 10
+    )
+    found = odom[-1].transform.translation
+    # The map's origin is the first pose of the base, and wheels without noise do not drift.
+    assert found.x == pytest.approx(-450_000.0, abs=0.02)
+    assert found.y == pytest.approx(-5_400_000.0, abs=0.02)
 
 
 def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):

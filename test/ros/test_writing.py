@@ -63,7 +63,7 @@ def test_a_scan_with_every_special_range_is_read_back_bit_for_bit(types):
 
 
 def test_live_message_and_bag_message_give_the_same_scan(types):
-    scan = make_scan(np.linspace(0.1, 9.0, 50))
+    scan = make_scan(np.linspace(0.1, 9.0, 25))
     live = scan_from_message(scan_message(types, scan))
     assert bits(live.ranges) == bits(scan.ranges)
 

@@ -25,6 +25,9 @@ MIN_REDUNDANCY = 1e-6
 """The residual is not tested in directions in which its variance is less than this fraction of the
 patch's own: the patch alone determines the solution there. A numerical tolerance."""
 
+EXACT = 1e-6
+"""Standard deviation, m and rad, of a pose that is given without error: a numerical tolerance."""
+
 OPEN_INFORMATION = 1e-6
 """Information of a surface's plane before it was seen, 1/m2 and 1: it is open. A numerical
 tolerance, so that a plane of which every patch was left out has an inverse."""
@@ -118,7 +121,7 @@ class _System:
         W = np.linalg.inv(self._cov) * used[:, None, None]
         D = self._B.shape[2]
         information = np.zeros((V, D, D))
-        information[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch)
+        information[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch + EXACT**2 * np.eye(3))
         information[:, 3:, 3:] = np.eye(D - 3)
         BtW = self._B.transpose(0, 2, 1) @ W
         HtW = self._H.transpose(0, 2, 1) @ W

@@ -220,7 +220,7 @@ def wrong_size(message):
 
 
 def zero_focal(message):
-    message.k = np.zeros(9)
+    message.k, message.p = np.zeros(9), np.zeros(12)
 
 
 def every_other(msgtype, spoil):

@@ -102,12 +102,12 @@ def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
 
     def jpeg(topic, message):
         packed = eb.quantised(topic, message)[0][2]
-        packed.format = "16UC1; png compressed"
+        packed.format = "16UC1; jpeg compressed"
         colour = eb.TYPESTORE.make(eb.PACKED, header=message.header, format="rgb8; jpeg")
         return [("/depth/compressed", eb.PACKED, packed), ("/rgb/compressed", eb.PACKED, colour)]
 
     notes = "\n".join(bag_info(eb.edited(source, tmp_path / "png", eb.of_camera(jpeg))).notes)
-    assert "/depth/compressed: compressed image has format '16UC1; png compressed'" in notes
+    assert "/depth/compressed: compressed image has format '16UC1; jpeg compressed'" in notes
     assert "/rgb" not in notes
 
     def grey(topic, message):

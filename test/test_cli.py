@@ -235,7 +235,7 @@ def test_signs_prints_a_line_of_json_for_each_picture(capsys, monkeypatch, tmp_p
     status, out, _ = run(capsys, monkeypatch, "signs", *pictures)
     lines = [json.loads(line) for line in out.splitlines()]
     assert status == 0
-    assert lines == [{"file": str(path), "signs": []} for path in pictures]
+    assert lines == [{"file": str(path), "signs": [], "refused": []} for path in pictures]
 
 
 def test_signs_of_what_is_no_picture_is_an_error_of_one_line(capsys, monkeypatch, tmp_path):

@@ -345,6 +345,8 @@ CASES = {
     "walls.max_gap": ("walls", 20.0, {}),
     "walls.flatness": ("walls", 0.1, {}),
     "walls.discount": ("walls", 20.0, {}),
+    "walls.corners": ("walls", "point", {}),
+    "walls.thickness": ("walls", 0.001, {}),
     "walls.structure_prior": ("walls", True, {}),
     "graph.mode": ("saved walls", "localisation", {}),
     "graph.keyframe_distance": ("walls", 0.9, {}),

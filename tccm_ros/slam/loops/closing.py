@@ -49,8 +49,8 @@ MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
 
 CERTAIN_INLIERS = 0.9
 """A scan of which the map explains this fraction at one place alone is there, and waits for no
-other scan, unless the map had several places for one before it. ``bench/bench_relocalise.py``: 0.90 to 1.00 at the right place of 8 flats, at most 0.86
-in a map of other rooms."""
+other scan, unless the map had several places for one before it. ``bench/bench_relocalise.py``: 0.90
+to 1.00 at the right place of 8 flats, at most 0.86 in a map of other rooms."""
 
 PROBABLE_INLIERS, SPACING_M = 0.75, 1.0
 """While a place is looked for, matches confirm each other that explain this fraction of their

@@ -58,7 +58,7 @@ scans, and whose scans are at least this far from each other (m): from one spot,
 looks the same again. ``bench/bench_relocalise.py``: 0.62 to 0.94 in a real arena whose furniture
 has been moved, mostly 0.45 to 0.7 in a map of other rooms."""
 
-REPEATED = 3
+REPEATED = 2
 """Searches in a row that must find one place alone, after one that found several like it (chosen):
 in ten equal offices one scan in thirty falls out of line, and no two together."""
 

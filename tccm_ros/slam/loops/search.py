@@ -193,7 +193,7 @@ class LoopSearch:
                 unfit.append(found)
         if not best:
             return sorted(unfit, key=lambda p: -p.score)[:1]
-        rivals = [p for p in best[1:] if p.score >= ratio * best[0].score]
+        rivals = [p for p in (*best[1:], *unfit) if p.score >= ratio * best[0].score]
         if any(not is_same_place(best[0], p, poses) for p in rivals):
             return [replace(best[0], reason=LoopReason.TWO_PLACES_IN_MAP)]
         return best[:1]

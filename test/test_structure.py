@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "tccm_ros"
 
 ROOMS = [
     "errors",
+    "extras",
     "atomic",
     "config",
     "progress",
@@ -43,6 +44,7 @@ ROOMS = [
     "calibrate",
     "warm_up",
     "replay",
+    "view",
     "nodes",
     "fleet",
     "client",

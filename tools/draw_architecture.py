@@ -34,6 +34,7 @@ COLUMNS = {
         "calibrate",
         "warm_up",
         "replay",
+        "view",
         "nodes",
         "fleet",
         "client",

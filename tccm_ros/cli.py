@@ -324,6 +324,24 @@ def view(
 
 
 @app.command()
+def mcp(
+    map: Annotated[Path, typer.Argument(help="a saved map, or its folder")],
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
+) -> None:
+    """Answer language agents' questions about a map, by the Model Context Protocol on stdio.
+
+    Nothing is written and nothing moves. Needs the extra: pip install 'tccm_ros[agents]'.
+    """
+    check_extra("agents", "mcp")
+    from tccm_ros.agents.saved_source import SavedMapSource
+    from tccm_ros.agents.server import make_server
+    from tccm_ros.config.reader import read_config
+
+    make_server(SavedMapSource.load(map, read_config(config, set))).run()
+
+
+@app.command()
 def compare(
     before: Annotated[Path, typer.Argument(help="result folder of the earlier map")],
     after: Annotated[Path, typer.Argument(help="result folder of the later map")],

@@ -45,6 +45,7 @@ ROOMS = [
     "warm_up",
     "replay",
     "view",
+    "agents",
     "nodes",
     "fleet",
     "client",

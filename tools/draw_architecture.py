@@ -35,6 +35,7 @@ COLUMNS = {
         "warm_up",
         "replay",
         "view",
+        "agents",
         "nodes",
         "fleet",
         "client",

@@ -188,7 +188,7 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
     """
     camera = posed.image.camera
     assert camera is not None
-    quarters = quarter_turns(posed.T_base_sensor[0])
+    quarters = quarter_rotations(posed.T_base_sensor[0])
     pixels = np.ascontiguousarray(np.rot90(pixels, quarters))
     found = detector.search(pixels).signs
     # Of a number that the border cuts off, the middle is not known.
@@ -226,8 +226,8 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
     ]
 
 
-def quarter_turns(T_base_camera: Float64) -> int:
-    """Return by how many quarter turns counter-clockwise a picture comes to stand upright.
+def quarter_rotations(T_base_camera: Float64) -> int:
+    """Return how often a picture is rotated by 90 deg counter-clockwise to have its upper side up.
 
     None for a camera that looks so far up or down that its picture has no upper side.
 

@@ -168,9 +168,9 @@ def test_a_camera_that_is_mounted_turned_measures_the_same(quarters):
     ahead = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # R_base_camera
 
     def measured(k):
-        turn = np.round(np.exp(0.5j * np.pi * k))
+        unit = np.round(np.exp(0.5j * np.pi * k))
         picture = posed(np.ascontiguousarray(np.rot90(wall_with("317"), k)))
-        roll = [[turn.real, -turn.imag, 0.0], [turn.imag, turn.real, 0.0], [0.0, 0.0, 1.0]]
+        roll = [[unit.real, -unit.imag, 0.0], [unit.imag, unit.real, 0.0], [0.0, 0.0, 1.0]]
         picture.T_base_sensor[0, :3, :3] = ahead @ roll
         picture.image.camera.K[:2, 2] -= 0.5  # the middle of the picture
         _, sign = SignProcessor(Config()).add(picture)

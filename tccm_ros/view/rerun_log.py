@@ -164,7 +164,7 @@ class RerunLog:
     def _log_planes(self, planes: Sequence[PlaneRecord]) -> None:
         known = [plane for plane in planes if len(plane.boundary) > 2]
         lines = rr.LineStrips3D(
-            [_closed(plane.boundary) for plane in known],
+            [_with_first_point(plane.boundary) for plane in known],
             colors=[_rgb(palette.PALETTE[p.id % len(palette.PALETTE)]) for p in known],
             radii=RADIUS_M,
         )
@@ -222,7 +222,9 @@ class RerunLog:
             label = rr.Points3D([T[:3, 3]], labels=[name], colors=_rgb(color), radii=0.01)
             self._stream.log(f"{entity}/name", label)
             self._stream.log("events", rr.TextLog(f"first seen: {name}"))
-        outline = rr.LineStrips3D([_closed(surface.boundary)], colors=_rgb(color), radii=RADIUS_M)
+        outline = rr.LineStrips3D(
+            [_with_first_point(surface.boundary)], colors=_rgb(color), radii=RADIUS_M
+        )
         self._stream.log(f"{entity}/outline", outline)
 
     def _log_objects(self, solution: SurfaceSolution) -> None:
@@ -250,7 +252,7 @@ class RerunLog:
         for wall in solution.slam.walls:
             low = np.column_stack([wall.endpoints, np.full(2, floor)])
             high = low + np.array([0.0, 0.0, WALL_HEIGHT_M])
-            faces.append(_closed(np.vstack([low, high[::-1]])))
+            faces.append(_with_first_point(np.vstack([low, high[::-1]])))
         self._lines("map/walls", faces, palette.WALL)
 
     def _log_loops(self, solution: SurfaceSolution, floor: float) -> None:
@@ -322,7 +324,7 @@ def _transform(T: Float64) -> rr.Transform3D:
     return rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
 
 
-def _closed(ring: Float64) -> Float64:
+def _with_first_point(ring: Float64) -> Float64:
     return np.concatenate([ring, ring[:1]])
 
 

@@ -159,7 +159,7 @@ def test_views_are_only_of_tilt_cycles_at_rest_when_asked():
 
 
 def test_the_published_segmentation_takes_3d_scans_and_not_single_scan_lines():
-    """A scan line is in a plane whatever it hits: here one on three walls, with a slope of 10 deg."""
+    """A scan line is in a plane whatever it hits: as one on three walls, at 10 deg."""
     published = settings(
         planes={"horizontal_angle": 0.2},
         surfaces={"segmentation": "seed", "min_points": 60, "cluster_distance": 0.3},

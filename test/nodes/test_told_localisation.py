@@ -25,15 +25,15 @@ def localised(records):
 
 def test_the_pose_and_the_surfaces_are_in_the_map_of_the_other_program(ros):
     both = {"localisation__source": "tf"}
-    node, mapper = slam(ros, **both), tccm(ros, **both)
+    node, other = slam(ros, **both), tccm(ros, **both)
     robot, viewer = ros.robot(), Listener(ros)
     assert not {"/map", "/initialpose", "/scan"} & topics_of(node)
     poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
     ros.connect(node, viewer.node, "/pose")
-    ros.connect(mapper, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
-    robot.play(recording(0.2), node, mapper)
+    ros.connect(other, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    robot.play(recording(0.2), node, other)
     assert [p for p in node.problems() if "start your localisation" in p]
-    robot.play(localised(recording(3, start_ns=START_NS + 10**9)), node, mapper)
+    robot.play(localised(recording(3, start_ns=START_NS + 10**9)), node, other)
     ros.spin_until(lambda: poses, what="a pose")
     p = poses[-1].pose.pose.position
     assert (p.x, p.y) == pytest.approx((5.0, -3.0))

@@ -66,6 +66,7 @@ SUB_ROOMS = {
         "front_end",
         "trajectory",
         "chain",
+        "told_poses",
         "landmarks",
         "registered_views",
         "systematic",

@@ -37,7 +37,7 @@ EXTRAS = {
     ],
     # Its networks are read from its folder; the package itself, with OpenCV, is not imported.
     "signs": ["rapidocr-onnxruntime>=1.4,<1.5"],
-    "view": ["rerun-sdk>=0.41,<0.42"],
+    "view": ["rerun-sdk>=0.41,<0.42", "aiohttp>=3.11,<4"],
     "agents": ["mcp>=2.3,<3"],
     "fleet": ["dask[distributed]>=2025.1", "duckdb>=1.1", "fsspec>=2025.1", "pyarrow>=16"],
 }
@@ -57,6 +57,7 @@ setup(
         PACKAGE: [
             "py.typed",
             "report/viewer/*",
+            "view/live/*",
             "fleet/viewer/*",
             "ros/definitions/*.msg",
             "ros/public_definitions/*/msg/*.msg",
@@ -87,6 +88,7 @@ setup(
             "slam_node = tccm_ros.nodes.start:slam_node",
             "managed_tccm_node = tccm_ros.nodes.start:managed_tccm_node",
             "managed_slam_node = tccm_ros.nodes.start:managed_slam_node",
+            "view_node = tccm_ros.nodes.start:view_node",
             "player_node = tccm_ros.nodes.start:player_node",
             "all_in_one = tccm_ros.nodes.start:all_in_one",
             "tccm = tccm_ros.cli:main",

@@ -41,6 +41,11 @@ def player_node() -> None:
     _start("player_node")
 
 
+def view_node() -> None:
+    """Run view_node."""
+    _start("view_node")
+
+
 def all_in_one() -> None:
     """Run tccm_node and slam_node in one process."""
     _start("all_in_one")

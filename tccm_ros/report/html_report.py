@@ -26,7 +26,7 @@ from tccm_ros.report.tables import (
 )
 from tccm_ros.results.folder_reader import Results, load_results
 
-SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main")
+SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main", "start")
 """Parts of the page's script, each after those that it uses."""
 
 TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"

@@ -7,6 +7,15 @@ class OrbitCamera {
   constructor(canvas, extent, ground, changed) {
     this.canvas = canvas;
     this.changed = changed;
+    this.touched = false;
+    this.pointers = new Map();
+    this.setExtent(extent, ground);
+    this.set(this.home);
+    this.listen();
+  }
+
+  // Where the whole map is; the camera moves there by `set`.
+  setExtent(extent, ground) {
     const [[x0, y0], [x1, y1]] = extent;
     this.size = Math.max(x1 - x0, y1 - y0, 1);
     const target = [(x0 + x1) / 2, (y0 + y1) / 2, ground + 0.3];
@@ -14,9 +23,6 @@ class OrbitCamera {
     this.corners = [x0, x1].flatMap((x) => [y0, y1].flatMap((y) => [0, 0.9].map((h) => [x, y, ground + h])));
     this.home = { target, azimuth: wide ? -1.15 : 0.42, elevation: 0.86 };
     this.above = { target, azimuth: -Math.PI / 2, elevation: STEEPEST };
-    this.pointers = new Map();
-    this.set(this.home);
-    this.listen();
   }
 
   set(place) {
@@ -84,6 +90,7 @@ class OrbitCamera {
     const { canvas, pointers } = this;
     canvas.addEventListener('pointerdown', (event) => {
       canvas.setPointerCapture(event.pointerId);
+      this.touched = true;
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
     });
     const release = (event) => pointers.delete(event.pointerId);
@@ -93,6 +100,7 @@ class OrbitCamera {
     canvas.addEventListener('contextmenu', (event) => event.preventDefault());
     canvas.addEventListener('wheel', (event) => {
       event.preventDefault();
+      this.touched = true;
       this.zoom(Math.exp(Math.sign(event.deltaY) * Math.min(Math.abs(event.deltaY), 60) * 0.002));
     }, { passive: false });
   }

@@ -83,6 +83,14 @@ function uploadCuboids(gl, columns) {
   return { count, rows: makeBuffer(gl, rows) };
 }
 
+// Frees the buffers of a scene that is shown no more.
+function freeBuffers(gl, built) {
+  for (const [name, value] of Object.entries(built)) {
+    if (value instanceof WebGLBuffer) gl.deleteBuffer(value);
+    else if (value && typeof value === 'object' && !ArrayBuffer.isView(value) && name !== 'entries') freeBuffers(gl, value);
+  }
+}
+
 class Painter {
   constructor(gl) {
     this.gl = gl;

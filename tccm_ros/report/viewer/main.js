@@ -32,8 +32,6 @@ const byId = (id) => document.getElementById(id);
 
 class Report {
   constructor(scene, arrays) {
-    this.scene = scene;
-    startStamp = scene.start;
     this.canvas = byId('view');
     const gl = this.canvas.getContext('webgl2', { antialias: true, preserveDrawingBuffer: true });
     if (!gl) throw new Error('this browser has no WebGL 2');
@@ -41,19 +39,30 @@ class Report {
     this.painter = new Painter(gl);
     this.painter.setColors(new Uint8Array(
       [COLORS.height, COLORS.age].flatMap((colors) => colors.flatMap((c) => [...c, 255]))));
-    this.built = buildScene(gl, arrays, scene);
-    this.stamps = arrays.get(scene.path.stamps);
-    this.poses = arrays.get(scene.path.poses);
-    this.cycleCount = scene.planes.length || (scene.cycles ? scene.cycles.stamps.length : 0);
-    this.cycle = this.cycleCount;
+    this.livePose = null;  // (x, y, yaw), set by the live page alone
+    this.load(scene, arrays);
     this.layers = Object.fromEntries(LAYERS.map((name) => [name, byId(`layer-${name}`).checked]));
     this.frames = 0;
     this.camera = new OrbitCamera(this.canvas, scene.extent, scene.ground, () => this.change());
-    this.labels = new Labels(byId('labels'), scene.surfaces);
     this.listen();
     this.showKey();
     this.showCut();
     this.setCycle(this.cycle);
+  }
+
+  // Shows another scene in place of the present one; the camera stays where it is.
+  load(scene, arrays) {
+    if (this.built) freeBuffers(this.gl, this.built);
+    this.scene = scene;
+    startStamp = scene.start;
+    this.built = buildScene(this.gl, arrays, scene);
+    this.stamps = arrays.get(scene.path.stamps);
+    this.poses = arrays.get(scene.path.poses);
+    this.cycleCount = scene.planes.length || (scene.cycles ? scene.cycles.stamps.length : 0);
+    this.cycle = this.cycleCount;
+    byId('labels').replaceChildren();
+    this.labels = new Labels(byId('labels'), scene.surfaces);
+    if (this.camera) this.camera.setExtent(scene.extent, scene.ground);
   }
 
   change() {
@@ -171,13 +180,17 @@ class Report {
   }
 
   robotFrame() {
+    if (this.livePose) return this.frameOf(this.livePose);
     const now = this.cycleNow();
     if (!now || !this.stamps.length) return null;
     let at = 0;
     for (let i = 0; i < this.stamps.length; i++) {
       if (Math.abs(this.stamps[i] - now.stamp) < Math.abs(this.stamps[at] - now.stamp)) at = i;
     }
-    const [x, y, yaw] = this.poses.subarray(3 * at, 3 * at + 3);
+    return this.frameOf(this.poses.subarray(3 * at, 3 * at + 3));
+  }
+
+  frameOf([x, y, yaw]) {
     const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
     return new Float32Array([c, s, 0, 0, -s, c, 0, 0, 0, 0, 1, 0, x, y, this.scene.ground, 1]);
   }
@@ -279,18 +292,3 @@ class Report {
     byId('hover').hidden = true;
   }
 }
-
-async function start() {
-  try {
-    const scene = JSON.parse(byId('scene').textContent);
-    const arrays = new Arrays(await unpackBlob(byId('arrays').textContent));
-    window.tccmReport = new Report(scene, arrays);
-  } catch (error) {
-    byId('failure').hidden = false;
-    byId('failure').textContent = `The 3D view cannot be shown: ${error.message}. `
-      + 'Pictures and tables below are complete; a current browser shows the view.';
-    console.error(error);
-  }
-}
-
-start();

@@ -1,0 +1,244 @@
+"""view_node: the live page, in a process of its own so that nothing is in the way of scans.
+
+It hears of the map as every program does, by `SurfaceMapClient`, and serves it to browsers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import queue
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from tccm_ros.errors import MissingExtraError, QuestionError, one_line
+from tccm_ros.extras import check_extra
+from tccm_ros.nodes.interfaces import MISSING, has_interfaces
+from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.run import run
+
+EVENTS_DEPTH = 100
+"""That of ~/events."""
+
+LOOK_S = 0.5
+"""Between two looks whether slam_node is there, s."""
+
+PARAMETERS = {
+    "view.host": ("127.0.0.1", "address to listen at; any other lets the network see the map"),
+    "view.port": (8095, "port to listen at; 0 takes a free one"),
+    "map_node": ("surface_slam", "node that has the map"),
+}
+
+INT32_MAX = 2**31 - 1
+
+LEVELS = {
+    DiagnosticStatus.OK: "OK",
+    DiagnosticStatus.WARN: "warning",
+    DiagnosticStatus.ERROR: "error",
+    DiagnosticStatus.STALE: "stale",
+}
+
+
+class ViewNode(Node):
+    """Serves the live page of one slam_node.
+
+    Parameters
+    ----------
+    kwargs
+        Those of `rclpy.node.Node`.
+
+    Attributes
+    ----------
+    page
+        The server; its `url` has the token.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the extra `view` or tccm_interfaces.
+    OutputError
+        If the address cannot be listened at.
+    """
+
+    def __init__(self, **kwargs: Any):
+        super().__init__("view", **kwargs)
+        check_extra("view", "aiohttp")
+        if not has_interfaces():
+            raise MissingExtraError(f"the live page: {MISSING}")
+        from tccm_ros.nodes.live_entities import entities_of, event_text
+        from tccm_ros.nodes.map_client import SurfaceMapClient
+        from tccm_ros.view.live_page import LivePage
+
+        host, port, name = (
+            self.declare_parameter(key, default, ParameterDescriptor(description=meaning)).value
+            for key, (default, meaning) in PARAMETERS.items()
+        )
+        self._entities_of = entities_of
+        self._questions = {
+            "rename": self._rename,
+            "placements": self._find_placements,
+            "save": self._save,
+        }
+        self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._wake = self.create_guard_condition(self._answer_questions)
+        self.page = LivePage(self._ask, frozenset(self._questions), host, port)
+        self._client = SurfaceMapClient(self, name)
+        self._is_ready: bool | None = None
+        self._client.on_event(lambda e: self.page.update(lambda s: s.add_event(event_text(e))))
+        for kind, topic, take, qos in (
+            (_surface_map(), f"{name}/surface_map", self._take_map, latched()),
+            (Path, f"{name}/path", self._take_path, latched()),
+            (PoseWithCovarianceStamped, "pose", self._take_pose, EVENTS_DEPTH),
+            (DiagnosticArray, "/diagnostics", self._take_diagnostics, EVENTS_DEPTH),
+        ):
+            self.create_subscription(kind, topic, take, qos)
+        self.create_timer(LOOK_S, self._look)
+        self.get_logger().info(f"live page: {self.page.url}")
+
+    def close(self) -> None:
+        """Tell the pages that the node ends."""
+        self.page.close()
+
+    # --- what comes by itself ---
+
+    def _take_map(self, message: Any) -> None:
+        found = self._entities_of(message)
+
+        def change(state: Any) -> None:
+            path = state.entities.get("path")
+            state.entities = {**found, **({} if path is None else {"path": path})}
+
+        self.page.update(change)
+
+    def _take_path(self, message: Any) -> None:
+        from tccm_ros.view.live_state import path_entity
+
+        xy = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses])
+        if len(xy):
+            path = path_entity(xy)
+            self.page.update(lambda state: state.entities.update(path=path))
+
+    def _take_pose(self, message: Any) -> None:
+        from tccm_ros.nodes.live_entities import planar
+
+        pose = planar(message.pose.pose)
+        self.page.update(lambda state: setattr(state, "pose", pose))
+
+    def _take_diagnostics(self, message: Any) -> None:
+        found = {s.name: f"{LEVELS.get(s.level, '?')}: {s.message}" for s in message.status}
+
+        def change(state: Any) -> None:
+            state.status = {**state.status, "nodes": {**state.status.get("nodes", {}), **found}}
+
+        self.page.update(change)
+
+    def _look(self) -> None:
+        ready, known = self._client.has_services, self._client.localisation
+        text = "no pose yet" if known is None else f"{known.state} {known.reason}".strip()
+        told = {"ready": ready, "localisation": text}
+        self.page.update(lambda state: setattr(state, "status", {**state.status, **told}))
+
+    # --- what pages ask for ---
+
+    async def _ask(self, name: str, values: Mapping[str, Any]) -> Any:
+        """Have a question asked in the executor's thread (called in that of the server)."""
+        loop = asyncio.get_running_loop()
+        answered: asyncio.Future[Any] = loop.create_future()
+
+        def tell(answer: Any, error: Exception | None) -> None:
+            if answered.done():
+                return
+            if error is None:
+                answered.set_result(answer)
+            else:
+                answered.set_exception(QuestionError(one_line(error)))
+
+        def begin() -> None:
+            try:
+                asked, read = self._questions[name](values)
+            except Exception as error:
+                loop.call_soon_threadsafe(tell, None, _named(error))
+                return
+            asked.add_done_callback(partial(self._finish, loop, tell, read))
+
+        self._asked.put(begin)
+        self._wake.trigger()
+        return await answered
+
+    @staticmethod
+    def _finish(loop: Any, tell: Any, read: Callable[[Any], Any], asked: Future) -> None:
+        try:
+            answer, error = read(asked.result()), None
+        except Exception as raised:
+            answer, error = None, raised
+        loop.call_soon_threadsafe(tell, answer, error)
+
+    def _answer_questions(self) -> None:
+        while not self._asked.empty():
+            self._asked.get()()
+
+    def _rename(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
+        surface, label = _identity(values), values["label"]
+        if not isinstance(label, str):
+            raise QuestionError("label is no text")
+        return self._client.set_label(surface, label), lambda message: {"message": message}
+
+    def _find_placements(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
+        from tccm_interfaces.msg import SurfaceFilter
+
+        size = [float(value) for value in values["size"]]
+        wanted = SurfaceFilter(ids=[_identity(values)])
+
+        def read(found: Any) -> dict[str, Any]:
+            told = [
+                {
+                    "surface_id": place.surface_id,
+                    "position": [round(float(v), 3) for v in place.T_map_object[:3, 3]],
+                    "clearance": round(float(place.clearance), 3),
+                }
+                for place in found
+            ]
+            return {"placements": told, "message": found.message}
+
+        return self._client.find_placements(size, wanted, max_count=1), read
+
+    def _save(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
+        name = values["name"]
+        if not isinstance(name, str):
+            raise QuestionError("name is no text")
+        return self._client.save_named_map(name), lambda m: {"message": f"saved as {m.name}"}
+
+
+def _surface_map() -> type:
+    from tccm_interfaces.msg import SurfaceMap
+
+    return SurfaceMap
+
+
+def _identity(values: Mapping[str, Any]) -> int:
+    """Return the id of a surface that a page names."""
+    value = values["surface_id"]
+    if type(value) is not int or not 0 <= value <= INT32_MAX:
+        raise QuestionError(f"surface_id is {one_line(ValueError(value))}; expected an id")
+    return value
+
+
+def _named(error: Exception) -> Exception:
+    return QuestionError(f"{error.args[0]} is missing") if isinstance(error, KeyError) else error
+
+
+def main() -> None:
+    """Serve the page until the node is told to stop."""
+    run(ViewNode)
+
+
+if __name__ == "__main__":
+    main()

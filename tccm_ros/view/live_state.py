@@ -1,0 +1,157 @@
+"""What the live page shows, and what changes between two moments of it.
+
+The map is a dictionary of entities, each a JSON value under a name such as ``surface/3``, in the
+form in which the report's viewer takes them. A page gets all of them once, then only those that
+have changed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.outlines.triangulation import fill_outline
+from tccm_ros.report import palette
+
+MAX_EVENTS = 100
+"""Events that a page shows, as many as the topic keeps."""
+
+MAX_PATH_POINTS = 500
+"""The path is thinned to at most this many points; chosen: a line of some pixels a piece."""
+
+MARGIN_M = 0.5
+"""Around the map in the first view, m."""
+
+Entities = dict[str, Any]
+
+
+class LiveState:
+    """The newest state; one thread writes and reads it.
+
+    Attributes
+    ----------
+    entities
+        The map by name.
+    pose
+        (x, y, yaw) of the base in map, m and rad; None before the first.
+    status
+        What is known of the nodes: JSON values by name.
+    events
+        The newest events, the oldest first, as lines.
+    """
+
+    def __init__(self) -> None:
+        self.entities: Entities = {}
+        self.pose: list[float] | None = None
+        self.status: dict[str, Any] = {}
+        self.events: deque[str] = deque(maxlen=MAX_EVENTS)
+        self._sent: dict[str, str] = {}
+        self._sent_pose: list[float] | None = None
+        self._sent_status = ""
+        self._new_events: list[str] = []
+
+    def add_event(self, text: str) -> None:
+        """Append an event."""
+        self.events.append(text)
+        self._new_events = [*self._new_events, text][-MAX_EVENTS:]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that was sent so far, for a page that opens."""
+        return {
+            "set": {name: json.loads(text) for name, text in self._sent.items()},
+            "pose": self._sent_pose,
+            "status": json.loads(self._sent_status or "{}"),
+            "events": list(self.events)[: len(self.events) - len(self._new_events)],
+        }
+
+    def delta(self, budget: int) -> dict[str, Any]:
+        """Return what has changed since the last delta, empty where nothing has.
+
+        Parameters
+        ----------
+        budget
+            Bytes that entities may take; what does not fit comes later. The first one always does.
+        """
+        changed: dict[str, Any] = {}
+        if self.pose != self._sent_pose:
+            changed["pose"] = self._sent_pose = self.pose
+        status = json.dumps(self.status)
+        if status != self._sent_status:
+            changed["status"], self._sent_status = self.status, status
+        if self._new_events:
+            changed["events"], self._new_events = self._new_events, []
+        gone = [name for name in self._sent if name not in self.entities]
+        for name in gone:
+            del self._sent[name]
+        if gone:
+            changed["gone"] = gone
+        some: Entities = {}
+        for name, value in self.entities.items():
+            text = json.dumps(value)
+            if text == self._sent.get(name):
+                continue
+            if some and len(text) > budget:
+                break
+            budget -= len(text)
+            some[name], self._sent[name] = value, text
+        if some:
+            changed["set"] = some
+        return changed
+
+
+def surface_entity(
+    surface: Mapping[str, Any],
+    boundary: Float64,
+    holes: Sequence[Float64],
+    normal: Float64,
+    middle: Sequence[float],
+) -> dict[str, Any]:
+    """Return a surface as the viewer takes it.
+
+    Parameters
+    ----------
+    surface
+        ``id``, ``label``, ``height``, ``area`` and what else the page tells of it.
+    boundary, holes, normal
+        float64 (N, 3) rings in map, m, and the unit normal.
+    middle
+        (x, y, z), where its name is written.
+    """
+    mesh = fill_outline(boundary, holes, normal)
+    is_floor = surface["label"] == "floor"
+    colors = palette.PALETTE
+    return {
+        **surface,
+        "color": palette.FLOOR if is_floor else colors[surface["id"] % len(colors)],
+        "floor": is_floor,
+        "at": rounded(middle),
+        "shape": {
+            "v": rounded(mesh.points.ravel()),
+            "t": mesh.triangles.ravel().tolist(),
+            "rings": list(mesh.rings),
+        },
+    }
+
+
+def free_entity(name: str, rings: Sequence[Float64]) -> dict[str, Any]:
+    """Return the free places of a surface as the viewer takes them; rings are (N, 3), m."""
+    points = np.concatenate(rings).ravel() if rings else np.zeros(0)
+    return {"on": name, "v": rounded(points), "rings": [len(ring) for ring in rings]}
+
+
+def path_entity(positions: Float64) -> dict[str, Any]:
+    """Return a path (N, 2), m, thinned, with its length."""
+    step = -(-len(positions) // MAX_PATH_POINTS) or 1
+    length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
+    kept = np.concatenate([positions[::step], positions[-1:]])
+    return {"length": round(length, 2), "xy": rounded(kept.ravel())}
+
+
+def rounded(values: Any, digits: int = 3) -> list[float]:
+    """Return numbers rounded to millimetres."""
+    return [round(float(value), digits) for value in np.asarray(values).ravel()]

@@ -14,7 +14,6 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.baselines.center_cores import center_cores
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
-from tccm_ros.geometry import spatial
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
 from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
@@ -229,7 +228,7 @@ class SolutionMessageBuilder:
         context = MessageContext(self._types, stamp_ns, self._frame)
         builders: dict[str, Callable[[], Any]] = {
             "path": lambda: path_message(
-                *context, solution.trajectory_ns.tolist(), spatial(solution.trajectory)
+                *context, solution.trajectory_ns.tolist(), solution.T_map_base
             ),
             "walls": lambda: self._walls.message(
                 wall_markers(context, solution.slam.walls), stamp_ns

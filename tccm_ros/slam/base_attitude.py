@@ -1,7 +1,7 @@
 """Height, roll and pitch of the base by odometry: given values of poses, no variables of the graph.
 
 The graph estimates x, y and yaw. Odometry of wheels has no more; that of a legged robot also tells
-how high its base is over the ground, and how it leans.
+how high its base is over the ground, and its roll and pitch.
 """
 
 from __future__ import annotations

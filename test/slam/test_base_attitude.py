@@ -36,7 +36,7 @@ def walked(slam, stances):
     return slam.solve()
 
 
-def test_surfaces_count_from_the_ground_whatever_the_height_and_lean_of_the_base():
+def test_surfaces_count_from_the_ground_whatever_the_attitude_of_the_base():
     solution = walked(SurfaceSlam(Config()), STANCES)
     (table,) = above_floor(solution.mapped)
     # Noise of 1 mm, over hundreds of points.

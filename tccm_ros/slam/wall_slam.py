@@ -399,7 +399,7 @@ class WallSlam:
         keys = self._chain.keys
         factors = wall_factors(used.walls, self._lines, keys, self.config)
         if uses_corners(self.config):
-            factors += corner_factors(used.corners, used.walls, keys)
+            factors += corner_factors(used.corners, used.walls, keys, self.config)
         if self.config.walls.structure_prior:
             factors += structure_factors(used.walls)
         return factors

@@ -79,7 +79,9 @@ STANDING_STEP = (0.002, 0.002)
 LOST_FRACTION, LOST_INLIERS, LOST_TIME = 0.3, 0.4, 1.5
 """A robot that stands was carried where its scans, from then on and for so long (s), see through
 more than the first fraction of the confirmed surfaces in view and less than the second fraction of
-their points fits the map. Chosen: who walks past hides surfaces and lets none be seen through; a
+their points fits the map. ``bench/bench_match_statistics.py``: on four real recordings of robots
+that are not lost, 99 % of the scans see through less than 0.29 and fit to more than 0.7. The time
+is chosen: who walks past hides surfaces and lets none be seen through; a
 door that opens before the robot leaves the rest where it was (0.25 and 0.6); behind the door of a
 lift that has changed floors it is 0.75 and 0.22; who is put down askew elsewhere in the tests' ring
 sees through 0.7 to 0.9, and 0.05 to 0.12 fits. Who is put down exactly along another stretch of the
@@ -577,12 +579,12 @@ class FrontEnd:
             for centre in (predicted, self.pose, goes_on)
         ]
         # To match nothing is an alternative, too: its quality is 0.
-        least = max(self._match_quality(scan, near), min_quality, 0.0)
+        min_quality = max(self._match_quality(scan, near), min_quality, 0.0)
         gains = [
             self._match_quality(scan, f) - self._gain_by_chance(scan, predicted, f) for f in found
         ]
         best = int(np.argmax(gains))
-        return found[best] if gains[best] > least else near
+        return found[best] if gains[best] > min_quality else near
 
     def _gain_by_chance(self, scan: LevelScan, predicted: Float64, found: Alignment) -> float:
         """Return the quality that one of the poses as near to the predicted one has by chance.

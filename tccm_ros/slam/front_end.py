@@ -90,6 +90,10 @@ same corridor (0.2 and 0.6) is not told from a door."""
 NOTICE_TIME = 0.5
 """A contradiction is told after this time (s) (chosen: who walks past at once is none)."""
 
+MIN_GAIN, MIN_GAIN_WITHOUT_ODOMETRY = 0.3, 0.1
+"""Quality by which a match of the wide search must exceed the first: against odometry, and without
+odometry (chosen)."""
+
 NATS_PER_BEAM = 1.0
 """Log-likelihood that an independent beam adds to a pose that explains it (chosen: a beam hits a
 surface of a room by accident with a probability of a third)."""
@@ -578,13 +582,15 @@ class FrontEnd:
             self._align_near(scan, centre, centre, LOOSE_COV, window)
             for centre in (predicted, self.pose, goes_on)
         ]
+        min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         # To match nothing is an alternative, too: its quality is 0.
-        min_quality = max(self._match_quality(scan, near), min_quality, 0.0)
-        gains = [
-            self._match_quality(scan, f) - self._gain_by_chance(scan, predicted, f) for f in found
-        ]
+        quality, gains = self._match_quality(scan, near), []
+        for f in found:
+            chance = self._gain_by_chance(scan, predicted, f)
+            limit = max(quality + max(chance, min_gain), chance, min_quality)
+            gains.append(self._match_quality(scan, f) - limit)
         best = int(np.argmax(gains))
-        return found[best] if gains[best] > min_quality else near
+        return found[best] if gains[best] > 0.0 else near
 
     def _gain_by_chance(self, scan: LevelScan, predicted: Float64, found: Alignment) -> float:
         """Return the quality that one of the poses as near to the predicted one has by chance.

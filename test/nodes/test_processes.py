@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -32,6 +33,16 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
         for name in ("/tccm/reset", "/surface_slam/reset"):
             assert ros.call(caller.create_client(Trigger, name), Trigger.Request()).success
         play_to_process(ros, ros.robot(), recording(3))
+        save = caller.create_client(Trigger, "/surface_slam/save_map")
+
+        def has_saved_surfaces() -> bool:
+            is_saved = ros.call(save, Trigger.Request()).success
+            return is_saved and json.loads((folder / "surfaces.json").read_text())["surfaces"]
+
+        # A signal ends the node in some seconds, whether what was sent has come by then or not.
+        ros.spin_until(has_saved_surfaces, what="surfaces")
+        for path in tmp_path.iterdir():
+            shutil.rmtree(path)
         status, output = stop(process, number)
     assert status == 0, output
     assert "Traceback" not in output

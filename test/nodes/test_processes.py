@@ -174,8 +174,8 @@ SAVE_FOREVER = """
     from pathlib import Path
     sys.path.insert(0, sys.argv[1])
     from live_robot import URDF, recording
+    from written_map import write_map
     from tccm_ros.config import Config
-    from tccm_ros.nodes.map_files import write_map
     from tccm_ros.replay.processors import Pipeline
     from tccm_ros.records import RobotDescription
 
@@ -185,12 +185,12 @@ SAVE_FOREVER = """
         pipeline.add(topic, record)
     slam, solution = pipeline.slam, pipeline.solve()
     folder = Path(sys.argv[2])
-    write_map(folder, slam, solution, "map")
+    write_map(folder, slam, solution)
     for line in sys.stdin:  # each line: save until killed
         child = os.fork()
         if child == 0:
             while True:
-                write_map(folder, slam, solution, "map")
+                write_map(folder, slam, solution)
         print(child, flush=True)
         os.waitpid(child, 0)
         print("gone", flush=True)

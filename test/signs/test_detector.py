@@ -7,13 +7,14 @@ import pytest
 from PIL import Image, ImageDraw
 from shared_data import shared
 from sign_lists import directory
+from training_pictures import random_picture
 
 from tccm_ros.config.signs import Signs
 from tccm_ros.errors import PictureError
 from tccm_ros.replay.picture_files import read_picture, signs_of_pictures
 from tccm_ros.signs.detector import SignDetector, sign_detector
 from tccm_ros.signs.saliency_detector import SaliencyDetector
-from tccm_sim.sign_pictures import font, random_picture
+from tccm_sim.sign_pictures import font
 
 SEED = 3_000_000
 """Seed of the first rendered picture."""

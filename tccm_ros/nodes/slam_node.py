@@ -321,13 +321,13 @@ class SlamNode(SensorNode):
         """Take over where the robot is, as soon as it is found, or what that waits for."""
         if not self.solver.is_of_session(placed) or placed.resets != self._resets:
             return
+        self.localisation.note_wait(placed.waits_for)
         if placed.map is None:
-            self.localisation.note_wait(placed.waits_for)
             return
         self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
         was_told, self._is_told = self._is_told, False
         self._take_map(placed.map)
-        if was_told:
+        if was_told and not placed.map.is_unjoined:
             self.localisation.note_told(self.processor, is_taken=placed.is_told)
 
     def _take_map(self, solved: SolvedMap) -> None:
@@ -582,6 +582,8 @@ class SlamNode(SensorNode):
         if not self.live.is_localised:
             reason = self.localisation.reason
             yield f"the robot is not found in the map: {reason}; map -> odom is not published"
+        elif self.processor.is_unjoined:
+            yield f"the robot is not found in the map: {self.localisation.reason}"
         yield from self._problems_of_signs()
         yield from self.solver.problems()
         if self.solver.newest is not None:

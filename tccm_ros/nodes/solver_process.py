@@ -134,9 +134,9 @@ class SolverProcess:
             self._tell_place()
 
     @property
-    def _place(self) -> tuple[int, bool, str]:
+    def _place(self) -> tuple[int, bool, bool, str]:
         walls = self._slam.walls
-        return walls.session, walls.has_place_now, walls.waits_for
+        return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
     def _tell_place(self) -> None:
         """Tell the node at once where the robot is, or what that waits for."""

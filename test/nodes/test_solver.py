@@ -155,10 +155,8 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
     write_map(tmp_path / "ring", ring, ring.solve(), "map")
     solver.begin(tmp_path / "ring" / "map.mcap")
     slam = SurfaceSlam.from_saved(Config(), read_map(tmp_path / "ring"))
-    room = plan.drive(
-        plan.box(0.0, 0.0, 7.0, 4.5), plan.route([(1, 1), (4, 1)]), start_ns=2 * 10**18
-    )
-    for scan in room.scans:
+    room, route = plan.box(0.0, 0.0, 7.0, 4.5), plan.route([(1, 1), (4, 1)])
+    for scan in plan.drive(room, route, start_ns=2 * 10**18).scans:
         slam.add(scan)
         solver.feed(scan)
     assert slam.walls.is_unjoined

@@ -376,11 +376,8 @@ def test_a_saved_trajectory_is_found_again_and_joined_by_a_later_drive(ring_alon
     assert slam.unjoined_trajectories == 0
     first = len(ring_alone["keyframe_stamp_ns"])
     solution = slam.solve()
-    error = errors_of_session(
-        solution,
-        np.concatenate([INSIDE, *[FROM_THE_ROOM[:1]] * (10_000 - len(INSIDE)), FROM_THE_ROOM]),
-        first,
-    )
+    between = [FROM_THE_ROOM[:1]] * (10_000 - len(INSIDE))
+    error = errors_of_session(solution, np.concatenate([INSIDE, *between, FROM_THE_ROOM]), first)
     assert np.abs(error[:, :2]).max() < 0.15
 
 

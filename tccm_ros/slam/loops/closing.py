@@ -43,8 +43,8 @@ NOWHERE = "no place of the map fits what the scans see: drive on, or tell the po
 AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
 UNJOINED = (
-    "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once a "
-    "place fits"
+    "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once "
+    "a place fits"
 )
 """What a session without a place waits for."""
 
@@ -367,11 +367,8 @@ class LoopCloser:
         """
         self._searched_ns = stamp_ns
         self.waits_for = NOWHERE
-        driven, session, root = (
-            self._lengths.driven,
-            self._chain.keyframes[k].session,
-            self._root(k),
-        )
+        driven, session = self._lengths.driven, self._chain.keyframes[k].session
+        root = self._root(k)
         # Of one spot after the other: the right place fits on, another one fits here and there.
         places = [p for p in self._recent if self._root(p.a) != root]
         if places and driven[k] - driven[places[-1].b] >= 2.0 * SPACING_M:

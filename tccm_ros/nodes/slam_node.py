@@ -29,8 +29,7 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.sign_reader import SignReader
-from tccm_ros.nodes.solver import Answer, Solver
-from tccm_ros.nodes.solver_channel import (
+from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
     Messages,
@@ -38,6 +37,7 @@ from tccm_ros.nodes.solver_channel import (
     PoseStamp,
     Solved,
 )
+from tccm_ros.nodes.solver.solver import Answer, Solver
 from tccm_ros.nodes.view_parts import ViewParts
 from tccm_ros.nodes.worker import Worker, promise
 from tccm_ros.records import (

@@ -11,8 +11,8 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.nodes.map_files import read_map, write_map
 from tccm_ros.nodes.map_folder import save_archive
-from tccm_ros.nodes.solver import MAX_DEATHS, Solver
-from tccm_ros.nodes.solver_channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.surfaces.surface_slam import SurfaceSlam

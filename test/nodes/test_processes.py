@@ -14,6 +14,7 @@ import pytest
 from live_robot import START_NS, Listener, recording, slam, wait_until_done
 from processes import PATIENCE_S, play_to_process, settings, started, stop
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from tccm_ros.nodes.map_files import read_map
 
@@ -27,11 +28,15 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
         save__directory=folder, save__on_shutdown="true", qos__reliability="reliable"
     )
     with started(ros.domain, "all_in_one", *arguments) as process:
-        caller = Listener(ros).node
+        viewer = Listener(ros)
+        shown = viewer.listen(MarkerArray, "/surface_slam/surfaces", latched=True)
+        caller = viewer.node
         # A service is there before its node is made; one that answers is spun.
         for name in ("/tccm/reset", "/surface_slam/reset"):
             assert ros.call(caller.create_client(Trigger, name), Trigger.Request()).success
         play_to_process(ros, ros.robot(), recording(3))
+        # A solution is saved at once; the first one may take longer than the 5 s there are for it.
+        ros.spin_until(lambda: shown and shown[-1].markers, what="surfaces")
         status, output = stop(process, number)
     assert status == 0, output
     assert "Traceback" not in output

@@ -118,6 +118,7 @@ def walls_with_signs(keyframes, views):
         keyframes=[Keyframe(k, 0) for k in range(keyframes)],
         lines=[SimpleNamespace(phi=())] * keyframes, poses=np.zeros((keyframes, 3)), loops=(),
         sign_views=[View(SimpleNamespace(stamp_ns=t), Anchored(k), s) for t, k, s in views],
+        unjoined={},
     )  # fmt: skip
 
 

@@ -55,7 +55,6 @@ from tccm_ros.slam.walls.association import WallTable
 from tccm_ros.slam.walls.corners import POINT_SIGMA, Corner, corner_factors, meeting_point
 from tccm_ros.slam.walls.landmarks import wall_factors
 from tccm_sim.carmen import import_carmen
-from tccm_sim.recording import simulate
 
 ROOT = HERE.parent
 
@@ -307,9 +306,8 @@ def print_rows(world: str, slam: WallSlam, error_of: Callable[[Float64], str]) -
         )
 
 
-def simulated(world: str, folder: Path) -> None:
-    """Print the rows of a simulated world, from its level laser; the flat is the bundled bag."""
-    bag = ROOT / "bags" / "flat" if world == "flat" else simulate(world, folder / world)
+def simulated(world: str, bag: Path, _folder: Path) -> None:
+    """Print the rows of a simulated world, from its level laser."""
     truth, config = read_tum(bag / "truth.tum"), Config()
     with BagReader(bag) as reader:
         choice = choose_topics(reader, config, [])

@@ -46,9 +46,6 @@ LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 PROCESSING = ("read", "pose", "tccm", "signs", "slam", "events", "history", "solve")
 """Stages that the real-time factor counts: reading and processing, without imports and pictures."""
 
-WRITING = ("write",)
-"""Stages that write the result files other than pictures."""
-
 
 @dataclass(frozen=True, slots=True)
 class Summary:

@@ -566,11 +566,6 @@ class WallSlam:
         return SolvedKeyframe(keyframe.id, self._closer.poses[keyframe.id], cov)
 
     @property
-    def keyframe_count(self) -> int:
-        """Number of keyframes of all sessions."""
-        return len(self._chain.keyframes)
-
-    @property
     def first_keyframe(self) -> tuple[int, int]:
         """Id of the first keyframe of this session, and its number."""
         return self._front.first_id, self._front.session

@@ -63,6 +63,7 @@ SUB_ROOMS = {
         "front_end",
         "trajectory",
         "chain",
+        "told_poses",
         "landmarks",
         "registered_views",
         "systematic",

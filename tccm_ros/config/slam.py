@@ -88,6 +88,27 @@ class Walls(Group):
     )
 
 
+class Localisation(Group):
+    """Who tells where the robot is in the map (docs/guides/your_localisation.md)."""
+
+    source: Literal["slam", "tf"] = param(
+        "slam",
+        "slam: level scans and loop closures; tf: another program's map -> odom on /tf, whose map "
+        "frame surfaces are in",
+        read_only=True,
+    )
+    sigma: tuple[float, float] = param(
+        (0.05, 0.03),
+        "tf: standard deviation of the pose that the other program tells, position and yaw",
+        unit="m, rad",
+    )
+
+    @property
+    def is_external(self) -> bool:
+        """Whether another program localises the robot."""
+        return self.source == "tf"
+
+
 class Graph(Group):
     """Keyframes and optimisation."""
 

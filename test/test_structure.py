@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "tccm_ros"
 
 ROOMS = [
     "errors",
+    "extras",
     "atomic",
     "config",
     "progress",
@@ -43,6 +44,8 @@ ROOMS = [
     "calibrate",
     "warm_up",
     "replay",
+    "view",
+    "agents",
     "nodes",
     "fleet",
     "client",
@@ -56,6 +59,7 @@ SUB_ROOMS = {
         "odometry_model",
         "occupancy",
         "base_roll_pitch",
+        "base_attitude",
         "solution",
         "factors",
         "graph",

@@ -6,11 +6,11 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from live_robot import START_NS, Listener, recording, slam, wait_until_done
 from std_srvs.srv import Trigger
+from written_map import write_map
 
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
 from tccm_ros.nodes.localisation import guess_of
-from tccm_ros.nodes.map_files import write_map
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
@@ -96,7 +96,7 @@ def test_a_robot_in_a_room_that_the_map_does_not_have_begins_a_trajectory_beside
     ring = SurfaceSlam(Config())
     for scan in plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 5)])).scans:
         ring.add(scan)
-    write_map(tmp_path / "map", ring, ring.solve(), "map")
+    write_map(tmp_path / "map", ring, ring.solve())
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
     viewer = Listener(ros, "viewer")
     states = viewer.listen(Localisation, "/surface_slam/localisation", latched=True)

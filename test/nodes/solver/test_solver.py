@@ -153,7 +153,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
     ring = SurfaceSlam(Config())
     for scan in plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 5)])).scans:
         ring.add(scan)
-    write_map(tmp_path / "ring", ring, ring.solve(), "map")
+    write_map(tmp_path / "ring", ring, ring.solve())
     solver.begin(tmp_path / "ring" / "map.mcap")
     slam = SurfaceSlam.from_saved(Config(), read_map(tmp_path / "ring"))
     room, route = plan.box(0.0, 0.0, 7.0, 4.5), plan.route([(1, 1), (4, 1)])
@@ -167,7 +167,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
     assert told[-1].map.is_unjoined
     assert found.map.is_localised
     assert found.map.is_unjoined
-    write_map(tmp_path / "offline", slam, slam.solve(), "map")
+    write_map(tmp_path / "offline", slam, slam.solve())
     save_archive(found.archive, tmp_path / "live")
     assert files(tmp_path / "live") == files(tmp_path / "offline")
 

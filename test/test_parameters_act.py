@@ -79,7 +79,7 @@ def changing_room(drive=(0.0, 0.0)):
 @cache
 def unsteady_tilt():
     """A joint that rests, trembles and falls silent for a while, each for less than the limits."""
-    records = []
+    records, rest = [], 0.0
     for item in record(3 * HALF_TIME, lambda t: (FLOOR, WALL, TABLE), noise=0.002, every=6):
         if isinstance(item, JointSample):
             t = (item.stamp_ns - ns(0.0)) / 1e9
@@ -87,7 +87,8 @@ def unsteady_tilt():
             if 0.3 < t < 0.6:
                 continue
             if 1.9 < t < 2.2:
-                angle = 0.6
+                angle = rest
+            rest = angle
             angle += 0.03 * (3.0 < t < 3.1)
             item = replace(item, positions=np.array([angle]))
         records.append(item)

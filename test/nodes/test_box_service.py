@@ -13,6 +13,7 @@ from tccm_ros.cuboids.queries import MapQuery
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.interfaces import has_interfaces, service_class
 from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.robot.odometry import OdometryFilter
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
@@ -59,8 +60,9 @@ class Asking:
     def __init__(self):
         self.processor = Mapping()
         offered = []
+        motion = SimpleNamespace(odom_frame="odom", odometry=OdometryFilter())
         node = SimpleNamespace(
-            robot=SimpleNamespace(robot=SimpleNamespace(motion=SimpleNamespace(odom_frame="odom"))),
+            robot=SimpleNamespace(robot=SimpleNamespace(motion=motion)),
             config=config(),
             types=RosidlMessages(),
             create_service=lambda *words: offered.append(words),

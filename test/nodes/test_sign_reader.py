@@ -15,6 +15,11 @@ from tccm_ros.signs.processor import BEYOND_RATE, SignProcessor
 pytestmark = needs_reader
 
 
+def never():
+    """Wait for the reader without a limit."""
+    return False
+
+
 @pytest.fixture
 def read():
     """Return a reader, and the measurements that it has given."""
@@ -31,7 +36,7 @@ def test_it_measures_what_a_replay_measures(read):
     ]
     for picture in pictures:
         reader.offer(picture)
-    reader.wait()
+    reader.wait(never)
     offline = SignProcessor(Config())
     for signs, picture in zip(given, pictures, strict=True):
         searched, *expected_signs = offline.add(picture)
@@ -49,7 +54,7 @@ def test_pictures_beyond_the_rate_are_not_given_to_the_process(read):
     blank = np.full((48, 64, 3), 120, np.uint8)
     for k in range(20):
         reader.offer(posed(blank, START + k * 50_000_000))
-    reader.wait()
+    reader.wait(never)
     assert len(given) == 2
     assert reader.dropped == {BEYOND_RATE: 18}
 
@@ -58,12 +63,12 @@ def test_a_process_that_dies_is_started_again(read):
     reader, given = read
     blank = np.full((48, 64, 3), 120, np.uint8)
     reader.offer(posed(blank, START))
-    reader.wait()
+    reader.wait(never)
     os.kill(reader._process.pid, signal.SIGKILL)
     reader._process.wait()
     reader.offer(posed(blank, START + 10**9))
     reader.offer(posed(blank, START + 2 * 10**9))
-    reader.wait()
+    reader.wait(never)
     assert len(given) == 2
     assert reader.problem == ""
     assert sum(reader.dropped.values()) == 1
@@ -73,11 +78,11 @@ def test_what_was_read_before_the_map_began_anew_is_not_given(read):
     reader, given = read
     reader.offer(posed(wall_with("317"), START))
     reader.begin()
-    reader.wait()
+    reader.wait(never)
     # It may have been given before; then nothing else is.
     assert len(given) <= 1
     reader.offer(posed(wall_with("317"), START))
-    reader.wait()
+    reader.wait(never)
     assert given[-1][1].number == "317"
 
 
@@ -85,6 +90,6 @@ def test_where_reading_is_too_slow_pictures_are_dropped_and_counted(read, monkey
     monkeypatch.setattr(sign_reader, "MAX_WAITING", 0)
     reader, given = read
     reader.offer(posed(np.full((48, 64, 3), 120, np.uint8)))
-    reader.wait()
+    reader.wait(never)
     assert given == []
     assert reader.dropped == {"overload: pictures": 1}

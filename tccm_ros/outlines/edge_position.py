@@ -138,12 +138,13 @@ def _positions(half_range: float) -> Float64:
 
 def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
     """Return the log likelihood of an edge so far beyond last samples, float64 (N, X), m."""
-    ends = samples.ends[:, None]
     gap = np.maximum(samples.gap, SIGMA)[:, None]
-    # Where a view ends, no next sample says that the surface does: the sampling tells nothing.
-    goes_on = np.exp(-np.maximum(beyond, 0.0) / FADE) / FADE
-    limit = np.where(ends, ndtr((gap - beyond) / SIGMA) / gap, goes_on)
-    before = ndtr(beyond / SIGMA) * limit
+    limit = np.where(
+        samples.ends[:, None],
+        ndtr((gap - beyond) / SIGMA),
+        np.exp(-np.maximum(beyond - gap, 0.0) / FADE),
+    )
+    before = ndtr(beyond / SIGMA) * limit / gap
     at_edge = np.exp(-0.5 * (beyond / SIGMA + OUTERMOST) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
     front = samples.front[:, None]
     outlier = np.where(front > 0.0, OUTLIER_BEFORE_FRONT, OUTLIER) / HALF_RANGE

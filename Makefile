@@ -46,6 +46,7 @@ lint: $(TOOLS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/vulture
 	$(BIN)/python tools/check_words.py --all --lines
 
 # What `ros2 run` needs: executables in lib/tccm_ros and a marker in the ament index.

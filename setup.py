@@ -37,6 +37,8 @@ EXTRAS = {
     ],
     # Its networks are read from its folder; the package itself, with OpenCV, is not imported.
     "signs": ["rapidocr-onnxruntime>=1.4,<1.5"],
+    "view": ["rerun-sdk>=0.41,<0.42"],
+    "agents": ["mcp>=2.3,<3"],
     "fleet": ["dask[distributed]>=2025.1", "duckdb>=1.1", "fsspec>=2025.1", "pyarrow>=16"],
 }
 EXTRAS["all"] = [requirement for extra in EXTRAS.values() for requirement in extra]

@@ -49,7 +49,7 @@ def main() -> None:
         for record in published.records:
             for event in robot.add(published.topic.lstrip("/"), record):
                 slam.add(event)
-        count = slam.walls.keyframe_count
+        count = len(slam.walls._chain.keyframes)
         if count < solved_at + arguments.every:
             continue
         solved_at = count

@@ -1,12 +1,13 @@
 """Door signs in photographs: losses of each stage and times, as a table for the documentation.
 
-Usage: python bench/bench_signs.py [FOLDER] [--prefix a_] [--sides 512 576 640 736]
+Usage: python bench/bench_signs.py [FOLDER] [--prefix a_] [--sides 512 576 640 736] [--only-regions]
 
 The folder has pictures and `signs.json`: for each picture its file, the texts of its signs, the
 pixel of each number and the height of its digits. A stage keeps a number when one of its boxes
 covers the middle of the number and is at most `TALLEST` times as high; a sign is right when the
 number is one of its words. Times are those that the processor spends, without reading the file: the
-least of three, on one thread; "without text" are pictures in which nothing is read.
+least of three, on one thread; "without text" are pictures in which nothing is read. The last line
+compares with the finder over whole pictures: its part of the time does not depend on the machine.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from time import process_time
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image
@@ -24,7 +26,7 @@ from PIL import Image
 from tccm_ros.arrays import Float64, UInt8
 from tccm_ros.config.signs import Signs
 from tccm_ros.signs.detector import MAX_SCALE, Detector, SignDetector
-from tccm_ros.signs.measurement import DetectedSign, SearchedText
+from tccm_ros.signs.measurement import DetectedSign
 from tccm_ros.signs.reading import FINDER_STEP, TextReader
 from tccm_ros.signs.regions import text_regions
 from tccm_ros.signs.saliency_detector import SaliencyDetector
@@ -32,6 +34,7 @@ from tccm_ros.signs.saliency_detector import SaliencyDetector
 TALLEST = 6.0
 REPEATS = 3
 
+T = TypeVar("T")
 Picture = tuple[str, UInt8, list[dict]]
 Stages = Callable[[UInt8], dict[str, Float64]]
 
@@ -94,14 +97,34 @@ def right_signs(signs: list[DetectedSign], truth: list[dict]) -> int:
     return right
 
 
-def timed(detector: Detector, pixels: UInt8) -> tuple[SearchedText, float]:
-    """Return what a detector finds, and the least time of several (s)."""
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """Return what a function returns, and the least time of several (s)."""
     times = []
     for _ in range(REPEATS):
         start = process_time()
-        found = detector.search(pixels)
+        found = work()
         times.append(process_time() - start)
     return found, min(times)
+
+
+def compare_with_whole(reader: TextReader, side: int, pictures: Iterable[Picture]) -> None:
+    """Print how long a detector and its finder take beside the finder over whole pictures."""
+    detector, times = SignDetector(side), []
+    for _, pixels, truth in pictures:
+        if truth:
+            picture = Image.fromarray(pixels)
+            scale = min(side / min(picture.size), MAX_SCALE)
+            works = (
+                lambda pixels=pixels: detector.search(pixels),
+                lambda p=picture, s=scale: reader.find(p, s, everywhere=False),
+                lambda p=picture, s=scale: reader.find(p, s),
+            )
+            times.append([timed(work)[1] for work in works])
+    search, parts, whole = 1e3 * np.median(times, axis=0)
+    print(
+        f"pictures with signs, median ms at {side}: detector {search:.0f}, its finder {parts:.0f}, "
+        f"finder over whole pictures {whole:.0f}; detector / whole {search / whole:.2f}"
+    )
 
 
 def row(name: str, detector: Detector, stages: Stages, pictures: Iterable[Picture]) -> None:
@@ -114,7 +137,7 @@ def row(name: str, detector: Detector, stages: Stages, pictures: Iterable[Pictur
             tallest = np.inf if stage == "in regions" else TALLEST
             hits = [keeps(boxes, sign, tallest) for sign in truth]
             kept[stage] = kept.get(stage, 0) + sum(hits)
-        found, seconds = timed(detector, pixels)
+        found, seconds = timed(lambda pixels=pixels: detector.search(pixels))
         (with_text if found.signs or found.refused else without).append(seconds)
         hits_read = right_signs(found.signs, truth)
         numbers, right = numbers + len(truth), right + hits_read
@@ -138,18 +161,23 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=shared / "data" / "signs")
     parser.add_argument("--prefix", default="", help="only files whose names begin so")
     parser.add_argument("--sides", type=int, nargs="+", default=[512, 576, 640, 736])
+    parser.add_argument("--only-regions", action="store_true", help="the last line alone")
     arguments = parser.parse_args()
     if not (arguments.folder / "signs.json").exists():
         print(f"skipped, there are no photographs in {arguments.folder}")
         return
     pictures = list(pictures_in(arguments.folder, arguments.prefix))
+    reader = TextReader()
+    if arguments.only_regions:
+        compare_with_whole(reader, Signs().detector_side, pictures)
+        return
     print("| detector | numbers kept | read | false | median ms with / without text | max ms |")
     print("|---|---|---|---|---|---|")
     published = SaliencyDetector()
     row("published", published, saliency_stages(published), pictures)
-    reader = TextReader()
     for side in sorted({*arguments.sides, Signs().detector_side}):
         row(f"text, {side}", SignDetector(side), text_stages(reader, side), pictures)
+    compare_with_whole(reader, Signs().detector_side, pictures)
 
 
 if __name__ == "__main__":

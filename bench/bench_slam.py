@@ -18,7 +18,7 @@ import numpy as np
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
-from tccm_ros.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
+from tccm_ros.evaluate.trajectory_errors import pairs_that_meet, relation_errors
 from tccm_ros.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.records import Odometry, PosedScan, Scan
@@ -27,7 +27,8 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
+from tccm_ros.slam.graph.incremental import IncrementalGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.lines import extract_lines, label_by_splitting
 from tccm_sim.carmen import import_carmen
@@ -147,7 +148,9 @@ def bench_nees(plan, seeds: int) -> None:
             found = [solution.keyframes[k] for k in some]
             at = np.searchsorted(run.stamps_ns, [k.stamp_ns for k in found])
             error = between2(run.truth[at], np.stack([k.pose for k in found]))
-            consistency.append(nees(error, solution.cov_keyframes[some]))
+            # Squared per degree of freedom; a consistent estimator has a mean of 1.
+            scaled = np.linalg.solve(solution.cov_keyframes[some], error[..., None])[..., 0]
+            consistency.append(np.sum(error * scaled, axis=-1) / error.shape[-1])
             rms.append(plan.errors(run.truth, solution.poses))
         m, rad = np.mean(rms, axis=0)
         name = "walls and matching" if walls else "matching alone"

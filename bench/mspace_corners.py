@@ -55,7 +55,6 @@ from tccm_ros.slam.walls.association import WallTable
 from tccm_ros.slam.walls.corners import POINT_SIGMA, Corner, corner_factors, meeting_point
 from tccm_ros.slam.walls.landmarks import wall_factors
 from tccm_sim.carmen import import_carmen
-from tccm_sim.recording import simulate
 
 ROOT = HERE.parent
 
@@ -238,10 +237,22 @@ def none_factors(walls: Sequence[Factor], used: Inliers, keys: Sequence[Key]) ->
 
 def our_factors(walls: Sequence[Factor], used: Inliers, keys: Sequence[Key]) -> list[Factor]:
     """Return the factors of all walls, and points that two of them pass through."""
-    return [*walls, *corner_factors(used.corners, used.walls, keys)]
+    return [*walls, *corner_factors(used.corners, used.walls, keys, Config())]
 
 
-ROWS = {"no corners": none_factors, "ours": our_factors, "M-space": mspace_factors}
+def endpoint_factors(walls: Sequence[Factor], used: Inliers, keys: Sequence[Key]) -> list[Factor]:
+    """Return the factors of all walls, and corners that are their endpoints."""
+    config = Config()
+    config.walls.corners = "endpoint"
+    return [*walls, *corner_factors(used.corners, used.walls, keys, config)]
+
+
+ROWS = {
+    "none": none_factors,
+    "`point`": our_factors,
+    "`endpoint`": endpoint_factors,
+    "M-space by the chain rule": mspace_factors,
+}
 
 
 def check_derivatives(step: float = 1e-6) -> float:
@@ -307,12 +318,12 @@ def print_rows(world: str, slam: WallSlam, error_of: Callable[[Float64], str]) -
         )
 
 
-def simulated(world: str, folder: Path) -> None:
-    """Print the rows of a simulated world, from its level laser; the flat is the bundled bag."""
-    bag = ROOT / "bags" / "flat" if world == "flat" else simulate(world, folder / world)
+def simulated(world: str, bag: Path, _folder: Path) -> None:
+    """Print the rows of a simulated world, from its level laser."""
     truth, config = read_tum(bag / "truth.tum"), Config()
     with BagReader(bag) as reader:
         choice = choose_topics(reader, config, [])
+        reader.add_readers(choice.readers)
         level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
         others = {s.role for s in choice.streams} - {s.role for s in level}
         topics = {role: name for role, name in choice.topics.items() if role not in others}

@@ -1,10 +1,11 @@
 """The second paper's wall SLAM and surfaces, config/paper.yaml, beside ours: a Markdown table.
 
-Usage: python bench/paper_slam.py [--shared FOLDER] [--worlds flat ring intel mit-csail]
+Usage: python bench/paper_slam.py [--shared FOLDER] [--worlds flat ring random-1 intel mit-csail]
 
-Simulated worlds are compared with the truth of every pose and surface, public logs with their
-references, by pairs of rows less than 3 m from each other with more than 10 m of path between
-them. Logs that are not there are left out.
+Simulated worlds are compared with the truth of every pose and surface (their names are explained in
+drives.py). Public logs are compared with their references, by pairs of rows less than 3 m from each
+other with more than 10 m of path between them. Below the table: surfaces of the truth that were not
+found, and false ones.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ from tccm_ros.replay.replay import replay
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.carmen import import_carmen
-from tccm_sim.recording import simulate
 
 ROOT = HERE.parent
 CONFIGS = {"ours": None, "config/paper.yaml": ROOT / "config" / "paper.yaml"}
 
 
-def simulated(world: str, folder: Path) -> None:
-    """Print the rows of a simulated world; the flat is the bundled bag."""
-    bag = ROOT / "bags" / "flat"
-    if world != "flat":
-        bag = simulate(world, folder / world)
+WRONG: list[str] = []
+"""Surfaces that were not found or are false, for the list below the table."""
+
+
+def simulated(world: str, bag: Path, folder: Path) -> None:
+    """Print the rows of a simulated world."""
     truth = read_tum(bag / "truth.tum")
     for name, path in CONFIGS.items():
         out = folder / f"{world}-{name.replace('/', '-')}"
@@ -60,8 +61,24 @@ def simulated(world: str, folder: Path) -> None:
         if json.loads(truth_surfaces.read_text()).get("surfaces"):
             score = score_surfaces(out / "surfaces.json", truth_surfaces)
             surfaces = f"{score.found} of {len(score.matches)}, {len(score.false)} false"
+            where = f"{world}, {name}: "
+            WRONG.extend(
+                f"{where}{m.label} at {m.height:.2f} m, {m.area:.2f} m2: overlap {m.overlap:.2f},"
+                f" {1e3 * m.height_error:+.0f} mm"
+                for m in score.matches
+                if not m.is_found
+            )
+            found_surfaces = json.loads((out / "surfaces.json").read_text())["surfaces"]
+            WRONG.extend(
+                f"{where}false: {s['label']} at {s['height']:.2f} m, {s['area']:.2f} m2,"
+                f" {len(s['views'])} views"
+                for s in found_surfaces
+                if s["id"] in score.false
+            )
+        walls = len(json.loads((out / "walls.json").read_text())["walls"])
         print(
-            f"| {world} | {name} | {rms:.4f} aligned, {raw:.4f} | {surfaces} | {seconds:.0f} |",
+            f"| {world} | {name} | {1e3 * rms:.1f} mm, {1e3 * raw:.1f} mm | {walls} | {surfaces} |"
+            f" {seconds:.0f} |",
             flush=True,
         )
 
@@ -84,7 +101,8 @@ def recorded(log: Path, folder: Path) -> None:
         errors = relation_errors(poses[i], poses[j], inverse(truth.poses[i]) @ truth.poses[j])
         print(
             f"| {bag.name} | {name} | {errors.translation.mean():.3f} +-"
-            f" {errors.translation.std():.3f} between pairs | - | {seconds:.0f} |",
+            f" {errors.translation.std():.3f} m between pairs | {len(solution.walls)} | - |"
+            f" {seconds:.0f} |",
             flush=True,
         )
 
@@ -93,10 +111,11 @@ def main() -> None:
     """Print the table."""
     run_drives(
         __doc__,
-        ("drive", "configuration", "position, m", "surfaces found", "seconds"),
+        ("drive", "configuration", "position", "walls", "surfaces found", "seconds"),
         simulated,
         recorded,
     )
+    print("".join(f"\n- {text}" for text in WRONG))
 
 
 if __name__ == "__main__":

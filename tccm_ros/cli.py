@@ -8,14 +8,19 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tccm_ros import __version__
 from tccm_ros.errors import ConfigError, OutputError, TccmError, one_line
+from tccm_ros.extras import check_extra
+
+if TYPE_CHECKING:
+    from tccm_ros.config import Config
+    from tccm_ros.replay.replay import Watcher
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -69,6 +74,9 @@ def replay(
         bool,
         typer.Option("--events", help="also events in result.mcap: solve after each view"),
     ] = False,
+    rerun: Annotated[
+        Path | None, typer.Option("--rerun", help="also an .rrd for the Rerun viewer (extra: view)")
+    ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -80,10 +88,10 @@ def replay(
     settings = read_config(config, set)
     if map is not None and map.is_dir():
         map /= "map.mcap"
-    with progress(quiet or as_json) as bars:
+    with _rerun_log(rerun, settings) as watcher, progress(quiet or as_json) as bars:
         summary = run(
             bag, out, settings, saved_map=map, remap=remap, pictures=pictures, events=events,
-            bars=bars,
+            watcher=watcher, bars=bars,
         )  # fmt: skip
     _tell(summary.to_json(), summary.text(), quiet, as_json)
 
@@ -290,16 +298,47 @@ def evaluate(
 
 
 @app.command()
-def view(target: Annotated[Path, typer.Argument(help="a result folder, a map or a bag")]) -> None:
+def view(
+    target: Annotated[Path, typer.Argument(help="a result folder, a map or a bag")],
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="in the Rerun viewer instead (extra: view)")
+    ] = False,
+) -> None:
     """Open the report in the browser; of a map or a bag it is made first, beside it."""
     from tccm_ros.config import Config
     from tccm_ros.progress import progress
     from tccm_ros.replay.replay import report_of
     from tccm_ros.report.viewing import view as show
 
+    if rerun:
+        check_extra("view", "rerun")
+        from tccm_ros.view.rerun_viewer import open_rerun, rerun_of
+
+        with progress() as bars:
+            recording = rerun_of(target, Config(), bars)
+        _tell({}, str(open_rerun(recording)), False, False)
+        return
     with progress() as bars:
         report = report_of(target, Config(), bars)
     _tell({}, str(show(report)), False, False)
+
+
+@app.command()
+def mcp(
+    map: Annotated[Path, typer.Argument(help="a saved map, or its folder")],
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
+) -> None:
+    """Answer language agents' questions about a map, by the Model Context Protocol on stdio.
+
+    Nothing is written and nothing moves. Needs the extra: pip install 'tccm_ros[agents]'.
+    """
+    check_extra("agents", "mcp")
+    from tccm_ros.agents.saved_source import SavedMapSource
+    from tccm_ros.agents.server import make_server
+    from tccm_ros.config.reader import read_config
+
+    make_server(SavedMapSource.load(map, read_config(config, set))).run()
 
 
 @app.command()
@@ -404,6 +443,15 @@ def parameters() -> None:
     from tccm_ros.config.reference import as_yaml
 
     typer.echo(as_yaml(), nl=False)
+
+
+def _rerun_log(path: Path | None, config: Config) -> AbstractContextManager[Watcher | None]:
+    if path is None:
+        return nullcontext()
+    check_extra("view", "rerun")
+    from tccm_ros.view.rerun_log import rerun_file
+
+    return rerun_file(path, config)
 
 
 def _lines() -> list[str]:

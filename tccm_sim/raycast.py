@@ -17,7 +17,6 @@ from tccm_ros.kernels import kernel
 ABSENT, BOX, CYLINDER = -1, 0, 1
 FACES = 6
 """Codes of faces: 2 * axis + (1 on the positive side); a cylinder's side is 0, its caps 4 and 5."""
-TOP_FACE = 5
 
 NEAREST = 1e-6  # m; a hit closer than this is the ray's own start
 

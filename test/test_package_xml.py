@@ -32,7 +32,12 @@ ROSDEP = {
 }  # fmt: skip
 """Keys of rosdep of what is imported."""
 
-PIP = {"PIL": "pillow", "yaml": "pyyaml", "rapidocr_onnxruntime": "rapidocr-onnxruntime"}
+PIP = {
+    "PIL": "pillow",
+    "yaml": "pyyaml",
+    "rapidocr_onnxruntime": "rapidocr-onnxruntime",
+    "rerun": "rerun-sdk",
+}
 """Names on the package index of what is imported, where they differ."""
 
 BROUGHT = {

@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "tccm_ros"
 
 ROOMS = [
     "errors",
+    "extras",
     "atomic",
     "config",
     "progress",
@@ -43,6 +44,8 @@ ROOMS = [
     "calibrate",
     "warm_up",
     "replay",
+    "view",
+    "agents",
     "nodes",
     "fleet",
     "client",
@@ -63,6 +66,7 @@ SUB_ROOMS = {
         "front_end",
         "trajectory",
         "chain",
+        "told_poses",
         "landmarks",
         "registered_views",
         "systematic",

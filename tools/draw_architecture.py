@@ -34,6 +34,8 @@ COLUMNS = {
         "calibrate",
         "warm_up",
         "replay",
+        "view",
+        "agents",
         "nodes",
         "fleet",
         "client",

@@ -2,7 +2,7 @@
 
 Usage: python tools/train_signs.py [--pictures N] [--out FILE]
 
-Renders pictures (`tccm_sim/sign_pictures.py`) with fixed seeds, takes the boxes that
+Renders pictures (`tools/training_pictures.py`) with fixed seeds, takes the boxes that
 saliency proposes in them, fits a linear SVM with squared hinge loss to their histograms of oriented
 gradients, and chooses the threshold on further pictures: the largest that still accepts a box of
 `KEPT` of the numbers that saliency found and that are tall enough to be read. No photograph is
@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from scipy.optimize import minimize
+from training_pictures import random_picture
 
 from tccm_ros.arrays import Float32, Float64, Int64, UInt8
 from tccm_ros.atomic import output_file
 from tccm_ros.signs.classifier import WEIGHTS, SignClassifier
 from tccm_ros.signs.hog import hog_features, region_patches
 from tccm_ros.signs.saliency import salient_boxes
-from tccm_sim.sign_pictures import random_picture
 
 TRAINING_SEED, TEST_SEED = 1_000_000, 2_000_000
 """Seed of the first picture; those that follow count up."""

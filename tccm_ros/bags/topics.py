@@ -148,7 +148,7 @@ def choose_topics(
         For a remapping that cannot be, and where several topics could be meant.
     """
     streams = default_streams(config)
-    defaults = {role: topic for role, topic in DEFAULT_TOPICS.items() if role != "tilt_scan"}
+    defaults = {role: DEFAULT_TOPICS[role] for role in _robot_inputs()}
     for stream in streams:
         defaults[stream.role] = _absolute(stream.role)
         if stream.companion is not None:
@@ -271,9 +271,9 @@ class _Search:
     def find_lasers(self, config: Config) -> None:
         """Take a laser that a joint moves, and one that none moves."""
         tilting = config.sensors.tilt_scans[:1]
-        roles = [role for role in (*tilting, "scan") if self._is_absent(role)]
-        if config.sensors.level_from != "none":
-            roles = [role for role in roles if role != "scan"]
+        is_level = config.sensors.level_from == "none" and not config.localisation.is_external
+        level = ["scan"] if is_level else []
+        roles = [role for role in (*tilting, *level) if self._is_absent(role)]
         lasers = self._free(LASER)
         if not roles or not lasers:
             return

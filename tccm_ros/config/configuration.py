@@ -11,7 +11,7 @@ from tccm_ros.config.node import Markers, Qos, Save, ScanHere, Tf
 from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
 from tccm_ros.config.sensors import Frames, Rig, ScanFilter, Sensors
 from tccm_ros.config.signs import Signs
-from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
+from tccm_ros.config.slam import Graph, Lines, Localisation, Loops, Matching, Odometry, Walls
 from tccm_ros.config.surfaces import Labels, Surfaces, Views
 
 
@@ -40,6 +40,7 @@ class Config(Group):
     matching: Matching = Field(default_factory=Matching)
     odometry: Odometry = Field(default_factory=Odometry)
     walls: Walls = Field(default_factory=Walls)
+    localisation: Localisation = Field(default_factory=Localisation)
     graph: Graph = Field(default_factory=Graph)
     loops: Loops = Field(default_factory=Loops)
     views: Views = Field(default_factory=Views)

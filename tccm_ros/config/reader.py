@@ -13,7 +13,11 @@ from pydantic import ValidationError
 from tccm_ros.config import Config, parameters
 from tccm_ros.errors import ConfigError, one_line, suggest
 
-REMOVED = {"map.retain_points": "points of the window are not kept any more"}
+REMOVED = {
+    "map.retain_points": "points of the window are not kept any more",
+    "sensors.laser_sigma": "it had no effect: noise is estimated from the points of planes",
+    "sensors.cloud_sigma": "it had no effect: noise is estimated from the points of planes",
+}
 """Parameters of release 0.1 that are gone, with the reason; release 0.2 ignores them and warns."""
 
 LOG = logging.getLogger(__name__)

@@ -167,16 +167,6 @@ class Sensors(Group):
         "a structured-light camera",
         unit="m",
     )
-    laser_sigma: float = param(
-        0.01,
-        "noise of a range of a tilting laser; the default is the repeatability of a UTM-30LX",
-        unit="m",
-        gt=0.0,
-        le=0.5,
-    )
-    cloud_sigma: float = param(
-        0.01, "noise of a range of a lidar or a camera's cloud", unit="m", gt=0.0, le=0.5
-    )
     depth_systematic: Systematic = param(
         (0.002, 0.003, 0.001, 0.005),
         "standard deviations of what the depths of an image have in common: an offset (m), a "

@@ -79,13 +79,35 @@ class Walls(Group):
     discount: float = param(
         2.0, "factor on the covariance of a line whose beams matching used too", ge=1.0, le=100
     )
-    corners: Literal["auto", "none", "point"] = param(
+    corners: Literal["auto", "none", "point", "endpoint"] = param(
         "auto",
-        "shared ends of walls as landmarks; auto: where matching has not used their beams",
+        "shared ends of walls as landmarks: points near which both walls pass, or the endpoints of "
+        "both, as published; auto: points where matching has not used their beams",
     )
     structure_prior: bool = param(
         False, "soft prior on parallel and right-angled walls where the data support it"
     )
+
+
+class Localisation(Group):
+    """Who tells where the robot is in the map (docs/guides/your_localisation.md)."""
+
+    source: Literal["slam", "tf"] = param(
+        "slam",
+        "slam: level scans and loop closures; tf: another program's map -> odom on /tf, whose map "
+        "frame surfaces are in",
+        read_only=True,
+    )
+    sigma: tuple[float, float] = param(
+        (0.05, 0.03),
+        "tf: standard deviation of the pose that the other program tells, position and yaw",
+        unit="m, rad",
+    )
+
+    @property
+    def is_external(self) -> bool:
+        """Whether another program localises the robot."""
+        return self.source == "tf"
 
 
 class Graph(Group):

@@ -108,15 +108,20 @@ class TiltCycleData:
 
     def angle_step(self) -> float:
         """Return the mean angle between scan lines, or that between other lines of sight, rad."""
-        scans = self.scans
         others = max((record.line_angle for record in self.records), default=0.0)
-        if len(scans) < 2:
-            return others
+        steps = self._scan_steps()
+        return max(others, float(steps.mean())) if len(steps) else others
+
+    def swept_angle(self) -> float:
+        """Return the angle that the scan lines pass over, rad; inf with other sensors' points."""
+        return float(self._scan_steps().sum()) if self.is_line().all() else np.inf
+
+    def _scan_steps(self) -> Float64:
+        """Return the angles from each scan line to the next, float64 (S - 1,), rad."""
+        scans = self.scans
         middle = [len(s.posed.pose_stamps_ns) // 2 for s in scans]
-        normals = np.array(
-            [s.posed.T_base_laser[k][:3, 2] for s, k in zip(scans, middle, strict=True)]
-        )
-        return max(others, float(np.linalg.norm(np.diff(normals, axis=0), axis=1).mean()))
+        normals = [s.posed.T_base_laser[k][:3, 2] for s, k in zip(scans, middle, strict=True)]
+        return np.linalg.norm(np.diff(np.reshape(normals, (-1, 3)), axis=0), axis=1)
 
 
 class _Waiting:

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tccm_ros.arrays import Float32, Float64, Int64
-from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.cuboids.cuboids import TICKS_PER_M, cell_keys
 from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.geometry import transform
@@ -196,44 +196,6 @@ class MapQuery:
             count = int(part.moments[index, 0])
             result.append(Measurement(cycle, part.start_ns, part.end_ns, first_ns, last_ns, count))
         return result
-
-    def height_map(
-        self, region: tuple[float, float, float, float], z_max: float = np.inf
-    ) -> Float32:
-        """Return the highest top per cell.
-
-        Parameters
-        ----------
-        region
-            x_min, x_max, y_min, y_max, m; all cells that it touches are given.
-        z_max
-            Only cuboids whose bottom is below this are looked at, m; their tops are cut here.
-
-        Returns
-        -------
-        float32 (X, Y), m; nan where there is nothing. Element (0, 0) is the cell of
-        (x_min, y_min).
-        """
-        size = self.cuboids.cell_size
-        low = np.floor(np.array(region[::2]) / size + 1e-9).astype(np.int64)
-        high = np.ceil(np.array(region[1::2]) / size - 1e-9).astype(np.int64)
-        heights = np.full(np.maximum(high - low, 0), np.nan, np.float32)
-        c = self.cuboids
-        ix, iy = c.ix - low[0], c.iy - low[1]
-        inside = (ix >= 0) & (iy >= 0) & (ix < heights.shape[0]) & (iy < heights.shape[1])
-        inside &= c.bottom < z_max * TICKS_PER_M
-        # In order of bottom within a cell: the highest is written last.
-        tops = np.minimum(c.top[inside] / TICKS_PER_M, z_max)
-        heights[ix[inside], iy[inside]] = tops
-        return heights
-
-    def cuboids_in(self, box: ArrayLike) -> Cuboids:
-        """Return the cuboids that overlap or touch a box (6,), m, given as in `boxes`."""
-        b = np.floor(np.asarray(box, np.float64) * TICKS_PER_M + 0.5).astype(np.int64)
-        c = self.cuboids
-        x, y = c.ix.astype(np.int64) * self._cell, c.iy.astype(np.int64) * self._cell
-        inside = (x <= b[1]) & (x + self._cell > b[0]) & (y <= b[3]) & (y + self._cell > b[2])
-        return c.select(inside & (c.bottom <= b[5]) & (c.top >= b[4]))
 
     def _at(self, xyz: Float64) -> Int64:
         """Return the cuboid at each point, -1 for none."""

@@ -94,6 +94,8 @@ class TiltCycles:
     ----------
     closed
         Closed spans, in order of time; the reader removes those that it has used.
+    decided_ns
+        Whatever limits the open span gets, time before this belongs to it.
     """
 
     def __init__(self, config: Config, numbers: Iterator[int] | None = None) -> None:
@@ -107,15 +109,10 @@ class TiltCycles:
         self.closed.clear()
         self._state = _State.SILENT
         self._start_ns = START_OF_TIME
-        self._decided_ns = START_OF_TIME
+        self.decided_ns = START_OF_TIME
         self._last: tuple[int, float] | None = None
         self._ends: dict[int, float] = {}
         self._step, self._jitter = 0.0, self._limits.dead_band
-
-    @property
-    def decided_ns(self) -> int:
-        """Whatever limits the open span gets, time before this belongs to it."""
-        return self._decided_ns
 
     @property
     def is_moving(self) -> bool:
@@ -127,7 +124,7 @@ class TiltCycles:
 
     def is_certain(self, record: Any) -> bool:
         """Return whether a record belongs to the open span, whatever limits that gets."""
-        return bool(record.end_ns < self._decided_ns)
+        return bool(record.end_ns < self.decided_ns)
 
     def add(self, stamp_ns: int, angle: float) -> None:
         """Take the next sample, in stamp order; angle in rad. Repeated stamps are ignored."""
@@ -178,7 +175,7 @@ class TiltCycles:
         else:
             self._close_cycle(end_ns, reason)
         self._state = _State.SILENT
-        self._decided_ns = end_ns
+        self.decided_ns = end_ns
 
     def _close_cycle(self, end_ns: int, reason: CycleEnd) -> None:
         """Close the open span: a tilt cycle if the joint has moved far enough one way."""
@@ -190,7 +187,7 @@ class TiltCycles:
         if end_ns > self._start_ns:
             cycle = next(self._numbers) if isinstance(reason, CycleEnd) else None
             self.closed.append(Span(self._start_ns, end_ns, cycle, reason))
-        self._start_ns = self._decided_ns = end_ns
+        self._start_ns = self.decided_ns = end_ns
 
     def _begin(self, state: _State, stamp_ns: int, angle: float) -> None:
         self._state = state
@@ -210,7 +207,7 @@ class TiltCycles:
             self._set_off(stamp_ns, angle)
         elif stamp_ns - self._anchor_ns > _ns(self._limits.rest_time):
             self._state = _State.RESTING
-            self._still_ns = self._decided_ns = stamp_ns
+            self._still_ns = self.decided_ns = stamp_ns
 
     def _set_off(self, stamp_ns: int, angle: float) -> None:
         self._state = _State.MOVING
@@ -219,7 +216,7 @@ class TiltCycles:
         self._extreme, self._extreme_ns = angle, stamp_ns
         self._anchor_at(stamp_ns, angle)
         self._travel = abs(angle - self._leg_start)
-        self._decided_ns = stamp_ns
+        self.decided_ns = stamp_ns
 
     def _while_resting(self, stamp_ns: int, angle: float) -> None:
         away = abs(angle - self._anchor)
@@ -228,7 +225,7 @@ class TiltCycles:
             self._travel = 0.0
             self._set_off(stamp_ns, angle)
         elif away <= 0.5 * self._limits.dead_band:
-            self._still_ns = self._decided_ns = stamp_ns
+            self._still_ns = self.decided_ns = stamp_ns
 
     def _while_moving(self, stamp_ns: int, angle: float) -> None:
         if self._direction * (angle - self._extreme) > 0.0:
@@ -247,7 +244,7 @@ class TiltCycles:
             self._close_cycle(arrival_ns, CycleEnd.TIME)
             self._leg_start, self._travel = self._extreme, 0.0
         else:
-            self._decided_ns = max(self._decided_ns, arrival_ns)
+            self.decided_ns = max(self.decided_ns, arrival_ns)
 
     def _reversal_angle(self) -> float:
         """Return the angle, rad, by which the joint must be back to have reversed.
@@ -284,7 +281,7 @@ class TiltCycles:
         self._close_cycle(arrival_ns, CycleEnd.REST)
         self._state = _State.RESTING
         self._anchor = angle
-        self._still_ns = self._decided_ns = stamp_ns
+        self._still_ns = self.decided_ns = stamp_ns
 
 
 def _ns(seconds: float) -> int:

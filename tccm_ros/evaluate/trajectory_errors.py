@@ -160,20 +160,6 @@ def distance_errors(poses: Float64, truth: Float64, distance: float) -> Errors:
     return Errors.of(inverse(inverse(truth[starts]) @ truth[ends]) @ found)
 
 
-def nees(errors: Float64, covariances: Float64) -> Float64:
-    """Return normalised estimation errors squared per degree of freedom, float64 (N,).
-
-    Parameters
-    ----------
-    errors
-        float64 (N, d), in the frame and order of the covariances.
-    covariances
-        float64 (N, d, d). A consistent estimator has a mean of 1.
-    """
-    solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
-    return np.sum(errors * solved, axis=-1) / errors.shape[-1]
-
-
 def pairs_that_meet(positions: Float64, *, near: float = 3.0, path: float = 10.0) -> Int64:
     """Return pairs of poses at the same place after a loop.
 

@@ -286,6 +286,10 @@ class TccmProcessor:
         still = speed < STILL_SPEED and angular_speed < STILL_ANGULAR_SPEED
         wanted = self.config.views.when == "always" or still or self._view_is_asked
         self._view_is_asked = False
+        # As published, surfaces are segmented in 3D scans: one scan line is in a plane in any case.
+        is_segmented = (
+            self._segmentation is None or cycle.swept_angle() >= self.config.cycle.min_sweep
+        )
         view = view_intervals(cycle, self.config, T_odom_base, base)
         self.seen_free.add(part.cycle, T_odom_base, view)
         return CycleResult(
@@ -304,7 +308,7 @@ class TccmProcessor:
                 T_odom_base,
                 viewpoint,
                 base,
-                wanted,
+                wanted and is_segmented,
                 self.config.views.voxel_size,
                 self._segmentation,
             ),

@@ -45,6 +45,8 @@ class LivePosePublisher:
         self, node: Node, types: MessageTypes, config: Config, intake: Intake, robot: SharedRobot
     ):
         self._types, self._config, self._robot = types, config, robot
+        # Where another program localises the robot, map -> odom is that program's.
+        self._is_ours = not config.localisation.is_external
         self.map_frame = config.frames.map_name
         self.odom_frame = config.frames.odom_name
         self._live: LivePose | None = None
@@ -112,7 +114,7 @@ class LivePosePublisher:
             self._pose.publish(
                 pose_covariance_message(self._types, live.stamp_ns, self.map_frame, T, cov)
             )
-        if self._transform.get_subscription_count():
+        if self._is_ours and self._transform.get_subscription_count():
             self._transform.publish(self.transform())
 
     def correct(self, live: LivePose) -> None:
@@ -130,7 +132,7 @@ class LivePosePublisher:
         frames = self._surface_frames if self._config.tf.surfaces else ()
         for frame in frames:
             frame.header.stamp = first.header.stamp
-        return [first, *frames]
+        return [first, *frames] if self._is_ours else list(frames)
 
     def transform(self) -> Any | None:
         """Return map -> odom as a geometry_msgs/TransformStamped, None before the first scan."""

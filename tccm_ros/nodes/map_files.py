@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tccm_ros.atomic import output_folder
 from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.results.exports import solution_files
 from tccm_ros.results.grid_files import grid_files
@@ -46,33 +45,6 @@ def map_files(
         )
         files |= {} if mask is None else grid_files(MASK_NAME, mask)
     return files | {MAP_FILE: map_content(saved, solution, map_frame)}
-
-
-def write_map(
-    folder: Path, processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str
-) -> None:
-    """Write a solution of a processor; after a kill at any moment the map is the old or the new.
-
-    Parameters
-    ----------
-    folder
-        Replaced as a whole.
-    processor
-        Gives keyframes, walls and what else a later session needs.
-    solution
-        Newest solution of that processor.
-    map_frame
-        Name of the map frame in the saved map.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written; what was there is still there.
-    """
-    with output_folder(folder) as made:
-        saved = processor.saved(solution)
-        for name, content in map_files(processor, solution, map_frame, saved).items():
-            (made / name).write_bytes(content)
 
 
 def read_map(folder: Path) -> SavedMap:

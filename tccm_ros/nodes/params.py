@@ -32,7 +32,7 @@ ARRAYS = (RosParameter.Type.DOUBLE_ARRAY, RosParameter.Type.STRING_ARRAY)
 GROUPS = {
     "tccm": frozenset(
         {"frames", "rig", "scan", "sensors", "cycle", "map", "planes", "center_core", "objects"}
-        | {"views", "surfaces", "qos", "save", "markers"}
+        | {"localisation", "views", "surfaces", "qos", "save", "markers"}
     ),
     "slam": frozenset(
         {
@@ -45,6 +45,7 @@ GROUPS = {
             "matching",
             "odometry",
             "walls",
+            "localisation",
             "graph",
         }
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}

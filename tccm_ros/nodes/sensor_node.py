@@ -96,8 +96,6 @@ class SensorNode(Node):
         Of the streams that are for the processor; of those without what comes now and then.
     is_active
         Whether it takes messages.
-    saved_note
-        What was saved last without being asked, a sentence; empty: nothing.
     types, bulk_types
         Message classes: rosidl's, and those that hold tables of points as arrays (`Outputs`).
     """
@@ -136,7 +134,7 @@ class SensorNode(Node):
         self.refusals = Refusals(self.get_logger().error)
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
-        self.saved_note, self._unsaved = "", ""
+        self._unsaved = ""
         self.worker = Worker(name, partial(self.refuse, "processing"))
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
@@ -448,7 +446,8 @@ class SensorNode(Node):
     def try_to_save(self, save: Callable[[], str]) -> None:
         """Save without being asked; why that is not possible is said once in a row."""
         try:
-            self.saved_note, self._unsaved = save(), ""
+            save()
+            self._unsaved = ""
         except TccmError as error:
             if one_line(error) != self._unsaved:
                 self._unsaved = one_line(error)
@@ -458,7 +457,7 @@ class SensorNode(Node):
         """Save as the node ends; nothing to save is no failure, all else is."""
         name = self.get_name()
         try:
-            self.saved_note = ending.saved[name] = save()
+            ending.saved[name] = save()
             ending.failed.pop(name, None)
         except MapError as error:
             if one_line(error) != self._unsaved:

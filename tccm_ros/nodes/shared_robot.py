@@ -22,7 +22,8 @@ from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 
 SHARED_GROUPS = frozenset(
-    {"frames", "rig", "scan", "sensors", "qos", "sync_timeout", "reorder_window", "clock_jump"}
+    {"frames", "rig", "scan", "sensors", "localisation", "qos"}
+    | {"sync_timeout", "reorder_window", "clock_jump"}
 )
 """What the nodes of one process must have in common."""
 

@@ -20,7 +20,7 @@ from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
-from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, NO_MAP, LocalisationPublisher
+from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, BY_START, NO_MAP, LocalisationPublisher
 from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.programs import Programs, offered
@@ -82,6 +82,10 @@ LOOK_AT_END_S = 0.1
 """Between two looks whether the last solution is still waited for."""
 
 
+NOT_TOLD = "no map -> odom has come on /tf; start your localisation"
+"""Reason where another program localises the robot."""
+
+
 class SlamNode(SensorNode):
     """Feeds the SLAM processor; publishes poses as scans come and the map now and then.
 
@@ -122,7 +126,13 @@ class SlamNode(SensorNode):
             self.live.map_frame,
             lambda guess: self.worker.call(lambda: self._take_guess(guess), self),
         )
-        topics = {**offered(SOLUTION_TOPICS), GRID_TOPIC: GRID}
+        self._is_external = self.config.localisation.is_external
+        topics = offered(SOLUTION_TOPICS)
+        if self._is_external:  # the grid and initialpose are the other program's
+            self.localisation.note_search(NOT_TOLD, BY_START)
+        else:
+            topics = {**topics, GRID_TOPIC: GRID}
+            self.localisation.offer_service(self, self.answer)
         self._outputs = SolutionOutputs(
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
@@ -131,14 +141,14 @@ class SlamNode(SensorNode):
         )
         self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
-        self.localisation.offer_service(self, self.answer)
         self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
 
     def activate(self) -> None:
         """Subscribe."""
         self.listen(watch="stream")
         self._listen_to_tccm()
-        self.localisation.listen(self)
+        if not self._is_external:
+            self.localisation.listen(self)
         super().activate()
 
     def unsubscribe(self) -> None:
@@ -562,7 +572,10 @@ class SlamNode(SensorNode):
     def problems(self) -> Iterable[str]:
         """Return which inputs the map lacks, and whether the robot knows where it is in it."""
         scan, surfaces = map(self.resolve_topic_name, ("scan", "tccm/surfaces"))
-        if self.inputs.is_absent(scan) and self.inputs.is_absent(surfaces):
+        if self._is_external:
+            if self.inputs.is_absent(surfaces):
+                yield Blocking(f"nobody publishes '{surfaces}': start tccm_node, or remap")
+        elif self.inputs.is_absent(scan) and self.inputs.is_absent(surfaces):
             yield Blocking(
                 f"nobody publishes '{scan}' or '{surfaces}': there is nothing to map; start the "
                 "level laser's driver and tccm_node, remap, or look at the namespace"
@@ -579,7 +592,10 @@ class SlamNode(SensorNode):
                     "the base, and moves as matching says; publish tf or a robot description if it "
                     "is not"
                 )
-        if not self.live.is_localised:
+        if self._is_external:
+            if self.newest_ns and not self.processor.is_localised:
+                yield f"nothing is mapped: {NOT_TOLD}"
+        elif not self.live.is_localised:
             reason = self.localisation.reason
             yield f"the robot is not found in the map: {reason}; map -> odom is not published"
         yield from self._problems_of_signs()

@@ -18,6 +18,7 @@ from tccm_ros.records.detections import Detections, Hypothesis
 from tccm_ros.records.events import (
     START_OF_TIME,
     Event,
+    MapOdom,
     MapReset,
     Posed,
     PosedScan,
@@ -75,6 +76,7 @@ __all__ = [
     "Landmark",
     "LandmarkObservation",
     "Loop",
+    "MapOdom",
     "MapReset",
     "ObjectBoxes",
     "Odometry",

@@ -149,6 +149,21 @@ class RollPitch(NamedTuple):
     usual: tuple[float, float] | None
 
 
+class MapOdom(NamedTuple):
+    """Where the odometry frame is in the map, by another program's localisation.
+
+    Attributes
+    ----------
+    stamp_ns
+        From when on it holds.
+    T_map_odom
+        float64 (4, 4); the odometry frame is that of the `Odometry` events.
+    """
+
+    stamp_ns: int
+    T_map_odom: Float64
+
+
 class StreamComplete(NamedTuple):
     """No record of a sensor that is older than `until_ns` will be given any more.
 
@@ -176,6 +191,6 @@ class MapReset(NamedTuple):
     reason: str
 
 
-Event = Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapReset
+Event = Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapOdom | MapReset
 """What `robot.Robot` gives. The first three have the role of a stream; the base's motion, its roll
 and pitch, and resets of the map concern everybody."""

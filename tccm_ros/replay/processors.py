@@ -27,6 +27,9 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 OnCycle = Callable[[CycleResult, Cuboids], object]
 """Called with each complete tilt cycle, and the integration map after it."""
 
+OnEvent = Callable[[Event], object]
+"""Called with each event of the intake, in order."""
+
 
 class Pipeline:
     """The intake and both processors of a replay, given one record at a time.
@@ -45,6 +48,8 @@ class Pipeline:
         Whether the map is solved after each view for what has changed.
     on_cycle
         Called with each complete tilt cycle, and the integration map after it.
+    on_event
+        Called with each event of the intake, in order; None where nobody listens.
     clock
         Adds up the time of each stage.
 
@@ -71,10 +76,11 @@ class Pipeline:
         saved: SavedMap | None = None,
         events: bool = False,
         on_cycle: OnCycle = lambda cycle, cuboids: None,
+        on_event: OnEvent | None = None,
         clock: Stopwatch | None = None,
     ):
         self.config = config
-        self._on_cycle = on_cycle
+        self._on_cycle, self._on_event = on_cycle, on_event
         self._maps: list[Cuboids] = []
         self.clock, self.stages = clock or Stopwatch(), OptionalStages()
         streams = default_streams(config) if streams is None else streams
@@ -127,6 +133,10 @@ class Pipeline:
     def _process(self, events: Sequence[Event]) -> list[CycleResult]:
         """Process events with both processors, and the surface messages of one with the other."""
         results: list[CycleResult] = []
+        if self._on_event is not None:
+            with self.clock.stage("watch"):
+                for event in events:
+                    self.stages.run("watch", partial(self._on_event, event))
         with self.clock.stage("tccm"):
             for event in events:
                 results += self.tccm.add(event, self._store_map)

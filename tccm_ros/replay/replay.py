@@ -6,9 +6,10 @@ import platform
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -20,9 +21,10 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
 from tccm_ros.progress import Bars, Silent
+from tccm_ros.records import Event
 from tccm_ros.replay.outcome import Outcome
 from tccm_ros.replay.run import run_bag
-from tccm_ros.results.cycles_file import save_cycles
+from tccm_ros.results.cycles_file import CycleParts, save_cycles
 from tccm_ros.results.exports import write_results, write_summary, write_timing
 from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
@@ -45,9 +47,6 @@ LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
 PROCESSING = ("read", "pose", "tccm", "signs", "slam", "events", "history", "solve")
 """Stages that the real-time factor counts: reading and processing, without imports and pictures."""
-
-WRITING = ("write",)
-"""Stages that write the result files other than pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +107,16 @@ class Summary:
         return "\n".join([*lines, *self.why_empty])
 
 
+class Watcher(Protocol):
+    """Follows a replay, for example to record it for a viewer."""
+
+    def add(self, event: Event) -> None:
+        """Take an event of the intake; they come in order."""
+
+    def finish(self, outcome: Outcome, parts: CycleParts) -> None:
+        """Take the results, and the coarse part map of each tilt cycle."""
+
+
 def _factor_text(factor: float) -> str:
     return f"{factor:.0f} x" if factor >= 10.0 else f"{factor:.1f} x"
 
@@ -121,6 +130,7 @@ def replay(
     remap: Sequence[str] = (),
     pictures: bool = True,
     events: bool = False,
+    watcher: Watcher | None = None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Summary:
@@ -143,6 +153,8 @@ def replay(
     events
         Whether the map is solved after each view, as a live node does, for the events in
         result.mcap. That takes as long as all the rest.
+    watcher
+        Follows the replay. Where it fails, that is counted, and the results are complete.
     bars
         Shows the progress.
     clock
@@ -158,12 +170,17 @@ def replay(
         saved = None if saved_map is None else load_map(saved_map)
         messages = CycleMessageStore(config, folder)
         outcome = run_bag(
-            bag, config, remap=remap, saved=saved, events=events, on_cycle=messages.add, bars=bars,
-            clock=clock,
+            bag, config, remap=remap, saved=saved, events=events, on_cycle=messages.add,
+            on_event=None if watcher is None else watcher.add, bars=bars, clock=clock,
         )  # fmt: skip
         bars.start("write", 1.0)
         with clock.stage("write"):
-            _write(folder, outcome, messages)
+            parts = outcome.history.parts(_T_map_odom(outcome))
+            _write(folder, outcome, messages, parts)
+        if watcher is not None:
+            bars.start("watch", 1.0)
+            with clock.stage("watch"):
+                outcome.solution.stages.run("watch", partial(watcher.finish, outcome, parts))
         _copy_stamps(bag_paths(bag), folder)
         factor, stages = _real_time_factor(outcome, clock), outcome.solution.stages
         content = _write_summary(folder, outcome)
@@ -217,7 +234,7 @@ def _write_summary(folder: Path, outcome: Outcome) -> SummaryFile:
     return content
 
 
-def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore) -> None:
+def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore, parts: CycleParts) -> None:
     """Write the files of the map, then what hangs on it."""
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     stages = solution.stages
@@ -225,10 +242,7 @@ def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore) -> None:
     saved = outcome.slam.saved(solution)
     map_frame = config.frames.prefix + config.frames.map
     save_map(folder / "map.mcap", saved, solution, map_frame)
-    stages.run(
-        "cycles.npz",
-        lambda: save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome))),
-    )
+    stages.run("cycles.npz", lambda: save_cycles(folder / "cycles.npz", parts))
     stages.run(
         "result.mcap",
         lambda: write_result_bag(

@@ -17,7 +17,7 @@ from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Scan
 from tccm_ros.replay.outcome import Outcome
-from tccm_ros.replay.processors import OnCycle, Pipeline
+from tccm_ros.replay.processors import OnCycle, OnEvent, Pipeline
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
@@ -35,6 +35,7 @@ def run_bag(
     saved: SavedMap | None = None,
     events: bool = False,
     on_cycle: OnCycle = lambda cycle, cuboids: None,
+    on_event: OnEvent | None = None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Outcome:
@@ -54,6 +55,8 @@ def run_bag(
         Whether the map is solved after each view for what has changed.
     on_cycle
         Called with each complete tilt cycle, and the integration map after it.
+    on_event
+        Called with each event of the intake, in order; None where nobody listens.
     bars
         Shows the progress.
     clock
@@ -83,6 +86,7 @@ def run_bag(
             saved=saved,
             events=events,
             on_cycle=on_cycle,
+            on_event=on_event,
             clock=clock,
         )
         messages = _feed(pipeline, reader, topics, bars)

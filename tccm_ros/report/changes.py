@@ -69,13 +69,6 @@ class Change(Generic[Item]):
     before: Item | None
     after: Item | None
 
-    @property
-    def either(self) -> Item:
-        """Return the entry of the second map, or of the first where the second has none."""
-        item = self.after or self.before
-        assert item is not None
-        return item
-
 
 def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry]]:
     """Match the surfaces of two maps in one frame; heights count from each map's floor.

@@ -2,38 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from tccm_ros.atomic import output_file
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 
-def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
-    """Write ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary).
-
-    Parameters
-    ----------
-    folder
-        Exists.
-    name
-        Name of both files, without suffix.
-    grid
-        The grid.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
-    for file, content in grid_files(name, grid).items():
-        with output_file(folder / file) as made:
-            made.write_bytes(content)
-
-
 def grid_files(name: str, grid: OccupancyGrid) -> dict[str, bytes]:
-    """Return the content of the files of `save_grid` by their names."""
+    """Return ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary)."""
     shades = np.full(grid.cells.shape, 205, np.uint8)
     shades[grid.cells == 0] = 254
     shades[grid.cells == 100] = 0

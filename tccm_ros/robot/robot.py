@@ -17,11 +17,13 @@ from typing import Any
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import TopicError, suggest
+from tccm_ros.geometry import inverse
 from tccm_ros.records import (
     START_OF_TIME,
     Event,
     Imu,
     JointSample,
+    MapOdom,
     MapReset,
     Odometry,
     RobotDescription,
@@ -31,7 +33,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain_finder import MountKind
-from tccm_ros.robot.frames import FrameTree
+from tccm_ros.robot.frames import FrameTree, plain_name
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.joint_tracks import LATE, JointTracks
@@ -286,6 +288,12 @@ class Robot:
     def _add_transform(self, sample: TransformSample) -> None:
         if not self.frames.add_transform(sample):
             self._refuse("tf", LATE, 1)
+        elif self._config.localisation.is_external:
+            edge = plain_name(sample.parent), plain_name(sample.child)
+            if edge == (self._config.frames.map_name, plain_name(self.motion.odom_frame)):
+                # Odometry that begins far away is used in a frame near its origin.
+                T_odom_near = inverse(self.motion.odometry.T_near_odom)
+                self._events.append(MapOdom(sample.stamp_ns, sample.T_parent_child @ T_odom_near))
 
     def _add_joints(self, sample: JointSample) -> None:
         for reason, count in self.joints.add(sample).items():

@@ -16,30 +16,6 @@ from tccm_ros.config import Config
 from tccm_ros.records import SensorKind
 
 
-def white_sigma(ranges: Float64, sensor: SensorKind, config: Config) -> Float64:
-    """Return the standard deviation of single ranges, without what a view's points share.
-
-    Parameters
-    ----------
-    ranges
-        float64 (N,), m; of a depth image, depths.
-    sensor
-        Kind of the sensor.
-    config
-        Uses `sensors.depth_sigma`, `sensors.laser_sigma` and `sensors.cloud_sigma`.
-
-    Returns
-    -------
-    float64 (N,), m
-    """
-    if sensor == SensorKind.DEPTH_IMAGE:
-        a, b, c = config.sensors.depth_sigma
-        return a + b * np.square(np.asarray(ranges, float) - c)
-    is_laser = sensor == SensorKind.LASER
-    sigma = config.sensors.laser_sigma if is_laser else config.sensors.cloud_sigma
-    return np.full(len(ranges), sigma)
-
-
 def systematic_errors(
     points: Float64, viewpoint: Float64, sensor: SensorKind, config: Config
 ) -> Float64:

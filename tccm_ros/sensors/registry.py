@@ -15,14 +15,17 @@ from tccm_ros.sensors.point_cloud import cloud_stream
 
 
 def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
-    """Return the streams of the configured sensors; a caller may add others to them."""
+    """Return the streams of the configured sensors; a caller may add others to them.
+
+    Where another program localises the robot, level scans are not needed.
+    """
     config = config or Config()
     sensors = config.sensors
     # The level scans that are made of the only cloud move it as those of a laser would.
     is_base = sensors.level_from == "points" and len(sensors.point_clouds) == 1
     return (
         *(scan_stream(replace(TILT_SCAN, role=topic), config) for topic in sensors.tilt_scans),
-        scan_stream(LEVEL_SCAN, config),
+        *(() if config.localisation.is_external else (scan_stream(LEVEL_SCAN, config),)),
         *(depth_stream(topic, config) for topic in sensors.depth_images),
         *(cloud_stream(topic, config, can_be_base=is_base) for topic in sensors.point_clouds),
         *map(detections_stream, sensors.detections),

@@ -78,8 +78,7 @@ class SignDetector:
         scale = min(self._side / min(picture.size), MAX_SCALE)
         lines = self._reader.find(picture, scale, everywhere=False)
         notices = lines_of_notices(lines)
-        read = [self._read(picture, line) for line in lines if line not in notices]
-        read = [r for r in read if r.text]
+        read = self._read_lines(picture, [line for line in lines if line not in notices])
         signs: list[DetectedSign] = []
         reasons: list[tuple[ReadLine, str]] = []
         on_signs: list[ReadLine] = []
@@ -91,7 +90,7 @@ class SignDetector:
                 reasons.append((own, _why_no_number(own)))
                 continue
             plate = plate_of(own, read)
-            reason = refusal(plate, read)
+            reason = refusal(plate, read, notices)
             if reason:
                 reasons.append((own, reason))
             else:
@@ -106,8 +105,18 @@ class SignDetector:
             sorted(refused, key=lambda r: float(r.pixel[1])),
         )
 
+    def _read_lines(self, picture: Image.Image, lines: list[TextLine]) -> list[ReadLine]:
+        """Return the lines that have text; all turned where the picture stands upside down."""
+        read = [self._read(picture, line) for line in lines]
+        if read and all(r.number is None for r in read):
+            highest = max(read, key=lambda r: r.line.height)
+            turned = self._read(picture, highest.line.turned(2))
+            if turned.confidence > max(highest.confidence, MIN_CONFIDENCE):
+                read = [self._read(picture, line.turned(2)) for line in lines]
+        return [r for r in read if r.text]
+
     def _read(self, picture: Image.Image, line: TextLine) -> ReadLine:
-        text, confidence = self._reader.read(picture, line)
+        text, confidence, line = self._reader.read(picture, line)
         text = normalised(text)
         is_sure = confidence >= MIN_CONFIDENCE
         number = room_number(text) or person_name(text) if is_sure else None

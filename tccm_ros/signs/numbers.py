@@ -15,6 +15,9 @@ CODE = re.compile(r"[A-Z]{1,3}|[A-Z]{0,3}\d{1,5}[A-Z]{0,3}")
 NAME = re.compile(r"(?:(?:Prof|Dr|Mr|Mrs|Ms)\.? ?){1,3}(?:[A-Z][\w'-]*\.? ?){1,4}")
 """A person, by the title: names without one have the form of any heading."""
 
+SUBSTANCES = frozenset({"CO2", "H2O"})
+"""Words on extinguishers and taps, which hang beside doors."""
+
 GENERIC = frozenset({"NO", "NR", "RM"})
 """Short words beside a number that tell doors not from each other."""
 
@@ -114,7 +117,7 @@ def _as_number(word: str) -> str | None:
         word = word.translate(LOOKALIKES)
     if not NUMBER.fullmatch(word) or PHONE_OR_DATE.fullmatch(word) or FRACTION.fullmatch(word):
         return None
-    return None if _is_range(word) else word
+    return None if _is_range(word) or word in SUBSTANCES else word
 
 
 def _is_range(word: str) -> bool:

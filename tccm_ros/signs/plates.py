@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tccm_ros.arrays import Float64
 from tccm_ros.signs.measurement import DetectedSign
 from tccm_ros.signs.numbers import has_digits, is_doubtful, joined_number
 from tccm_ros.signs.reading import TextLine, bounding_corners
@@ -18,6 +19,11 @@ letters of one type size differ by less."""
 LIST_DISTANCE = (1.0, 6.0)
 """How far beside, and above or below a line others are rows of its list or notice, in its heights.
 Chosen: three rows; no poster beside a plate."""
+
+NUMBERS_DISTANCE = 6.0
+"""How far from a number others of its height are of one list or dial, in its heights. Chosen: the
+numbers of a clock are that near; those of two doors are not, at an angle at which they can be read.
+"""
 
 NOTICE_LINES = 5
 """Other lines in that distance, as high or higher, that make a notice. Chosen: a number and four
@@ -119,7 +125,7 @@ def plate_of(own: ReadLine, lines: Sequence[ReadLine]) -> Plate:
     return Plate(tuple(_in_order(parts)), tuple(others))
 
 
-def refusal(plate: Plate, lines: Sequence[ReadLine]) -> str:
+def refusal(plate: Plate, lines: Sequence[ReadLine], notices: Sequence[TextLine]) -> str:
     """Return why a plate is no door sign; empty where it is one.
 
     Parameters
@@ -128,24 +134,45 @@ def refusal(plate: Plate, lines: Sequence[ReadLine]) -> str:
         With a number.
     lines
         All that were read.
+    notices
+        Lines of notices.
     """
     own = max(plate.parts, key=lambda part: bool(part.number) * part.line.height)
     confidence = min(part.confidence for part in plate.parts)
     if is_doubtful(plate.number) and confidence < DIGIT_CONFIDENCE:
         return f"a single digit, read with {confidence:.2f}"
-    rows = [r for r in lines if r is not own and _is_row(own.line, r.line)]
-    if sum(has_digits(r.text) or r.number is not None for r in rows) >= LIST_NUMBERS:
+    entries = [r.line for r in lines if r is not own and (has_digits(r.text) or r.number)]
+    entries += [line.lengthwise for line in notices]
+    if sum(_is_row(own.line, entry) for entry in entries) >= LIST_NUMBERS:
         return "a row of a list"
+    if len(_numbers_around(own, lines)) > LIST_NUMBERS:
+        return "one of many numbers"
     return ""
+
+
+def _numbers_around(own: ReadLine, lines: Sequence[ReadLine]) -> list[ReadLine]:
+    """Return a number with those of its height that stand alone around it, and around these."""
+    found = [own]
+    for one in found:
+        found += [
+            other
+            for other in lines
+            if not any(other is r for r in found)
+            and other.text.upper() == other.number
+            and 0.5 < other.line.height / one.line.height < 2.0  # some lines of one digit are cut
+            and max(_gap(one.line, other.line)) <= NUMBERS_DISTANCE * one.line.height
+        ]
+    return found
 
 
 def lines_of_notices(lines: Sequence[TextLine]) -> list[TextLine]:
     """Return the lines that have many as high around them, and the ends of these lists."""
-    rows = [[o for o in lines if o is not own and _is_row(own, o)] for own in lines]
-    found = [own for own, near in zip(lines, rows) if len(near) >= NOTICE_LINES]
+    along = [line.lengthwise for line in lines]
+    rows = [[o for o in along if o is not own and _is_row(own, o)] for own in along]
+    found = [own for own, near in zip(along, rows) if len(near) >= NOTICE_LINES]
     return [
-        own
-        for own, near in zip(lines, rows)
+        line
+        for line, own, near in zip(lines, along, rows)
         if own in found or sum(row in found and _is_row(row, own) for row in near) >= LIST_NUMBERS
     ]
 
@@ -165,18 +192,26 @@ def _is_as_high(line: TextLine, own: TextLine) -> bool:
 
 
 def _is_near(own: TextLine, other: TextLine, distance: tuple[float, float]) -> bool:
-    """Return whether bounds are within a distance, sidewards and upwards, in the own heights."""
-    gap = np.maximum(other.bounds[:2] - own.bounds[2:], own.bounds[:2] - other.bounds[2:])
+    """Return whether a line is within a distance along and across another, in its heights."""
+    gap = _gap(own, other)
     return bool((gap <= np.array(distance) * own.height).all()) and min(gap) <= 0.0
+
+
+def _gap(own: TextLine, other: TextLine) -> Float64:
+    """Return the distance along and across a line to another, (2,) pixels; below 0 they overlap."""
+    inside, outside = own.corners @ own.axes.T, other.corners @ own.axes.T
+    below = inside.min(axis=0) - outside.max(axis=0)
+    return np.maximum(outside.min(axis=0) - inside.max(axis=0), below)
 
 
 def _in_order(lines: Sequence[ReadLine]) -> list[ReadLine]:
     """Return lines from top to bottom, and those beside each other from left to right."""
-    rest = sorted(lines, key=lambda r: float(r.line.center[1]))
+    along, down = lines[0].line.axes
+    rest = sorted(lines, key=lambda r: float(r.line.center @ down))
     ordered: list[ReadLine] = []
     while rest:
         first = rest[0].line
-        row = [r for r in rest if abs(r.line.center[1] - first.center[1]) < 0.5 * first.height]
-        ordered += sorted(row, key=lambda r: float(r.line.center[0]))
+        row = [r for r in rest if abs((r.line.center - first.center) @ down) < 0.5 * first.height]
+        ordered += sorted(row, key=lambda r: float(r.line.center @ along))
         rest = [r for r in rest if not any(r is own for own in row)]
     return ordered

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any
 
@@ -37,6 +38,10 @@ averaged, and a digit that can be read is seen."""
 BORDER = 0.25
 """Distance of a number from the border of a picture up to which it may be cut off, in its heights.
 Chosen: a line grows beyond its ink by as much."""
+
+MIN_UP = 0.5
+"""Least part of the vertical in a picture's plane from which on its upper side is known. Chosen: a
+camera looks up or down by less than 60 deg."""
 
 SAME_LEVELS = 4.0
 """Change of brightness in one of these pixels up to which a view is the same, of 255. Chosen."""
@@ -183,14 +188,20 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
     """
     camera = posed.image.camera
     assert camera is not None
+    quarters = quarter_rotations(posed.T_base_sensor[0])
+    pixels = np.ascontiguousarray(np.rot90(pixels, quarters))
     found = detector.search(pixels).signs
     # Of a number that the border cuts off, the middle is not known.
-    signs = [s for s in found if _is_whole(s, posed.image.size)]
+    signs = [s for s in found if _is_whole(s, (pixels.shape[1], pixels.shape[0]))]
     if not signs:
         return []
-    # The detector counts from the edge of the first pixel, a calibration from its middle.
-    middles = np.array([sign.pixel for sign in signs]) - 0.5
-    plates = np.concatenate([sign.plate for sign in signs]) - 0.5
+
+    def in_picture(points: Float64) -> Float64:
+        # The detector counts from the edge of the first pixel, a calibration from its middle.
+        return _turned_back(points, quarters, posed.image.size) - 0.5
+
+    middles = in_picture(np.array([sign.pixel for sign in signs]))
+    plates = in_picture(np.concatenate([sign.plate for sign in signs]))
     bearings = pixel_directions(
         camera, np.concatenate([middles, plates]), is_rectified=is_rectified_topic(posed.role)
     )
@@ -206,13 +217,36 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
             number=sign.number,
             confidence=sign.confidence,
             patch=patches[k],
-            corners=sign.corners - 0.5,
+            corners=in_picture(sign.corners),
             plate=bearings[len(signs) + 4 * k :][:4],
             focal_length=float(camera.K[0, 0] / camera.binning[0]),
         )
         for k, sign in enumerate(signs)
         if np.isfinite(bearings[k]).all()
     ]
+
+
+def quarter_rotations(T_base_camera: Float64) -> int:
+    """Return how often a picture is rotated by 90 deg counter-clockwise to have its upper side up.
+
+    None for a camera that looks so far up or down that its picture has no upper side.
+
+    Parameters
+    ----------
+    T_base_camera
+        float64 (4, 4), pose of the optical frame in the base frame, whose z points up.
+    """
+    right, down = T_base_camera[2, :2].tolist()
+    if math.hypot(right, down) < MIN_UP:
+        return 0
+    return round(math.atan2(right, -down) / (0.5 * math.pi)) % 4
+
+
+def _turned_back(points: Float64, quarters: int, size: tuple[int, int]) -> Float64:
+    """Return points (N, 2) of a picture of a size that was turned counter-clockwise, in itself."""
+    for k in reversed(range(quarters)):
+        points = np.column_stack([size[k % 2] - points[:, 1], points[:, 0]])
+    return points
 
 
 def _is_whole(sign: DetectedSign, size: tuple[int, int]) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -48,6 +48,9 @@ MIN_LINE = 6
 NARROW_ASPECT = 0.67
 """Width over height of the core of a line below which it may be written upwards or downwards.
 Chosen: the core of a single digit is as narrow, and is read in all three orientations."""
+
+STEEP_ASPECT = 2.0
+"""Height over width of a line above which its edges are fitted along its longer side. Chosen."""
 
 SURE = 0.8
 """Mean probability of the characters from which on no other orientation is tried. Chosen."""
@@ -87,11 +90,50 @@ class TextLine:
         return np.append(self.corners.min(axis=0), self.corners.max(axis=0))
 
     @property
+    def axes(self) -> Float64:
+        """Unit vectors along the line and down from it, float64 (2, 2), pixels of the picture."""
+        along = (self.corners[[1, 2]] - self.corners[[0, 3]]).sum(axis=0)
+        along = along / max(float(np.linalg.norm(along)), 1e-9)
+        return np.array([along, [-along[1], along[0]]])
+
+    @property
     def orientations(self) -> list[TextLine]:
         """The line as it may be written: as it is; one that is narrow upwards and downwards too."""
         if self.width >= NARROW_ASPECT * self.height:
             return [self]
-        return [TextLine(np.roll(self.corners, k, axis=0)) for k in (0, 1, -1)]
+        return [self.turned(k) for k in (0, 1, -1)]
+
+    @property
+    def lengthwise(self) -> TextLine:
+        """The line along its longer edges, upwards where these are steep."""
+        return self.turned(1) if self.is_steep else self
+
+    @property
+    def is_steep(self) -> bool:
+        """Whether it is so narrow that it runs upwards or downwards, or is a single character."""
+        return STEEP_ASPECT * self.width < self.height
+
+    def turned(self, quarters: int) -> TextLine:
+        """Return the same part of the picture, read a number of quarter turns further."""
+        return TextLine(np.roll(self.corners, quarters, axis=0))
+
+
+class Reading(NamedTuple):
+    """The text of a line.
+
+    Attributes
+    ----------
+    text
+        As read.
+    confidence
+        Mean probability of its characters, 0 to 1.
+    line
+        The line as it is written: one that runs upwards begins below.
+    """
+
+    text: str
+    confidence: float
+    line: TextLine
 
 
 class TextReader:
@@ -145,8 +187,8 @@ class TextReader:
         (probability,) = self._finder.run(None, {"x": _network_input(part)})
         return [corners + low for corners in text_lines(probability[0, 0])]
 
-    def read(self, picture: Image.Image, line: TextLine) -> tuple[str, float]:
-        """Return the text of a line, and how sure it is: the mean probability of its characters.
+    def read(self, picture: Image.Image, line: TextLine) -> Reading:
+        """Return the text of a line in its surest orientation.
 
         Parameters
         ----------
@@ -155,10 +197,11 @@ class TextReader:
         line
             One of those that `find` returned.
         """
-        best = "", 0.0
+        best = Reading("", 0.0, line)
         for orientation in line.orientations:
-            best = max(best, self._recognised(picture, orientation), key=lambda read: read[1])
-            if best[1] >= SURE:
+            found = Reading(*self._recognised(picture, orientation), orientation)
+            best = max(best, found, key=lambda reading: reading.confidence)
+            if best.confidence >= SURE:
                 break
         return best
 
@@ -200,7 +243,7 @@ def text_lines(probability: Float32) -> list[Float64]:
             continue
         if probability[rows, columns][mask].mean() < LINE_PROBABILITY:
             continue
-        is_steep = mask.shape[0] > 2 * mask.shape[1]
+        is_steep = mask.shape[0] > STEEP_ASPECT * mask.shape[1]
         # In the transposed picture, left and right edges are the upper and lower ones.
         corners = _grown(mask.T)[[0, 3, 2, 1], ::-1] if is_steep else _grown(mask)
         found.append(corners + np.array([columns.start, rows.start]))
@@ -267,8 +310,12 @@ def _mean_length(edges: Float64) -> float:
 
 def _network_input(picture: Image.Image) -> Float32:
     """Return the pixels (1, 3, H, W) of a picture: blue, green, red from -1 to 1."""
-    pixels = np.asarray(picture, np.float32)[:, :, ::-1].transpose(2, 0, 1)
-    return np.ascontiguousarray(pixels[None] / 127.5 - 1.0)
+    pixels = np.asarray(picture)
+    values = np.empty((1, 3, *pixels.shape[:2]), np.float32)
+    for k in range(3):
+        np.divide(pixels[:, :, 2 - k], np.float32(127.5), out=values[0, k])
+    values -= np.float32(1.0)
+    return values
 
 
 def missing_extra() -> str:

@@ -148,7 +148,7 @@ class SaliencyDetector:
         near = [k for k, line in enumerate(lines) if _is_inside(line.center, box)]
         near = sorted(near, key=lambda k: -lines[k].height)[:MAX_LINES]
         for k in near:
-            text, confidence = self._reader.read(picture, lines[k])
+            text, confidence, _ = self._reader.read(picture, lines[k])
             number = room_number(normalised(text))
             if number is None or confidence < MIN_CONFIDENCE:
                 continue
@@ -206,7 +206,7 @@ class SaliencyDetector:
         texts = {own: read[0]}
         others = [k for k in range(len(lines)) if k != own]
         for k in sorted(others, key=lambda k: abs(k - own))[: MAX_LINES - 1]:
-            text, confidence = self._reader.read(picture, lines[k])
+            text, confidence, _ = self._reader.read(picture, lines[k])
             if confidence >= OTHER_CONFIDENCE and normalised(text):
                 texts[k] = normalised(text)
         joined = " ".join(texts[k] for k in sorted(texts))

@@ -10,7 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, keyframe_key
-from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
+from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose, ToldPose
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS, KeyframeView
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph.pose_graph import PoseGraph
@@ -70,11 +70,15 @@ class Chain:
         Their variables in the graph.
     fixed
         Poses float64 (3,) of keyframes that must not move, by id: the map in localisation.
+    told
+        Poses float64 (3,) in map that another program tells, and their covariances (3, 3) of
+        (x, y, yaw) in map, by id.
     """
 
     keyframes: list[GraphKeyframe] = field(default_factory=list)
     keys: list[Key] = field(default_factory=list)
     fixed: dict[int, Float64] = field(default_factory=dict)
+    told: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
         """Append a keyframe that sees lines at `phi`, float64 (L,), rad."""
@@ -90,12 +94,15 @@ class Chain:
         keyframe, key = self.keyframes[k], self.keys[k]
         if k in self.fixed:
             return [_pinned(key, self.fixed[k])]
-        if k == 0:
+        if k == 0 and not self.told:
             return [_pinned(key, keyframe.pose)]
-        planar = Planar(key, keyframe.pose)
-        if self.starts(k):
-            return [planar]
-        return [BetweenKeyframes(self.keys[k - 1], key, keyframe.delta, keyframe.cov), planar]
+        factors: list[Factor] = [Planar(key, keyframe.pose)]
+        if k in self.told:
+            factors.append(ToldPose(key, *self.told[k]))
+        if not self.starts(k):
+            step = BetweenKeyframes(self.keys[k - 1], key, keyframe.delta, keyframe.cov)
+            factors.insert(0, step)
+        return factors
 
     def graph(
         self,

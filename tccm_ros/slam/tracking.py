@@ -18,6 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import (
     LandmarkObservation,
+    MapOdom,
     MapReset,
     ObjectBoxes,
     Odometry,
@@ -113,6 +114,8 @@ class Tracker:
         is_localised: bool = True,
     ):
         self._config = config
+        self._is_external = config.localisation.is_external
+        self._roles = {None, *roles_of("slam", config)}
         self._starts_localised = is_localised
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
@@ -127,13 +130,14 @@ class Tracker:
         self._solved: SolvedMap | None = None
         self._stamp_ns, self._odom = -1, np.zeros(3)
         self._before: tuple[Float64, Float64] | None = None
+        self._map_odom: Float64 | None = None
         self._is_localised = self._starts_localised
         self._session = first_keyframe[1]
 
     def takes(self, event: Any) -> bool:
         """Return whether an event is for the SLAM processor."""
-        kinds = (PosedScan, Odometry, RollPitch, LandmarkObservation, PoseGuess, *COUNTED)
-        return type(event) in kinds and getattr(event, "role", None) in {None, *roles_of("slam")}
+        kinds = (PosedScan, Odometry, MapOdom, RollPitch, LandmarkObservation, PoseGuess, *COUNTED)
+        return type(event) in kinds and getattr(event, "role", None) in self._roles
 
     def add(self, event: Any) -> None:
         """Process one event, which `takes` let through."""
@@ -141,6 +145,8 @@ class Tracker:
             self._add_scan(event)
         elif isinstance(event, Odometry):
             self._add_odometry(event)
+        elif isinstance(event, MapOdom):
+            self._map_odom = planar(event.T_map_odom)
         elif isinstance(event, PoseGuess):
             self._front.is_lost = bool(self._front.tracked)
             # The pose that is known is kept until a solution says that the one that is told fits.
@@ -164,7 +170,7 @@ class Tracker:
             return LocalisationState.UNKNOWN
         if self._front.contradicts(self._stamp_ns):
             return LocalisationState.LOST
-        return LocalisationState.TRACKING if self._is_localised else LocalisationState.SEARCHING
+        return LocalisationState.TRACKING if self.is_localised else LocalisationState.SEARCHING
 
     @property
     def solved_keyframe(self) -> int:
@@ -180,7 +186,7 @@ class Tracker:
     @property
     def is_localised(self) -> bool:
         """Whether the place of this session in the map is known."""
-        return self._is_localised
+        return self._map_odom is not None if self._is_external else self._is_localised
 
     def current_pose(self) -> LivePose:
         """Return the live estimate, in the map of the newest solution."""
@@ -191,6 +197,9 @@ class Tracker:
 
     def current_covariance(self) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in map of the live estimate."""
+        if self._is_external:
+            position, yaw = self._config.localisation.sigma
+            return np.diag(np.square([position, position, yaw]))
         if self._front.tracked:
             return self._estimate.covariance(self._front.tracked[-1])
         solved = None if self._solved is None else self._solved.keyframe
@@ -203,6 +212,8 @@ class Tracker:
         return cov
 
     def _pose(self) -> Float64:
+        if self._map_odom is not None:
+            return compose(self._map_odom, self._odom)
         if self._front.tracked:
             return self._estimate.pose(self._front.tracked[-1])
         pose = self._start(self._odom)

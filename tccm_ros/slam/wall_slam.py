@@ -18,6 +18,7 @@ from tccm_ros.geometry import planar
 from tccm_ros.records import (
     Keyframe,
     LandmarkObservation,
+    MapOdom,
     PosedScan,
     PoseGuess,
     RollPitch,
@@ -43,6 +44,7 @@ from tccm_ros.slam.signs.landmarks import sign_factors, sign_observations, sign_
 from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
+from tccm_ros.slam.told_poses import MapOdomTrack, reweigh
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_records
@@ -73,6 +75,7 @@ class WallSlam:
         self._front = FrontEnd(config)
         self._first_session = 0
         self._odometry = OdometryTrack()
+        self._map_odom = MapOdomTrack()
         self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         self._newest: LevelScan | None = None
@@ -124,6 +127,15 @@ class WallSlam:
             pose = self._start(odom)
             localised = self._front.session in self._closer.localised
             self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
+
+    def add_map_odom(self, told: MapOdom) -> None:
+        """Add where another program's localisation puts the odometry frame."""
+        self._map_odom.add(told)
+
+    @property
+    def waits_to_be_told(self) -> bool:
+        """Whether another program localises the robot, and has not done so yet."""
+        return self.config.localisation.is_external and not len(self._map_odom)
 
     def add_roll_pitch(self, sample: RollPitch) -> None:
         """Add roll and pitch of the base, in the order of their stamps: views have them."""
@@ -195,7 +207,12 @@ class WallSlam:
         return self._live
 
     def _start(self, odom: Float64) -> Float64:
-        """Return the pose (3,) in map by odometry alone: the first base pose is the origin."""
+        """Return the pose (3,) in map by odometry alone: the first base pose is the origin.
+
+        Where another program localises the robot, it is in that program's map.
+        """
+        if len(self._map_odom):
+            return compose(self._map_odom.newest(), odom)
         if not len(self._odometry):
             return np.zeros(3)
         return between(self._odometry.first(), odom)
@@ -399,7 +416,7 @@ class WallSlam:
         keys = self._chain.keys
         factors = wall_factors(used.walls, self._lines, keys, self.config)
         if uses_corners(self.config):
-            factors += corner_factors(used.corners, used.walls, keys)
+            factors += corner_factors(used.corners, used.walls, keys, self.config)
         if self.config.walls.structure_prior:
             factors += structure_factors(used.walls)
         return factors
@@ -431,15 +448,21 @@ class WallSlam:
         """Return a processor whose keyframes are the odometry samples."""
         odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
-        odometry_slam._odometry = self._odometry
+        odometry_slam._odometry, odometry_slam._map_odom = self._odometry, self._map_odom
         odometry_slam._roll_pitch = self._roll_pitch
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
+        told = self._map_odom
         for stamp, odom in zip(*self._odometry.arrays()):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
-            odometry_slam._front.add(scan)
+            start = compose(told.before(int(stamp)), odom) if len(told) else None
+            odometry_slam._front.add(scan, start)
             odometry_slam._take_keyframe()
+        if len(told):
+            sigma = self.config.localisation.sigma
+            odometry_slam._chain.told = told.poses_of(odometry_slam._chain.keyframes, sigma)
+            reweigh(odometry_slam._chain)
         return odometry_slam
 
     def _anchor(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
@@ -552,11 +575,6 @@ class WallSlam:
         near = [p for p in self._closer.accepted if p.b == keyframe.id]
         cov = near[-1].cov if near else keyframe.cov
         return SolvedKeyframe(keyframe.id, self._closer.poses[keyframe.id], cov)
-
-    @property
-    def keyframe_count(self) -> int:
-        """Number of keyframes of all sessions."""
-        return len(self._chain.keyframes)
 
     @property
     def first_keyframe(self) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
+from tccm_ros.geometry import spatial
 from tccm_ros.records import SensorKind
+from tccm_ros.slam.saved_walls import unpack_walls
 from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.plane_errors import fit_covariance
@@ -68,6 +70,25 @@ class SavedMap:
 
     walls: Mapping[str, NDArray[Any]]
     views: tuple[SavedView, ...]
+
+
+def views_in_map(saved: SavedMap) -> tuple[SavedView, ...]:
+    """Return the views of a saved map with their poses in map: no keyframe moves them any more.
+
+    Raises
+    ------
+    MapError
+        Where the saved walls are damaged.
+    """
+    if not saved.walls:
+        return saved.views
+    T_map_keyframe = spatial(unpack_walls(saved.walls).poses)
+    return tuple(
+        replace(v, is_on_keyframe=False, T_anchor_view=T_map_keyframe[v.keyframe] @ v.T_anchor_view)
+        if v.is_on_keyframe
+        else v
+        for v in saved.views
+    )
 
 
 def pack_views(views: Sequence[View]) -> Arrays:

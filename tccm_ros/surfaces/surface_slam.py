@@ -20,6 +20,7 @@ from tccm_ros.records import (
     Event,
     LabelCorrection,
     LandmarkObservation,
+    MapOdom,
     MapReset,
     ObjectBoxes,
     Odometry,
@@ -56,7 +57,7 @@ from tccm_ros.surfaces.object_labels import (
 )
 from tccm_ros.surfaces.object_tracks import track_objects
 from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView
+from tccm_ros.surfaces.saved_map import SavedMap, SavedView, views_in_map
 from tccm_ros.surfaces.scene_objects import SceneObject, free_places, scene_objects
 from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
@@ -175,6 +176,7 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             RollPitch: self._take_roll_pitch,
+            MapOdom: self._take_map_odom,
             LandmarkObservation: self._take_landmark,
             SignMeasurement: self._take_sign,
             SearchedPicture: self._take_picture,
@@ -191,6 +193,8 @@ class SurfaceSlam:
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
         self._saved_walls: Mapping[str, NDArray[Any]] = {}
+        # Of a map in which another program localises the robot: saved as they are.
+        self._kept_walls: Mapping[str, NDArray[Any]] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -266,6 +270,10 @@ class SurfaceSlam:
     def _take_odometry(self, record: Odometry) -> list[ScanPose]:
         self.odom_frame = record.frame_id or self.odom_frame
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
+        return []
+
+    def _take_map_odom(self, told: MapOdom) -> list[ScanPose]:
+        self.walls.add_map_odom(told)
         return []
 
     def _take_roll_pitch(self, sample: RollPitch) -> list[ScanPose]:
@@ -447,12 +455,13 @@ class SurfaceSlam:
 
     @property
     def _is_lost(self) -> bool:
-        """Whether this session is not localised in the saved walls yet."""
-        return bool(self.saved_keyframes) and not self.walls.has_place
+        """Whether this session is not localised in the saved walls, or by another program, yet."""
+        is_searched = bool(self.saved_keyframes) and not self.walls.has_place
+        return is_searched or self.walls.waits_to_be_told
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
         """Align this session with a saved map without walls; None where there is none."""
-        if not self.saved_views or self.saved_keyframes:
+        if not self.saved_views or self.saved_keyframes or self.config.localisation.is_external:
             return None
         old = [saved.view for saved in self.saved_views]
         T_map_old = np.stack([saved.T_anchor_view for saved in self.saved_views])
@@ -511,7 +520,7 @@ class SurfaceSlam:
             view_poses.cov_z_roll_pitch,
             view_poses.keyframes.tolist(),
         ):
-            is_on_keyframe = bool(state) and k in poses
+            is_on_keyframe = state is not self._kept_walls and k in poses
             T_anchor = poses[k] if is_on_keyframe else np.eye(4)
             T_anchor_view = inverse(T_anchor) @ T
             views.append(SavedView(view, number.get(k, k), is_on_keyframe, T_anchor_view, cov))
@@ -522,7 +531,7 @@ class SurfaceSlam:
         if self._is_lost:
             return self._saved_walls
         if not (self.counts["level scans"] or self.saved_keyframes):
-            return {}
+            return self._kept_walls
         return self.walls.saved(slam)
 
     def solved_map(self, solution: SurfaceSolution) -> SolvedMap:
@@ -560,7 +569,8 @@ class SurfaceSlam:
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:
         """Return a processor that continues a saved map in a new session.
 
-        The robot may start anywhere in the map.
+        The robot may start anywhere in the map. Where another program localises the robot, it does
+        so in the map's frame.
 
         Raises
         ------
@@ -570,7 +580,10 @@ class SurfaceSlam:
         slam = cls(config)
         slam.session = 1 + max((s.view.session for s in saved.views), default=-1)
         slam.saved_views = saved.views
-        slam._saved_walls = saved.walls
+        if config.localisation.is_external:
+            slam.saved_views, slam._kept_walls = views_in_map(saved), saved.walls
+        else:
+            slam._saved_walls = saved.walls
         slam._begin()
         return slam
 

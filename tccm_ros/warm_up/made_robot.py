@@ -42,6 +42,7 @@ def with_own_robot(config: Config) -> Config:
     made = config.model_copy(deep=True)
     made.rig.kinematics = "urdf"
     made.frames.tilt_joint, made.frames.base = "tilt", "base"
+    made.localisation.source = "slam"
     return made
 
 

@@ -1,6 +1,7 @@
 """Reading of the configuration: files, settings, and the errors of bad ones."""
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -138,7 +139,8 @@ def test_a_missing_or_binary_file_is_an_error(tmp_path):
 def test_a_parameter_of_release_0_1_that_is_gone_is_ignored_with_a_warning(name, tmp_path, caplog):
     group, key = name.split(".")
     path = tmp_path / "old.yaml"
-    path.write_text(f"{group}:\n  {key}: true\n  cell_size: 0.03\n")
+    old = {key: True} | ({"cell_size": 0.03} if group == "map" else {})
+    path.write_text(yaml.safe_dump({"map": {"cell_size": 0.03}} | {group: old}))
     assert read_config(path) == read_config(None, ["map.cell_size=0.03"])
     (warning,) = caplog.messages
     assert warning == f"{path}: {name} is ignored: {REMOVED[name]}"

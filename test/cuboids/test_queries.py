@@ -106,41 +106,11 @@ def test_trace_returns_the_measuring_cycles_and_their_times():
     assert query.last_seen([[0.005, 0.005, 0.69], [0.5, 0.5, 0.5]]).tolist() == [19, NEVER]
 
 
-def test_height_map_is_the_highest_top_per_cell():
-    query = MapQuery(map_of([(0, 0, 0), (0, 0, 7000), (250, 450, 3000), (-100, 0, 5000)]))
-    found = query.height_map((0.0, 0.06, 0.0, 0.06))
-    expected = np.full((3, 3), np.nan, np.float32)
-    expected[0, 0], expected[1, 2] = 0.7, 0.3
-    np.testing.assert_array_equal(found, expected)
-    below = query.height_map((0.0, 0.06, 0.0, 0.06), z_max=0.5)
-    assert below[0, 0] == 0.0
-    assert query.height_map((0.0, 0.02, 0.0, 0.02), z_max=0.68)[0, 0] == np.float32(0.68)
-
-
-def test_cuboids_in_a_box_are_those_that_overlap_it():
-    query = MapQuery(map_of([(0, 0, 0), (0, 0, 7000), (1000, 0, 0)], [(0, 0, 7100)]))
-    found = query.cuboids_in([-0.1, 0.05, -0.1, 0.1, 0.5, 1.0])
-    assert (found.ix.tolist(), found.top.tolist(), found.cycles.tolist()) == ([0], [7100], [0, 1])
-    assert found.cycle_offsets.tolist() == [0, 2]
-    nothing = query.cuboids.select(np.zeros(len(query.cuboids), bool))
-    assert (len(nothing), nothing.cycle_offsets.tolist()) == (0, [0])
-
-
-@pytest.mark.parametrize(("low", "high"), [(-0.5, -0.03), (0.0, 0.5)])
-def test_cuboids_in_a_box_are_those_that_touch_its_top_or_bottom(low, high):
-    """The cuboid of a point at height 0 reaches from -0.03 m to 0."""
-    query = MapQuery(map_of([(0, 0, 0)]))
-    assert query.cuboids_in([0.0, 0.02, 0.0, 0.02, low, high]).top.tolist() == [0]
-    beyond = 0.0001 if low == 0.0 else -0.0001
-    assert len(query.cuboids_in([0.0, 0.02, 0.0, 0.02, low + beyond, high + beyond])) == 0
-
-
 @pytest.mark.parametrize("points", [[], [(0, 0, 0)]])
 def test_queries_to_an_empty_map_return_nothing(points):
     query = MapQuery(map_of(points, [], window_cycles=1))
     assert query.points([[0, 0, 0]]).tolist() == [UNKNOWN]
     assert query.boxes([[0, 1, 0, 1, 0, 1]]).tolist() == [UNKNOWN]
-    assert np.isnan(query.height_map((0, 0.1, 0, 0.1))).all()
     assert query.trace([0, 0, 0]) == []
 
 

@@ -10,7 +10,6 @@ from tccm_ros.evaluate.trajectory_errors import (
     absolute_errors,
     align,
     distance_errors,
-    nees,
     pairs_that_meet,
     poses_at,
     relation_errors,
@@ -141,16 +140,6 @@ def test_a_trajectory_stretched_by_2_percent_has_that_error_over_distance():
     assert len(errors) == 40
     assert np.allclose(errors.translation, 0.2)
     assert len(distance_errors(found, truth, 100.0)) == 0
-
-
-def test_nees_of_consistent_errors_is_one():
-    random = np.random.default_rng(4)
-    A = random.normal(size=(3, 3))
-    cov = A @ A.T
-    errors = random.multivariate_normal(np.zeros(3), cov, size=4000)
-    values = nees(errors, np.broadcast_to(cov, (4000, 3, 3)))
-    # Standard error sqrt(2 / 12000) = 0.013.
-    assert values.mean() == pytest.approx(1.0, abs=0.06)
 
 
 def test_poses_are_interpolated_and_unknown_within_gaps():

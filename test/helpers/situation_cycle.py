@@ -13,7 +13,7 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_sim.raycast import FACES, TOP_FACE
+from tccm_sim.raycast import FACES
 from tccm_sim.scene import FrozenScene, Solid
 from tccm_sim.situations import CYCLE_TIME, TILT_HIGH, TILT_LOW, situation_scene
 
@@ -146,7 +146,7 @@ def _frozen(
         if solid.role in ("floor", "wall"):
             labels[rows] = FLOOR if solid.role == "floor" else WALL
         elif solid.name == "subject":
-            labels[i * FACES + (TOP_FACE if name in "ac" else 0)] = SUBJECT
+            labels[i * FACES + (5 if name in "ac" else 0)] = SUBJECT
     return scene.freeze(), labels
 
 

@@ -158,6 +158,22 @@ def test_views_are_only_of_tilt_cycles_at_rest_when_asked():
     assert all(len(r.surfaces.points) > 100 for r in results[:2])
 
 
+def test_the_published_segmentation_takes_3d_scans_and_not_single_scan_lines():
+    """A scan line is in a plane whatever it hits: as one on three walls, at 10 deg."""
+    published = settings(
+        planes={"horizontal_angle": 0.2},
+        surfaces={"segmentation": "seed", "min_points": 60, "cluster_distance": 0.3},
+    )
+    sides = ((0.0, 9.0, 1.5, 9.0, 0.0, 3.0), (0.0, 9.0, -9.0, -1.5, 0.0, 3.0))
+    records = record(1.5, lambda t: (FLOOR, WALL, *sides), noise=0.002)
+    _, (whole, *_) = run(records, published)
+    line = [r for r in records if not isinstance(r, Scan) or r.stamp_ns < ns(0.02)]
+    _, (cycle, *_) = run(line, published)
+    assert cycle.scans == 1
+    assert len(whole.surfaces.points) > 1000
+    assert len(cycle.surfaces.points) == 0
+
+
 def test_what_left_the_scene_leaves_the_map_after_n_cycles():
     fed, there = fed_tccm(settings(**SMALL)), {}
     for item in visitor():

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -32,6 +33,16 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
         for name in ("/tccm/reset", "/surface_slam/reset"):
             assert ros.call(caller.create_client(Trigger, name), Trigger.Request()).success
         play_to_process(ros, ros.robot(), recording(3))
+        save = caller.create_client(Trigger, "/surface_slam/save_map")
+
+        def has_saved_surfaces() -> bool:
+            is_saved = ros.call(save, Trigger.Request()).success
+            return is_saved and json.loads((folder / "surfaces.json").read_text())["surfaces"]
+
+        # A signal ends the node in some seconds, whether what was sent has come by then or not.
+        ros.spin_until(has_saved_surfaces, what="surfaces")
+        for path in tmp_path.iterdir():
+            shutil.rmtree(path)
         status, output = stop(process, number)
     assert status == 0, output
     assert "Traceback" not in output
@@ -163,8 +174,8 @@ SAVE_FOREVER = """
     from pathlib import Path
     sys.path.insert(0, sys.argv[1])
     from live_robot import URDF, recording
+    from written_map import write_map
     from tccm_ros.config import Config
-    from tccm_ros.nodes.map_files import write_map
     from tccm_ros.replay.processors import Pipeline
     from tccm_ros.records import RobotDescription
 
@@ -174,12 +185,12 @@ SAVE_FOREVER = """
         pipeline.add(topic, record)
     slam, solution = pipeline.slam, pipeline.solve()
     folder = Path(sys.argv[2])
-    write_map(folder, slam, solution, "map")
+    write_map(folder, slam, solution)
     for line in sys.stdin:  # each line: save until killed
         child = os.fork()
         if child == 0:
             while True:
-                write_map(folder, slam, solution, "map")
+                write_map(folder, slam, solution)
         print(child, flush=True)
         os.waitpid(child, 0)
         print("gone", flush=True)

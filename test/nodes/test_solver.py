@@ -5,10 +5,11 @@ import signal
 
 import pytest
 from live_robot import URDF, recording
+from written_map import write_map
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.nodes.map_files import read_map, write_map
+from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.map_folder import save_archive
 from tccm_ros.nodes.solver import MAX_DEATHS, Solver
 from tccm_ros.nodes.solver_channel import PoseStamp, Solved
@@ -67,7 +68,7 @@ def files(folder) -> dict[str, bytes]:
 
 def test_it_saves_the_bytes_of_the_processor_also_after_it_was_killed(drive, solver, tmp_path):
     events, slam = drive
-    write_map(tmp_path / "offline", slam, slam.solve(), "map")
+    write_map(tmp_path / "offline", slam, slam.solve())
     half = len(events) // 2
     for event in events[:half]:
         solver.feed(event)
@@ -110,7 +111,7 @@ def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
     drive, solver, tmp_path
 ):
     events, slam = drive
-    write_map(tmp_path, slam, slam.solve(), "map")
+    write_map(tmp_path, slam, slam.solve())
     for event in events:
         solver.feed(event)
     before = solved(solver)
@@ -128,7 +129,7 @@ def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
 def test_a_map_that_is_loaded_at_the_start_is_answered_by_its_own_session(drive, tmp_path):
     """The process is asked for two sessions before it has answered the first."""
     slam = drive[1]
-    write_map(tmp_path, slam, slam.solve(), "map")
+    write_map(tmp_path, slam, slam.solve())
     expected = SurfaceSlam.from_saved(Config(), read_map(tmp_path)).walls.first_keyframe
     assert expected[0] > 0
     (tmp_path / "damaged.mcap").write_bytes((tmp_path / "map.mcap").read_bytes()[:-5000])

@@ -69,7 +69,7 @@ def test_changes_are_found_between_maps_in_different_frames(flat, other, results
     # Walls are exact here; a few centimetres of noise on the surfaces hardly count.
     assert np.allclose(between2(pose, found), 0.0, atol=5e-3)
     laid = compare(flat, other, lay_over=True)
-    kinds = {c.either.id: c.kind for c in laid.surfaces if c.kind != "same"}
+    kinds = {(c.after or c.before).id: c.kind for c in laid.surfaces if c.kind != "same"}
     assert kinds == {4: "went", 8: "moved", 9: "went"}
     assert [w.kind for w in laid.walls].count("went") == 1
     assert "laid over the first: " in laid.text()

@@ -32,7 +32,7 @@ def shift(surface, dx, dy, dz=0.0):
 
 
 def kinds(comparison):
-    return {c.either.id: c.kind for c in comparison.surfaces}
+    return {(c.after or c.before).id: c.kind for c in comparison.surfaces}
 
 
 def test_a_map_is_the_same_as_itself(flat):
@@ -99,7 +99,7 @@ def test_walls_are_matched_by_line_and_extent(flat, flat_copy):
 
     edit(flat_copy / "walls.json", change)
     walls = compare(flat, flat_copy).walls
-    assert [(w.kind, w.either.id) for w in walls if w.kind != "same"] == [("went", 5)]
+    assert [(w.kind, w.before.id) for w in walls if w.kind != "same"] == [("went", 5)]
 
 
 def test_paths_are_compared_at_equal_stamps(flat, flat_copy):

@@ -16,7 +16,7 @@ from tccm_ros.records import Wall
 from tccm_ros.results.exports import MAX_PLACEMENTS, PLACED_HEIGHT_M, write_results, write_summary
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
-from tccm_ros.results.grid_files import save_grid
+from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.models import GraphFile, LandmarkEntry
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.trajectory import Trajectory
@@ -254,7 +254,8 @@ def test_the_occupancy_grid_is_free_up_to_the_wall_and_occupied_there(tmp_path):
         return grid.cells[row, column]
 
     assert (cell(2.02, 0.0), cell(1.0, 0.0), cell(2.3, 0.0), cell(0.0, 0.7)) == (100, 0, -1, -1)
-    save_grid(tmp_path, "map", grid)
+    for name, content in grid_files("map", grid).items():
+        (tmp_path / name).write_bytes(content)
     cells, resolution, origin = as_map_server_reads(tmp_path / "map.yaml")
     assert cells.tobytes() == grid.cells.tobytes()
     assert (resolution, origin) == (0.05, pytest.approx([*grid.origin, 0.0]))

@@ -5,7 +5,7 @@ from map_server import as_map_server_reads
 from shapely import Point, Polygon
 
 from tccm_ros.records import Surface
-from tccm_ros.results.grid_files import save_grid
+from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.slam.occupancy import OccupancyGrid
 
@@ -27,7 +27,8 @@ LAMP = surface(2, "other", [(-0.9, -1.4), (-0.5, -1.4), (-0.5, -1.0), (-0.9, -1.
 
 def test_cells_are_kept_out_of_under_a_table_and_nowhere_else(tmp_path):
     mask = keepout_mask(GRID, [FLOOR, TABLE, LAMP], 0.2)
-    save_grid(tmp_path, "keepout", mask)
+    for name, content in grid_files("keepout", mask).items():
+        (tmp_path / name).write_bytes(content)
     cells, resolution, origin = as_map_server_reads(tmp_path / "keepout.yaml")
     assert (resolution, cells.shape) == (GRID.resolution, GRID.cells.shape)
     outline = Polygon(TABLE.boundary[:, :2])

@@ -6,18 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.config import Config
 from tccm_ros.records import SensorKind
-from tccm_ros.sensors.noise import systematic_errors, white_sigma
+from tccm_ros.sensors.noise import systematic_errors
 
 CONFIG = Config()
-
-
-def test_white_noise_of_depths_grows_with_their_square():
-    sigma = white_sigma(np.array([0.4, 1.4, 2.4]), SensorKind.DEPTH_IMAGE, CONFIG)
-    assert sigma == pytest.approx([0.0012, 0.0031, 0.0088])
-
-
-def test_white_noise_of_lasers_is_one_at_every_range():
-    assert white_sigma(np.array([1.0, 9.0]), SensorKind.LASER, CONFIG) == pytest.approx([0.01] * 2)
 
 
 def test_a_scale_moves_points_along_their_beams():

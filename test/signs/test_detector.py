@@ -7,13 +7,14 @@ import pytest
 from PIL import Image, ImageDraw
 from shared_data import shared
 from sign_lists import directory
+from training_pictures import random_picture
 
 from tccm_ros.config.signs import Signs
 from tccm_ros.errors import PictureError
 from tccm_ros.replay.picture_files import read_picture, signs_of_pictures
 from tccm_ros.signs.detector import SignDetector, sign_detector
 from tccm_ros.signs.saliency_detector import SaliencyDetector
-from tccm_sim.sign_pictures import font, random_picture
+from tccm_sim.sign_pictures import font
 
 SEED = 3_000_000
 """Seed of the first rendered picture."""
@@ -74,7 +75,7 @@ def test_the_other_lines_of_a_plate_are_its_text(detector):
     assert (high > (345, 265)).all()
 
 
-@pytest.mark.parametrize("turned", [-25, -8, 8, 25, 90, -90])
+@pytest.mark.parametrize("turned", [-25, -8, 8, 25, 90, -90, 180])
 def test_a_plate_that_is_turned_is_read(detector, turned):
     found = detector.detect(wall(("271B", (270, 210), 48), turned=turned))
     assert numbers(found) == ["271B"]
@@ -88,6 +89,39 @@ def test_a_number_is_read_at_any_size(detector, scale):
     box = (330 - width, 232 - height, 330 + width, 232 + height)
     view = whole.resize((720, 540), Image.Resampling.BICUBIC, box=tuple(map(round, box)))
     assert numbers(detector.detect(np.asarray(view))) == ["12-034B"]
+
+
+@pytest.mark.parametrize("turned", [90, 180])
+def test_all_lines_of_a_turned_plate_are_read_in_order(detector, turned):
+    pixels = wall(("205", (270, 190), 40), ("Archive", (270, 250), 22), turned=turned)
+    (sign,) = detector.detect(pixels)
+    assert (sign.number, sign.text) == ("205", "205 Archive")
+
+
+@pytest.mark.parametrize(("radius", "size"), [(80, 18), (200, 44), (230, 60)])
+def test_the_numbers_of_a_clock_are_no_signs(detector, radius, size):
+    picture = Image.new("RGB", (960, 720), (150, 150, 145))
+    draw = ImageDraw.Draw(picture)
+    draw.ellipse((480 - radius, 300 - radius, 480 + radius, 300 + radius), fill=(240, 240, 238))
+    for hour in range(1, 13):
+        x, y = np.sin(np.pi * hour / 6), -np.cos(np.pi * hour / 6)
+        at = (480 + 0.8 * radius * x, 300 + 0.8 * radius * y)
+        draw.text(at, str(hour), fill=(20, 20, 20), font=font("DejaVuSans", size), anchor="mm")
+    assert numbers(detector.detect(np.asarray(picture))) == []
+    draw.rectangle((20, 560, 180, 680), fill=(235, 235, 230))
+    draw.text((40, 590), "205", fill=(30, 30, 40), font=font("DejaVuSans", 30))
+    assert numbers(detector.detect(np.asarray(picture))) == ["205"]
+
+
+def test_titles_on_the_backs_of_books_are_no_signs(detector):
+    shelf = Image.new("RGB", (720, 960), (90, 70, 50))
+    draw = ImageDraw.Draw(shelf)
+    titles = ["Volume 12", "Physics II", "ROS 2 Guide", "Algorithms 101", "Catch 22", "1984"]
+    for k, title in enumerate(titles):
+        draw.rectangle((150, 200 + 64 * k, 570, 260 + 64 * k), fill=(235 - 30 * k, 230, 90))
+        middle = (360, 230 + 64 * k)
+        draw.text(middle, title, fill=(10, 10, 10), font=font("DejaVuSans-Bold", 40), anchor="mm")
+    assert numbers(detector.detect(np.asarray(shelf.rotate(-90, expand=True)))) == []
 
 
 def test_what_is_refused_has_a_reason(detector):

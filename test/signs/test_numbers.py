@@ -57,6 +57,7 @@ def test_numbers_of_rooms(text, number):
         "$250",
         "385-6452",
         "24/7",
+        "CO2",
         "12/05",
     ],
 )

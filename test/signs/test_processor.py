@@ -163,6 +163,28 @@ def test_a_measurement_points_at_the_number_and_has_pose_patch_and_text():
 
 
 @needs_reader
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_camera_that_is_mounted_turned_measures_the_same(quarters):
+    ahead = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # R_base_camera
+
+    def measured(k):
+        unit = np.round(np.exp(0.5j * np.pi * k))
+        picture = posed(np.ascontiguousarray(np.rot90(wall_with("317"), k)))
+        roll = [[unit.real, -unit.imag, 0.0], [unit.imag, unit.real, 0.0], [0.0, 0.0, 1.0]]
+        picture.T_base_sensor[0, :3, :3] = ahead @ roll
+        picture.image.camera.K[:2, 2] -= 0.5  # the middle of the picture
+        _, sign = SignProcessor(Config()).add(picture)
+        R = picture.T_base_sensor[0, :3, :3]
+        return sign, R @ sign.bearing, sign.plate @ R.T
+
+    (level, bearing, plate), (turned, *rays) = measured(0), measured(quarters)
+    assert (turned.text, turned.number) == (level.text, level.number) == ("317 Archive", "317")
+    assert rays[0] == pytest.approx(bearing, abs=1e-9)
+    assert rays[1] == pytest.approx(plate, abs=1e-9)
+    assert np.array_equal(turned.patch, level.patch)
+
+
+@needs_reader
 def test_the_patch_of_a_plate_is_more_like_itself_than_like_another():
     signs = SignProcessor(Config())
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from PIL import Image
 from sign_lists import directory
+from training_pictures import random_picture
 
 from tccm_ros.signs.classifier import read_classifier
 from tccm_ros.signs.saliency import salient_boxes
 from tccm_ros.signs.saliency_detector import SaliencyDetector
-from tccm_sim.sign_pictures import random_picture
 
 SEED = 3_000_000
 """Seed of the first picture; training uses others."""

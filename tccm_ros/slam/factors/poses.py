@@ -17,6 +17,7 @@ from tccm_ros.slam.factors.noise import (
     OPEN_SIGMA,
     PLANAR_SIGMA,
     gaussian,
+    huber,
     planar_covariance,
     rotate_frame,
 )
@@ -44,6 +45,32 @@ class PriorPose(NoLandmark):
         """Add a prior that also holds roll, pitch and z at zero."""
         cov = rotate_frame(self.cov, self.key.yaw_offset)
         noise = gaussian(planar_covariance(cov, (PLANAR_SIGMA,) * 3))
+        value = self.key.to_value(spatial(self.pose))
+        graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToldPose(NoLandmark):
+    """The pose of a keyframe as another program's localisation tells it; robust (Huber).
+
+    Attributes
+    ----------
+    key
+        Variable of the keyframe.
+    pose
+        float64 (3,), planar pose in map, m and rad.
+    cov
+        float64 (3, 3) of (x, y, yaw) in map.
+    """
+
+    key: Key
+    pose: Float64
+    cov: Float64
+
+    def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
+        """Add a prior on (x, y, yaw); `Planar` holds roll, pitch and z."""
+        cov = rotate_frame(self.cov, float(self.pose[2]) + self.key.yaw_offset)
+        noise = huber(gaussian(planar_covariance(cov, (LOOSE_SIGMA,) * 3)))
         value = self.key.to_value(spatial(self.pose))
         graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
 

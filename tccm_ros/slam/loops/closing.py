@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import PoseGuess
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
-from tccm_ros.slam.graph.pose_graph import IncrementalGraph
+from tccm_ros.slam.graph.incremental import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.consistency import consistent_with
 from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
@@ -107,7 +107,7 @@ class LoopCloser:
         self._chain = chain
         self._search = LoopSearch(config, chain.keyframes)
         self._lengths = PathLengths()
-        self._graph = IncrementalGraph(relinearize_skip=1)
+        self._graph = IncrementalGraph()
         self._localised = {0}
         # Proposals of the last metres, and those of all proposals that are not confirmed yet.
         self._recent: list[Proposal] = []

@@ -3,8 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from tccm_sim.sign_pictures import homography, map_points, random_picture
+from training_pictures import homography, map_points, random_picture
 
 
 def test_the_same_seed_gives_the_same_picture():

@@ -1,0 +1,167 @@
+"""A saved map as agents ask it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from tccm_ros.agents.facts import (
+    BasePoseFacts,
+    ChangeFacts,
+    ObjectFacts,
+    PlacementFacts,
+    PlacementQuestion,
+    SurfaceFacts,
+)
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.errors import MessageError
+from tccm_ros.records import Surface
+from tccm_ros.results.map_file import load_map
+from tccm_ros.surfaces.base_poses import FreeFloor
+from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.scene import surface_pose
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+from tccm_ros.tabletop.placements import PlacementRequest
+
+MAX_BASE_POSES = 3
+"""Of each placement, as the default of FindPlacements."""
+
+MAX_PLACEMENTS = 100
+"""Placements that are tried for a base pose, as in the services of slam_node."""
+
+
+class SavedMapSource:
+    """The content of a saved map; see `MapSource`.
+
+    Parameters
+    ----------
+    solution
+        Of the map.
+    """
+
+    def __init__(self, solution: SurfaceSolution):
+        self._solution = solution
+        self._queries = SurfaceQueries(solution.surfaces, solution.objects, solution.floor_z)
+        grid = solution.grid
+        self._floor = None if grid is None else FreeFloor(grid, solution.surfaces)
+
+    @classmethod
+    def load(cls, path: Path | str, config: Config | None = None) -> SavedMapSource:
+        """Return the source of a map file, or of the map.mcap in a folder.
+
+        Raises
+        ------
+        MapError
+            If the map is missing, damaged or of another version.
+        """
+        path = Path(path)
+        saved = load_map(path / "map.mcap" if path.is_dir() else path)
+        return cls(SurfaceSlam.from_saved(config or Config(), saved).solve())
+
+    def stamp_s(self) -> float:
+        """Return the stamp of the newest view that the map contains, s."""
+        seen = (surface.last_seen_ns for surface in self._solution.surfaces)
+        return _seconds(max(self._solution.stamp_ns, *seen, 0))
+
+    def surfaces(self) -> Sequence[SurfaceFacts]:
+        """Return the surfaces but the floor, by id."""
+        ground = self._solution.floor_z or 0.0
+        known = (s for s in self._solution.surfaces if s.label != "floor")
+        return [_surface(surface, ground) for surface in known]
+
+    def objects(self) -> Sequence[ObjectFacts]:
+        """Return what stands on surfaces."""
+        return [
+            ObjectFacts(
+                item.id,
+                item.class_id,
+                item.surface,
+                _rounded(item.center),
+                _rounded(item.size),
+                _seconds(item.first_seen_ns),
+                _seconds(item.last_seen_ns),
+            )
+            for item in self._solution.objects
+        ]
+
+    def rooms(self) -> Sequence[str]:
+        """Return the names of the rooms that have one."""
+        return sorted(room.name for room in self._solution.rooms if room.name)
+
+    def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
+        """Return placements, the best first, and a sentence.
+
+        Raises
+        ------
+        MessageError
+            Where base poses are asked for, and the map has no free floor.
+        """
+        with_base = question.reach_m > 0.0
+        if with_base and self._floor is None:
+            raise MessageError("where the base can stand is not known: there is no level laser")
+        wanted = SurfaceFilter(ids=frozenset(question.surface_ids))
+        count = MAX_PLACEMENTS if with_base else question.limit
+        request = PlacementRequest(*question.size_m, question.clearance_m, count)
+        found = []
+        for placement in self._queries.find_placements(wanted, request):
+            bases = self._bases(placement.position, question) if with_base else []
+            if bases or not with_base:
+                position, yaw = _rounded(placement.position), round(placement.yaw, 3)
+                clearance = round(placement.clearance, 3)
+                found.append(PlacementFacts(placement.surface, position, yaw, clearance, bases))
+            if len(found) == question.limit:
+                break
+        reached = " in reach of a free place on the floor" if with_base else ""
+        return found, f"{len(found)} placements{reached} on {len(question.surface_ids)} surfaces"
+
+    def _bases(self, position: Float64, question: PlacementQuestion) -> list[BasePoseFacts]:
+        assert self._floor is not None
+        poses = self._floor.base_poses(
+            position, question.reach_m, question.robot_radius_m, MAX_BASE_POSES
+        )
+        return [BasePoseFacts(round(p.x, 3), round(p.y, 3), round(p.yaw, 3)) for p in poses]
+
+    def changes(self) -> tuple[list[ChangeFacts], str]:
+        """Return what came and what was carried elsewhere, the newest first."""
+        found = []
+        for surface in self._solution.surfaces:
+            if surface.label == "floor":
+                continue
+            ids, label = [surface.id], surface.label
+            first_s = _seconds(surface.first_seen_ns)
+            found.append(ChangeFacts("appeared", first_s, ids, -1, label))
+            if surface.stood is not None:
+                placed_s = _seconds(surface.placed_ns)
+                found.append(ChangeFacts("moved", placed_s, ids, -1, label))
+        found += [
+            ChangeFacts("object_appeared", o.first_seen_s, [o.surface_id], o.id, o.label)
+            for o in self.objects()
+        ]
+        found.sort(key=lambda change: -change.stamp_s)
+        return found, "a saved map does not tell what has gone; compare two maps: tccm compare"
+
+
+def _surface(surface: Surface, ground: float) -> SurfaceFacts:
+    T, (length, width) = surface_pose(surface)
+    return SurfaceFacts(
+        surface.id,
+        surface.label,
+        surface.room,
+        list(surface.near),
+        round(surface.height - ground, 3),
+        round(float(length), 3),
+        round(float(width), 3),
+        round(surface.area, 3),
+        _rounded(T[:3, 3]),
+        _seconds(surface.first_seen_ns),
+        _seconds(surface.last_seen_ns),
+    )
+
+
+def _rounded(values: Float64) -> list[float]:
+    return [round(float(value), 3) for value in values]
+
+
+def _seconds(stamp_ns: int) -> float:
+    return round(stamp_ns * 1e-9, 3)

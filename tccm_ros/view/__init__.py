@@ -1,0 +1,1 @@
+"""Views of a map: a Rerun recording, and a live page. Each needs the extra `view`."""

@@ -1,0 +1,12 @@
+"""The files of a saved map as a folder, without a node."""
+
+from tccm_ros.atomic import output_folder
+from tccm_ros.nodes.map_files import map_files
+
+
+def write_map(folder, processor, solution):
+    """Write a solution of a `SurfaceSlam` as the nodes do, at once or not at all."""
+    with output_folder(folder) as made:
+        files = map_files(processor, solution, "map", processor.saved(solution))
+        for name, content in files.items():
+            (made / name).write_bytes(content)

@@ -1,0 +1,15 @@
+"""What is missing for an extra is named, with the command that installs it."""
+
+import pytest
+
+from tccm_ros.errors import MissingExtraError
+from tccm_ros.extras import check_extra
+
+
+def test_what_is_there_passes():
+    check_extra("view", "json", "numpy")
+
+
+def test_what_is_missing_is_named_with_the_extra():
+    with pytest.raises(MissingExtraError, match=r"^no_such_module not installed.*tccm_ros\[view\]"):
+        check_extra("view", "json", "no_such_module")

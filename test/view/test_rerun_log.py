@@ -1,0 +1,146 @@
+"""An .rrd of a replay, read back by rerun's own dataframes."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tccm_ros.cli import app
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError, OutputError
+from tccm_ros.results.trajectory import read_tum
+
+rr_chunk = pytest.importorskip("rerun.chunk", reason="rerun-sdk (the extra 'view') is missing")
+pytest.importorskip("datafusion", reason="rerun's dataframes need rerun-sdk[catalog]")
+
+from tccm_ros.view import rerun_viewer  # noqa: E402
+from tccm_ros.view.rerun_log import rerun_file  # noqa: E402
+
+BAG = "bags/walkthrough"
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory):
+    """The result folder of a replay and its .rrd."""
+    folder = tmp_path_factory.mktemp("rerun")
+    out, file = folder / "out", folder / "map.rrd"
+    command = ["replay", BAG, "--out", str(out), "--no-pictures", "-q", "--rerun", str(file)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    return out, file
+
+
+@pytest.fixture(scope="module")
+def store(replayed):
+    return rr_chunk.RrdReader(replayed[1]).stream().collect()
+
+
+def rows(store, entity, component, index="stamp"):
+    """Return the stamps, s, and values of a component of an entity."""
+    table = store.reader(index=index, contents=entity).to_arrow_table()
+    [name] = [n for n in table.column_names if n.endswith(component)]
+    values = [row for row in table.column(name).to_pylist()]
+    if index is None:
+        return values
+    stamps = table.column(index).cast("int64").to_numpy() * 1e-9
+    kept = [k for k, value in enumerate(values) if value is not None]
+    return stamps[kept], [values[k] for k in kept]
+
+
+def transforms(store, entity):
+    stamps, moved = rows(store, entity, "Transform3D:translation")
+    _, turned = rows(store, entity, "Transform3D:mat3x3")
+    T = np.tile(np.eye(4), (len(stamps), 1, 1))
+    T[:, :3, 3] = np.array(moved).reshape(-1, 3)
+    # Rerun stores a matrix column by column.
+    T[:, :3, :3] = np.array(turned).reshape(-1, 3, 3).transpose(0, 2, 1)
+    return stamps, T
+
+
+def test_poses_are_those_of_the_trajectory_at_their_stamps(replayed, store):
+    stamps, T_map_odom = transforms(store, "/map/odom")
+    same, T_odom_base = transforms(store, "/map/odom/base")
+    assert (stamps == same).all()
+    T_map_base = T_map_odom @ T_odom_base
+    truth = read_tum(replayed[0] / "trajectory.tum")
+    at = np.searchsorted(stamps, truth.stamps - 1e-6)
+    assert len(truth.stamps) > 50
+    np.testing.assert_allclose(stamps[at], truth.stamps, atol=1e-6)
+    # Rerun keeps float32: 1e-6 of some metres.
+    np.testing.assert_allclose(T_map_base[at, :2, 3], truth.positions[:, :2], atol=1e-5)
+    np.testing.assert_allclose(T_map_base[at, :3, :3], truth.T_map_base[:, :3, :3], atol=1e-5)
+
+
+def test_surfaces_come_with_name_and_outline_when_they_were_first_seen(replayed, store):
+    content = json.loads((replayed[0] / "surfaces.json").read_text())
+    assert len(content["surfaces"]) > 2
+    for surface in content["surfaces"]:
+        entity = f"/map/surfaces/{surface['id']}"
+        stamps, strips = rows(store, f"{entity}/outline", "LineStrips3D:strips")
+        np.testing.assert_allclose(stamps, [surface["first_seen"]], atol=1e-6)
+        [ring] = strips[0]
+        np.testing.assert_allclose(ring[:-1], surface["boundary"], atol=1e-5)
+        if surface["label"] != "floor":
+            _, [[name]] = rows(store, f"{entity}/name", "Points3D:labels")
+            over_floor = surface["height"] - (content["floor_z"] or 0.0)
+            assert name == f"{surface['label']} {surface['id']}, {over_floor:.2f} m"
+
+
+def test_walls_objects_and_views_are_those_of_the_result(replayed, store):
+    walls = json.loads((replayed[0] / "walls.json").read_text())["walls"]
+    [strips] = rows(store, "/map/walls", "LineStrips3D:strips", index=None)
+    corners = [np.array(strip)[:2, :2] for strip in strips]
+    np.testing.assert_allclose(corners, [wall["endpoints"] for wall in walls], atol=1e-5)
+    for item in json.loads((replayed[0] / "objects.json").read_text())["objects"]:
+        _, [[center]] = rows(store, f"/map/objects/{item['id']}", "Boxes3D:centers")
+        np.testing.assert_allclose(center, item["center"], atol=1e-5)
+    cycles = json.loads((replayed[0] / "planes.json").read_text())["cycles"]
+    stamps, _ = rows(store, "/map/odom/part_map", "Boxes3D:centers")
+    np.testing.assert_allclose(stamps, [cycle["stamp"] for cycle in cycles], atol=1e-6)
+
+
+def test_scans_lie_on_the_walls_at_their_stamps(replayed, store):
+    """Half of the hits of a level scan are within 5 cm of a wall: the room is furnished."""
+    walls = json.loads((replayed[0] / "walls.json").read_text())["walls"]
+    lines = np.array([[np.cos(w["phi"]), np.sin(w["phi"]), -w["rho"]] for w in walls])
+    stamps, points = rows(store, "/map/odom/scan", "Points3D:positions")
+    at, T_map_odom = transforms(store, "/map/odom")
+    for k in (0, len(stamps) // 2, len(stamps) - 1):
+        [pose] = T_map_odom[at == stamps[k]]
+        xy = np.array(points[k])[:, :2] @ pose[:2, :2].T + pose[:2, 3]
+        distances = np.abs(np.column_stack([xy, np.ones(len(xy))]) @ lines.T).min(axis=1)
+        assert np.median(distances) < 0.05
+
+
+def test_the_file_has_a_blueprint(replayed):
+    assert len(rr_chunk.RrdReader(replayed[1]).blueprints()) == 1
+
+
+def test_a_saved_map_is_written_without_its_recording(replayed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = rerun_viewer.rerun_of(replayed[0], Config())
+    assert file.name == "out.rrd"
+    made = rr_chunk.RrdReader(file).stream().collect()
+    surfaces = json.loads((replayed[0] / "surfaces.json").read_text())["surfaces"]
+    for surface in surfaces:
+        stamps, _ = rows(made, f"/map/surfaces/{surface['id']}/outline", "LineStrips3D:strips")
+        np.testing.assert_allclose(stamps, [surface["first_seen"]], atol=1e-6)
+
+
+def test_nothing_half_written_stays(tmp_path):
+    with pytest.raises(RuntimeError), rerun_file(tmp_path / "a.rrd", Config()):
+        raise RuntimeError
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_display_the_file_is_named(tmp_path, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(OutputError, match=r"a\.rrd: there is no display"):
+        rerun_viewer.open_rerun(tmp_path / "a.rrd")
+
+
+def test_a_target_that_is_missing_is_named(tmp_path):
+    with pytest.raises(MapError, match="no such result folder"):
+        rerun_viewer.rerun_of(tmp_path / "none", Config())

@@ -25,10 +25,11 @@ from tccm_ros.bags.topics import (
 from tccm_ros.calibrate.beam_timing import read_beam_timing
 from tccm_ros.calibrate.level_geometry import level_scans_help
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError, MessageError, TccmError
+from tccm_ros.errors import FrameError, MessageError, TccmError, UrdfError
 from tccm_ros.records import DepthImage, PointCloud
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import MountKind, Robot
+from tccm_ros.robot.urdf import read_urdf
 from tccm_ros.sensors.camera_rays import has_known_lens
 from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
 from tccm_ros.sensors.depth_messages import camera_info_from_message
@@ -143,6 +144,7 @@ def _notes(reader: BagReader) -> list[str]:
     if has_points and not counts["scan"] and not is_bare and "scan" not in choice.doubts:
         kinds = {s.record: s for s in choice.streams if counts[s.role]}
         notes += _level_notes(reader.path, "points" if PointCloud in kinds else "depth")
+    notes += _faults_of_description(reader, choice.topics["robot_description"])
     notes += _faults_of_cameras(reader)
     images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
     notes += unreadable_topics(reader, images)
@@ -179,6 +181,18 @@ def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
         base = f"on base '{mount.base}'" if mount.base else "on no known base"
         notes.append(f"{stream.role}: {topic} in frame '{frame}' {base}")
     return notes
+
+
+def _faults_of_description(reader: BagReader, topic: str) -> list[str]:
+    """Return what is wrong with the robot description, or why it cannot be read."""
+    message = first_message(reader, topic, "std_msgs/msg/String")
+    if message is None:
+        return []
+    try:
+        faults = read_urdf(message.data).faults
+    except UrdfError as error:
+        return [f"{topic}: {error}"]
+    return [f"{topic}: {fault}" for fault in faults]
 
 
 def _faults_of_cameras(reader: BagReader) -> list[str]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.geometry import spatial
+from tccm_ros.slam.base_attitude import Attitude
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, keyframe_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose, ToldPose
@@ -39,7 +41,9 @@ class AnchoredPose:
     sigma_z_roll_pitch
         Standard deviations of z (m), roll and pitch (rad), which are zero for the keyframe.
     roll_pitch
-        By an IMU, rad.
+        By an IMU or odometry, rad.
+    z
+        By odometry, m.
     """
 
     keyframe: int
@@ -47,6 +51,12 @@ class AnchoredPose:
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
     roll_pitch: tuple[float, float] = (0.0, 0.0)
+    z: float = 0.0
+
+    @property
+    def attitude(self) -> Attitude:
+        """Height, roll and pitch of the base."""
+        return self.z, *self.roll_pitch
 
 
 def yaw_offset_for(phi: Float64) -> float:
@@ -147,12 +157,13 @@ class Chain:
 
         Returns
         -------
-        float64 (3,), planar pose in map, and the factor between keyframe and pose
+        float64 (4, 4), the pose in map, and the factor between keyframe and pose
         """
-        start = compose(np.asarray(poses[anchored.keyframe]), anchored.pose)
+        start = spatial(compose(np.asarray(poses[anchored.keyframe]), anchored.pose))
+        start[2, 3] = anchored.z
         on, sigmas = self.keys[anchored.keyframe], anchored.sigma_z_roll_pitch
         cov, roll_pitch = anchored.cov, anchored.roll_pitch
-        return start, KeyframeView(on, key, anchored.pose, cov, sigmas, roll_pitch)
+        return start, KeyframeView(on, key, anchored.pose, cov, sigmas, roll_pitch, anchored.z)
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

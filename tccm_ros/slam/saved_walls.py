@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.records import LandmarkObservation
-from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.signs.saved import pack_signs, unpack_signs
+from tccm_ros.slam.signs.saved import (
+    pack_attitudes,
+    pack_signs,
+    unpack_anchored,
+    unpack_signs,
+)
 from tccm_ros.slam.signs.views import SignView
 from tccm_ros.slam.walls.lines import Lines
 
@@ -91,6 +95,7 @@ def _pack_landmarks(observations: Sequence[AnchoredObservation]) -> dict[str, ND
         "landmark_keyframe": np.array([h.keyframe for h in anchored], np.int64),
         "landmark_pose": _rows([h.pose for h in anchored], 3),
         "landmark_pose_cov": _rows([h.cov for h in anchored], 3, 3),
+        **pack_attitudes("landmark", anchored),
         "landmark_size": np.array([len(o.measurement) for o in seen], np.int64),
         "landmark_measurement": _joined([o.measurement for o in seen]),
         "landmark_cov": _joined([o.covariance.ravel() for o in seen]),
@@ -170,7 +175,7 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Anc
         s["landmark_id"].tolist(),
         _split(s["landmark_measurement"], sizes, len(on)),
         _split(s["landmark_cov"], sizes**2, len(on)),
-        [AnchoredPose(*h) for h in zip(on, s["landmark_pose"], s["landmark_pose_cov"])],
+        unpack_anchored("landmark", s),
         strict=True,
     )
     return [

@@ -30,6 +30,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.slam.base_attitude import LEVEL, Attitude, attitude_of
 from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.live_estimate import (
     LiveEstimate,
@@ -128,7 +129,8 @@ class Tracker:
         self._newest_keyframe = -1
         self._estimate = LiveEstimate(self._config)
         self._solved: SolvedMap | None = None
-        self._stamp_ns, self._odom = -1, np.zeros(3)
+        self._stamp_ns, self._odom, self._attitude = -1, np.zeros(3), LEVEL
+        self._odometry_attitude: Attitude = LEVEL
         self._before: tuple[Float64, Float64] | None = None
         self._map_odom: Float64 | None = None
         self._is_localised = self._starts_localised
@@ -193,7 +195,8 @@ class Tracker:
         if self._stamp_ns < 0:
             return LivePose(-1, np.zeros(3), np.zeros(3))
         pose = self._pose()
-        return LivePose(self._stamp_ns, pose, compose(pose, inverse(self._odom)))
+        map_odom = compose(pose, inverse(self._odom))
+        return LivePose(self._stamp_ns, pose, map_odom, attitude=self._attitude)
 
     def current_covariance(self) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in map of the live estimate."""
@@ -228,7 +231,9 @@ class Tracker:
             self._newest_keyframe = keyframe
             self._add_keyframe(level)
         self._front.forget()
-        self._stamp_ns, self._odom = level.stamp_ns, level.odom
+        self._stamp_ns, self._odom, self._attitude = level.stamp_ns, level.odom, level.attitude
+        if self._first_odometry is not None:  # a scan's has roll and pitch of the IMU, too
+            self._attitude = level.attitude[0], *self._odometry_attitude[1:]
 
     def _add_keyframe(self, level: LevelScan) -> None:
         self.counts["keyframes"] += 1
@@ -246,10 +251,12 @@ class Tracker:
     def _add_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame
         odom = planar(record.T_odom_base)
+        self._odometry_attitude = attitude_of(record.T_odom_base)
         if self._first_odometry is None or record.stamp_ns < self._first_odometry[0]:
             self._first_odometry = record.stamp_ns, odom
         if not self._front.tracked and record.stamp_ns >= self._stamp_ns:
             self._stamp_ns, self._odom = record.stamp_ns, odom
+            self._attitude = self._odometry_attitude
 
     def _start(self, odom: Float64) -> Float64:
         """Return the pose (3,) by odometry alone: the first base pose is the origin."""

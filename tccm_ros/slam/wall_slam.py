@@ -25,6 +25,7 @@ from tccm_ros.records import (
     ScanPose,
 )
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
+from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of
 from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.factors.factor import Factor
@@ -75,6 +76,7 @@ class WallSlam:
         self._front = FrontEnd(config)
         self._first_session = 0
         self._odometry = OdometryTrack()
+        self._attitudes = AttitudeTrack()
         self._map_odom = MapOdomTrack()
         self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
@@ -110,23 +112,27 @@ class WallSlam:
         self._expect(level)
         tracked = self._front.add(level, self._start(level.odom))
         self._newest = level
+        if not len(self._odometry):  # tf tells where the base is, or nothing
+            self._attitudes.add(level.stamp_ns, level.attitude)
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:
             self._closer.search(level, tracked)
         pose = compose(self._closer.poses[tracked.keyframe], tracked.pose)
         localised = self._front.session in self._closer.localised
         map_odom = compose(pose, inverse(level.odom))
-        self._live = LivePose(level.stamp_ns, pose, map_odom, localised)
+        self._live = LivePose(level.stamp_ns, pose, map_odom, localised, self._attitudes.newest)
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
     def add_odometry(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add an odometry sample, in any order: poses between scans, and all without scans."""
         self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
+        self._attitudes.add(stamp_ns, attitude_of(T_odom_base))
         if not self._front.tracked and stamp_ns >= self._live.stamp_ns:
             odom = planar(T_odom_base)
             pose = self._start(odom)
             localised = self._front.session in self._closer.localised
-            self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
+            map_odom = compose(pose, inverse(odom))
+            self._live = LivePose(stamp_ns, pose, map_odom, localised, attitude_of(T_odom_base))
 
     def add_map_odom(self, told: MapOdom) -> None:
         """Add where another program's localisation puts the odometry frame."""
@@ -367,11 +373,13 @@ class WallSlam:
         poses, keyframes = solution.planar_poses(self._chain.keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
         landmarks = landmark_records(observations, solution, used.scale)
+        stamps_ns = np.array([p.stamp_ns for p in tracked], np.int64)
+        attitudes = self._attitudes.at(stamps_ns)
         return Solution(
             [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
             wall_records(used.walls, used.corners, solution, used.scale),
             used.records,
-            np.array([p.stamp_ns for p in tracked], np.int64),
+            stamps_ns,
             scan_poses(tracked, keyframes, poses),
             np.array([solution.pose(key) for key in views]).reshape(-1, 4, 4),
             np.array([solution.covariance(key) for key in views]).reshape(-1, 6, 6),
@@ -381,6 +389,7 @@ class WallSlam:
             landmarks,
             sign_records(used.signs, landmarks, solution),
             refused_signs=tuple(used.refused_signs),
+            attitudes=attitudes if attitudes.any() else attitudes[:0],
         )
 
     def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
@@ -449,7 +458,7 @@ class WallSlam:
         odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
         odometry_slam._odometry, odometry_slam._map_odom = self._odometry, self._map_odom
-        odometry_slam._roll_pitch = self._roll_pitch
+        odometry_slam._roll_pitch, odometry_slam._attitudes = self._roll_pitch, self._attitudes
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
@@ -473,14 +482,18 @@ class WallSlam:
             self._odometry,
             self.config.odometry,
         )
-        return [AnchoredPose(int(k), pose, cov) for k, pose, cov in zip(*relative)]
+        attitudes = self._attitudes.at(stamps_ns).tolist()
+        return [
+            AnchoredPose(int(k), pose, cov, roll_pitch=(roll, pitch), z=z)
+            for k, pose, cov, (z, roll, pitch) in zip(*relative, attitudes)
+        ]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
-        """Return where views are, with the roll and pitch of the base."""
-        roll_pitch = self._roll_pitch.at(stamps_ns).tolist()
+        """Return where views are, also with the roll and pitch of the base by its IMU."""
+        by_imu = self._roll_pitch.at(stamps_ns).tolist()
         return [
-            replace(anchored, roll_pitch=(roll, pitch))
-            for anchored, (roll, pitch) in zip(self._anchor(stamps_ns), roll_pitch)
+            replace(on, roll_pitch=(on.roll_pitch[0] + roll, on.roll_pitch[1] + pitch))
+            for on, (roll, pitch) in zip(self._anchor(stamps_ns), by_imu)
         ]
 
     def _anchor_observations(

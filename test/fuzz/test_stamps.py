@@ -109,9 +109,10 @@ def test_any_transforms_are_used_or_counted(rows, is_static):
     role = "tf_static" if is_static else "tf"
     for sample in samples:
         robot.add(role, sample)
+    robot.flush()
     sound = [s for s in samples if np.isfinite(s.T_parent_child).all()]
     assert sum(robot.refused.values()) >= len(samples) - len(sound)
-    assert not sound or robot.frames.tf
+    assert robot.frames.tf or all(s.parent == s.child or not s.child for s in sound)
 
 
 def test_a_transform_without_a_rotation_does_not_cost_the_others_of_its_message():

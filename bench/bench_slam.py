@@ -27,7 +27,8 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
+from tccm_ros.slam.graph.incremental import IncrementalGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.lines import extract_lines, label_by_splitting
 from tccm_sim.carmen import import_carmen

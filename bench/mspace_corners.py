@@ -237,10 +237,22 @@ def none_factors(walls: Sequence[Factor], used: Inliers, keys: Sequence[Key]) ->
 
 def our_factors(walls: Sequence[Factor], used: Inliers, keys: Sequence[Key]) -> list[Factor]:
     """Return the factors of all walls, and points that two of them pass through."""
-    return [*walls, *corner_factors(used.corners, used.walls, keys)]
+    return [*walls, *corner_factors(used.corners, used.walls, keys, Config())]
 
 
-ROWS = {"no corners": none_factors, "ours": our_factors, "M-space": mspace_factors}
+def endpoint_factors(walls: Sequence[Factor], used: Inliers, keys: Sequence[Key]) -> list[Factor]:
+    """Return the factors of all walls, and corners that are their endpoints."""
+    config = Config()
+    config.walls.corners = "endpoint"
+    return [*walls, *corner_factors(used.corners, used.walls, keys, config)]
+
+
+ROWS = {
+    "none": none_factors,
+    "`point`": our_factors,
+    "`endpoint`": endpoint_factors,
+    "M-space by the chain rule": mspace_factors,
+}
 
 
 def check_derivatives(step: float = 1e-6) -> float:
@@ -311,6 +323,7 @@ def simulated(world: str, bag: Path, _folder: Path) -> None:
     truth, config = read_tum(bag / "truth.tum"), Config()
     with BagReader(bag) as reader:
         choice = choose_topics(reader, config, [])
+        reader.add_readers(choice.readers)
         level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
         others = {s.role for s in choice.streams} - {s.role for s in level}
         topics = {role: name for role, name in choice.topics.items() if role not in others}

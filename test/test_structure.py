@@ -59,6 +59,7 @@ SUB_ROOMS = {
         "odometry_model",
         "occupancy",
         "base_roll_pitch",
+        "base_attitude",
         "solution",
         "factors",
         "graph",

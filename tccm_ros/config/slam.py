@@ -79,9 +79,10 @@ class Walls(Group):
     discount: float = param(
         2.0, "factor on the covariance of a line whose beams matching used too", ge=1.0, le=100
     )
-    corners: Literal["auto", "none", "point"] = param(
+    corners: Literal["auto", "none", "point", "endpoint"] = param(
         "auto",
-        "shared ends of walls as landmarks; auto: where matching has not used their beams",
+        "shared ends of walls as landmarks: points near which both walls pass, or the endpoints of "
+        "both, as published; auto: points where matching has not used their beams",
     )
     structure_prior: bool = param(
         False, "soft prior on parallel and right-angled walls where the data support it"

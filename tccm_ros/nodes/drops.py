@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 
+from tccm_ros.robot.stamp_guard import ANOTHER_CLOCK
+from tccm_ros.robot.stamp_order import LATE, TWICE, ZERO
+from tccm_ros.sensors.laser_scan import NO_LIMITS, NOTHING_SEEN, OUT_OF_LIMITS
+
 ADVICE = {
     "no joint samples": "joint samples have to bracket each scan: look at 'joint_states', its rate "
     "(50 Hz or more) and its clock",
@@ -11,12 +15,20 @@ ADVICE = {
     "no transform": "transforms have to bracket each scan: look at /tf, its rate and its clock",
     "no way from base to sensor": "publish robot_description and joint_states, or set rig.*",
     "future stamp": "a stamp lies ahead of all others: look at the clock of the laser's driver",
-    "out of order": "records come later than reorder_window behind their successors: raise it, or "
+    LATE: "records come later than reorder_window behind their successors: raise it, or "
     "look for two publishers of the scan topic",
-    "another clock": "stamps went back while those of the other inputs went on: set the clock of "
+    ANOTHER_CLOCK: "stamps went back while those of the other inputs went on: set the clock of "
     "the driver, or qos.stamp to receive",
     "before the start": "more came while kernels were compiled than is kept",
-    "duplicate stamp": "stamps repeat: look for two publishers of the scan topic",
+    TWICE: "stamps repeat: look for two publishers of the scan topic",
+    ZERO: "no time is in the header: have the driver write it, or set qos.stamp to receive",
+    "too many streams": "more publishers than any robot has: look for names that change with each "
+    "message, in joint_states or tf",
+    NOTHING_SEEN: "every range says that nothing is there: look at the sensor, its cover and its "
+    "range_max",
+    NO_LIMITS: "look at range_min and range_max of the laser's driver: both are in m",
+    OUT_OF_LIMITS: "look at range_min and range_max of the laser's driver: they and the ranges are "
+    "in m",
     "malformed": "angles and times have to be finite numbers: look at the laser's driver",
     "empty": "scans have no beams: look at the laser's driver",
     "no camera info": "each depth image needs a calibration beside it: look at 'camera_info', or "

@@ -110,10 +110,8 @@ class LivePosePublisher:
         if self._live is None:
             return
         if self._pose.get_subscription_count():
-            T = spatial(live.pose)
-            self._pose.publish(
-                pose_covariance_message(self._types, live.stamp_ns, self.map_frame, T, cov)
-            )
+            where = live.stamp_ns, self.map_frame, live.T_map_base
+            self._pose.publish(pose_covariance_message(self._types, *where, cov))
         if self._is_ours and self._transform.get_subscription_count():
             self._transform.publish(self.transform())
 

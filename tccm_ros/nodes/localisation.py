@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
-from tccm_ros.geometry import planar, pose_from_quaternion, spatial
+from tccm_ros.geometry import planar, pose_from_quaternion
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import PoseGuess
@@ -161,7 +161,7 @@ class LocalisationPublisher:
             return
         self._shown_ns = live.stamp_ns
         if self._publisher is not None:
-            self._newest = self._message(tracker, live.stamp_ns, live.pose)
+            self._newest = self._message(tracker, live.stamp_ns, live.T_map_base)
             self._publisher.publish(self._newest)
 
     def _note(self, state: LocalisationState, stamp_ns: int, tracker: Tracker) -> None:
@@ -186,12 +186,10 @@ class LocalisationPublisher:
         """Why the state is not tracking; empty while it is."""
         return REASONS.get(self._state, self._searching)
 
-    def _message(self, tracker: Tracker, stamp_ns: int, pose: Float64) -> Any:
+    def _message(self, tracker: Tracker, stamp_ns: int, T_map_base: Float64) -> Any:
         is_known = self._state == LocalisationState.TRACKING
         cov = tracker.current_covariance() if is_known else np.full((6, 6), np.nan)
-        stamped = pose_covariance_message(
-            self._types, stamp_ns, self._map_frame, spatial(pose), cov
-        )
+        stamped = pose_covariance_message(self._types, stamp_ns, self._map_frame, T_map_base, cov)
         return self._types.make(
             LOCALISATION,
             header=header_message(self._types, stamp_ns, self._map_frame),

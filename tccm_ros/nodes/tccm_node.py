@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from tccm_ros.atomic import output_folder
 from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.errors import MapError
+from tccm_ros.geometry import inverse
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.drops import PAUSED
@@ -59,7 +60,11 @@ class TccmNode(SensorNode):
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
-        self._message_builder = CycleMessageBuilder(self.bulk_types, self.config)
+        self._message_builder = CycleMessageBuilder(
+            self.bulk_types,
+            self.config,
+            lambda: inverse(self.robot.robot.motion.odometry.T_near_odom),
+        )
         profiles = {
             topic: surface_message() if topic in SURFACE_MESSAGE_TOPICS else latched()
             for topic in CYCLE_TOPICS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from tccm_ros.bags.depth_topics import (
     INFO,
@@ -23,11 +23,13 @@ from tccm_ros.bags.topics import (
     with_level_scans,
 )
 from tccm_ros.calibrate.beam_timing import read_beam_timing
+from tccm_ros.calibrate.level_geometry import level_scans_help
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError, MessageError, TccmError
+from tccm_ros.errors import FrameError, MessageError, TccmError, UrdfError
 from tccm_ros.records import DepthImage, PointCloud
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import MountKind, Robot
+from tccm_ros.robot.urdf import read_urdf
 from tccm_ros.sensors.camera_rays import has_known_lens
 from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
 from tccm_ros.sensors.depth_messages import camera_info_from_message
@@ -105,6 +107,15 @@ def _beam_notes(path: Path | str) -> list[str]:
     return [timing.text()] if timing is not None and timing.is_significant else []
 
 
+def _level_notes(path: Path | str, source: Literal["points", "depth"]) -> list[str]:
+    """Return how level scans are made, where they say how the robot moves."""
+    try:
+        helps = level_scans_help(path, source)
+    except TccmError:  # told already, or by the replay
+        helps = False
+    return [f"--set sensors.level_from={source} makes level scans for walls"] if helps else []
+
+
 def _notes(reader: BagReader) -> list[str]:
     """Return a line for each missing input and each topic taken, and the remappings to try."""
     config = Config()
@@ -132,8 +143,8 @@ def _notes(reader: BagReader) -> list[str]:
             notes.append(f"no {DEFAULT_TOPICS[role]}: {consequence}")
     if has_points and not counts["scan"] and not is_bare and "scan" not in choice.doubts:
         kinds = {s.record: s for s in choice.streams if counts[s.role]}
-        source = "points" if PointCloud in kinds else "depth"
-        notes.append(f"--set sensors.level_from={source} makes level scans for walls")
+        notes += _level_notes(reader.path, "points" if PointCloud in kinds else "depth")
+    notes += _faults_of_description(reader, choice.topics["robot_description"])
     notes += _faults_of_cameras(reader)
     images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
     notes += unreadable_topics(reader, images)
@@ -170,6 +181,18 @@ def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
         base = f"on base '{mount.base}'" if mount.base else "on no known base"
         notes.append(f"{stream.role}: {topic} in frame '{frame}' {base}")
     return notes
+
+
+def _faults_of_description(reader: BagReader, topic: str) -> list[str]:
+    """Return what is wrong with the robot description, or why it cannot be read."""
+    message = first_message(reader, topic, "std_msgs/msg/String")
+    if message is None:
+        return []
+    try:
+        faults = read_urdf(message.data).faults
+    except UrdfError as error:
+        return [f"{topic}: {error}"]
+    return [f"{topic}: {fault}" for fault in faults]
 
 
 def _faults_of_cameras(reader: BagReader) -> list[str]:

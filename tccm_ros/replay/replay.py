@@ -19,7 +19,7 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.geometry import inverse, spatial
+from tccm_ros.geometry import inverse
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Event
 from tccm_ros.replay.outcome import Outcome
@@ -96,6 +96,11 @@ class Summary:
         ]
         if session.kind == SessionKind.NEW:
             lines.append("a new session of the saved map")
+        if counts.unjoined_trajectories:
+            lines.append(
+                f"trajectories beside the map, as no place of it fits: "
+                f"{counts.unjoined_trajectories}; a drive that meets both joins them"
+            )
         if counts.dropped:
             reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
             lines.append(f"dropped: {reasons}")
@@ -256,7 +261,7 @@ def _T_map_odom(outcome: Outcome) -> Float64:
     """Return the pose of the odometry frame in map at each tilt cycle, (C, 4, 4)."""
     stamps = np.array([cycle.stamp_ns for cycle in outcome.cycles], np.int64)
     T_odom_base = np.array([cycle.T_odom_base for cycle in outcome.cycles]).reshape(-1, 4, 4)
-    return spatial(outcome.solution.slam.pose_at(stamps)) @ inverse(T_odom_base)
+    return outcome.solution.slam.T_map_base_at(stamps) @ inverse(T_odom_base)
 
 
 def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
@@ -294,6 +299,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
             small_surfaces=surfaces.small,
             objects=objects,
             failed_stages=dict(sorted(solution.stages.failed.items())),
+            unjoined_trajectories=slam.walls.unjoined_trajectories,
         ),
         config=outcome.config.model_dump(mode="json"),
     )

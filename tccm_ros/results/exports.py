@@ -9,7 +9,6 @@ from typing import Any
 from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
-from tccm_ros.geometry import spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.results.geojson import feature_collection
@@ -110,7 +109,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
     }
-    trajectory = Trajectory(solution.trajectory_ns, spatial(solution.trajectory))
+    trajectory = Trajectory(solution.trajectory_ns, solution.T_map_base)
     files = {
         "surfaces.ply": surface_ply(solution.mapped.points, solution.mapped.surface_id),
         "trajectory.tum": trajectory.tum().encode(),

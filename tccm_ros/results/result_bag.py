@@ -28,7 +28,7 @@ from tccm_ros.bags.writer import BagWriter, Qos
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.errors import OutputError, one_line
-from tccm_ros.geometry import inverse, spatial
+from tccm_ros.geometry import inverse
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
 from tccm_ros.ros.collision_messages import (
@@ -225,7 +225,7 @@ class ResultBag:
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
     ) -> Iterator[_TimedWrite]:
         for cycle in cycles:
-            T_map_base = spatial(solution.slam.pose_at(cycle.stamp_ns))[0]
+            T_map_base = solution.slam.T_map_base_at(cycle.stamp_ns)[0]
             is_last = cycle is cycles[-1]
             if cycle.scans:  # a tilt cycle without scans has no pose of the base
                 due = partial(self._write_frames, cycle, T_map_base, solution)
@@ -268,11 +268,11 @@ class ResultBag:
     ) -> Iterator[_TimedWrite]:
         stamps = solution.trajectory_ns
         keyframes = np.array([k.stamp_ns for k in solution.slam.keyframes], np.int64)
+        T_map_base = solution.T_map_base
         nearest = np.maximum(np.searchsorted(keyframes, stamps, side="right") - 1, 0)
         covs = solution.slam.cov_keyframes if len(keyframes) else np.zeros((1, 3, 3))
         for index, stamp_ns in enumerate(stamps.tolist()):
-            pose = solution.trajectory[index]
-            due = partial(self._write_pose, stamp_ns, pose, covs[nearest[index]])
+            due = partial(self._write_pose, stamp_ns, T_map_base[index], covs[nearest[index]])
             yield _TimedWrite(stamp_ns, 2, due)
         ends = _ends(cycles)
         for seen_ns in sorted({surface.first_seen_ns for surface in solution.surfaces}):
@@ -294,9 +294,9 @@ class ResultBag:
         message = change_message(self._bag.types, self._map_frame, change)
         self._bag.write(EVENTS_TOPIC, SURFACE_EVENT, stamp_ns, message)
 
-    def _write_pose(self, stamp_ns: int, pose: Float64, cov: Float64) -> None:
+    def _write_pose(self, stamp_ns: int, T_map_base: Float64, cov: Float64) -> None:
         message = pose_covariance_message(
-            self._bag.types, stamp_ns, self._map_frame, spatial(pose), cov
+            self._bag.types, stamp_ns, self._map_frame, T_map_base, cov
         )
         self._bag.write(POSE_TOPIC, POSE, stamp_ns, message)
 

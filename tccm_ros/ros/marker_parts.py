@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
-from tccm_ros.ros.types import MessageTypes, header_message
+from tccm_ros.geometry import pose_from_quaternion
+from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 
 ARROW, CUBE, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 5, 6, 9, 11
 ADD, DELETE = 0, 2
@@ -73,6 +74,16 @@ class MarkerSet:
         return self._types.make(
             "visualization_msgs/msg/MarkerArray", markers=[*deletions, *markers]
         )
+
+
+def moved_markers(types: MessageTypes, markers: Sequence[Any], T: Float64) -> Sequence[Any]:
+    """Return markers by their poses in another frame, in which T (4, 4) is that of theirs."""
+    if not np.array_equal(T, np.eye(4)):
+        for marker in markers:
+            p, q = marker.pose.position, marker.pose.orientation
+            own = pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
+            marker.pose = pose_message(types, T @ own)
+    return markers
 
 
 def identity_color(identity: int, *, brightness: float = 0.95) -> Color:

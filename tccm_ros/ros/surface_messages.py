@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import spatial
 from tccm_ros.records import EdgeState, Sign, Surface, SurfaceShape, Wall
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 from tccm_ros.surfaces.changes import Change
@@ -336,7 +335,7 @@ def localisation_message(
     """
     alignment = solution.alignment
     is_found = alignment is None or alignment.found
-    T = spatial(solution.trajectory[-1]) if len(solution.trajectory) else _nowhere()
+    T = solution.T_map_base[-1] if len(solution.trajectory) else _nowhere()
     return types.make(
         LOCALISATION,
         header=header_message(types, stamp_ns, frame_id),

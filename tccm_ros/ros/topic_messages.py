@@ -14,9 +14,9 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.baselines.center_cores import center_cores
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
-from tccm_ros.geometry import spatial
+from tccm_ros.geometry import transform
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
-from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
+from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color, moved_markers
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
@@ -105,10 +105,18 @@ class CycleMessageBuilder:
         Message classes.
     config
         Groups `map`, `markers` and `center_core`.
+    T_odom_near
+        Returns the pose float64 (4, 4) of the frame that tilt cycles are mapped in, in the
+        odometry frame as its messages have it: another where odometry begins far away.
     """
 
-    def __init__(self, types: MessageTypes, config: Config):
-        self._types, self._config = types, config
+    def __init__(
+        self,
+        types: MessageTypes,
+        config: Config,
+        T_odom_near: Callable[[], Float64] = lambda: np.eye(4),
+    ):
+        self._types, self._config, self._T_odom_near = types, config, T_odom_near
         self._marker_sets = {
             topic: MarkerSet(types) for topic, kind in CYCLE_TOPICS.items() if kind == MARKERS
         }
@@ -147,8 +155,8 @@ class CycleMessageBuilder:
             "center_cores": lambda: _cores(context, cuboids(), self._config.center_core.min_length),
         }
         clouds: dict[str, Callable[[], Any]] = {
-            "map_cloud": lambda: _map_cloud(context, cuboids()),
-            "obstacles": lambda: _obstacles(ended, cuboids()),
+            "map_cloud": lambda: _map_cloud(context, cuboids(), self._T_odom_near()),
+            "obstacles": lambda: _obstacles(ended, cuboids(), self._T_odom_near()),
             "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
             "view": lambda: view_message(self._types, result.view),
             "object_boxes": lambda: object_boxes_message(self._types, result.boxes),
@@ -161,7 +169,11 @@ class CycleMessageBuilder:
     def _markers(
         self, topic: str, build: Callable[[], list[Any]], stamp_ns: int
     ) -> Callable[[], Any]:
-        return lambda: self._marker_sets[topic].message(build(), stamp_ns)
+        def message() -> Any:
+            markers = moved_markers(self._types, build(), self._T_odom_near())
+            return self._marker_sets[topic].message(markers, stamp_ns)
+
+        return message
 
     def _cuboids(self, context: MessageContext, cuboids: Cuboids) -> list[Any]:
         if not len(cuboids):
@@ -193,14 +205,13 @@ def _newest(cuboids: Cuboids) -> Int32:
     return cuboids.cycles[cuboids.cycle_offsets[1:] - 1]
 
 
-def _map_cloud(context: MessageContext, cuboids: Cuboids) -> Any:
-    return map_cloud_message(
-        *context, _tops(cuboids), _depths(cuboids), cuboids.count, _newest(cuboids)
-    )
+def _map_cloud(context: MessageContext, cuboids: Cuboids, T: Float64) -> Any:
+    tops = transform(T, _tops(cuboids))
+    return map_cloud_message(*context, tops, _depths(cuboids), cuboids.count, _newest(cuboids))
 
 
-def _obstacles(context: MessageContext, cuboids: Cuboids) -> Any:
-    return obstacle_cloud_message(*context, _tops(cuboids), _depths(cuboids))
+def _obstacles(context: MessageContext, cuboids: Cuboids, T: Float64) -> Any:
+    return obstacle_cloud_message(*context, transform(T, _tops(cuboids)), _depths(cuboids))
 
 
 class SolutionMessageBuilder:
@@ -229,7 +240,7 @@ class SolutionMessageBuilder:
         context = MessageContext(self._types, stamp_ns, self._frame)
         builders: dict[str, Callable[[], Any]] = {
             "path": lambda: path_message(
-                *context, solution.trajectory_ns.tolist(), spatial(solution.trajectory)
+                *context, solution.trajectory_ns.tolist(), solution.T_map_base
             ),
             "walls": lambda: self._walls.message(
                 wall_markers(context, solution.slam.walls), stamp_ns

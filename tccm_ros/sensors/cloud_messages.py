@@ -81,7 +81,11 @@ def _layout(message: Any, fields: dict[str, Any], names: list[str]) -> np.dtype[
     needed = max(at + np.dtype(form).itemsize for at, form in zip(offsets, formats))
     if needed > step:
         raise MessageError(f"point cloud has points of {step} bytes, its fields need {needed}")
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+    size = int(message.width) * int(message.height)
+    if size and step > len(message.data):  # numpy has no points of 2 GB
+        raise MessageError(f"point cloud has {len(message.data)} bytes, one point needs {step}")
+    itemsize = step if size else needed
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": itemsize})
 
 
 def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArray[Any]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.geometry import spatial
+from tccm_ros.slam.base_attitude import Attitude
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, keyframe_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose, ToldPose
@@ -39,7 +41,9 @@ class AnchoredPose:
     sigma_z_roll_pitch
         Standard deviations of z (m), roll and pitch (rad), which are zero for the keyframe.
     roll_pitch
-        By an IMU, rad.
+        By an IMU or odometry, rad.
+    z
+        By odometry, m.
     """
 
     keyframe: int
@@ -47,6 +51,12 @@ class AnchoredPose:
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
     roll_pitch: tuple[float, float] = (0.0, 0.0)
+    z: float = 0.0
+
+    @property
+    def attitude(self) -> Attitude:
+        """Height, roll and pitch of the base."""
+        return self.z, *self.roll_pitch
 
 
 def yaw_offset_for(phi: Float64) -> float:
@@ -70,6 +80,8 @@ class Chain:
         Their variables in the graph.
     fixed
         Poses float64 (3,) of keyframes that must not move, by id: the map in localisation.
+    origins
+        Poses float64 (3,) of the first keyframes of trajectories that are not joined to the map.
     told
         Poses float64 (3,) in map that another program tells, and their covariances (3, 3) of
         (x, y, yaw) in map, by id.
@@ -78,6 +90,7 @@ class Chain:
     keyframes: list[GraphKeyframe] = field(default_factory=list)
     keys: list[Key] = field(default_factory=list)
     fixed: dict[int, Float64] = field(default_factory=dict)
+    origins: dict[int, Float64] = field(default_factory=dict)
     told: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
@@ -107,7 +120,7 @@ class Chain:
     def graph(
         self,
         poses: Sequence[Float64] | Float64,
-        localised: Collection[int],
+        constrained: Collection[int],
         anchored: Mapping[Key, AnchoredPose] | None = None,
     ) -> PoseGraph:
         """Build the graph of all keyframes and of the poses that are anchored to them.
@@ -116,16 +129,16 @@ class Chain:
         ----------
         poses
             Planar start poses (3,), one for each keyframe.
-        localised
-            Sessions in the frame of the first; the others are pinned where they began.
+        constrained
+            Sessions that factors constrain; the others are pinned where they began.
         anchored
             Poses anchored to keyframes, by their variables.
         """
         starts: dict[Key, Float64] = dict(zip(self.keys, poses))
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
         for k, keyframe in enumerate(self.keyframes):
-            if k and self.starts(k) and keyframe.session not in localised:
-                factors.append(_pinned(self.keys[k], keyframe.pose))
+            if k and self.starts(k) and keyframe.session not in constrained:
+                factors.append(_pinned(self.keys[k], self.origins.get(k, keyframe.pose)))
         for key, pose in (anchored or {}).items():
             starts[key], factor = self.anchor(key, pose, poses)
             factors.append(factor)
@@ -147,12 +160,13 @@ class Chain:
 
         Returns
         -------
-        float64 (3,), planar pose in map, and the factor between keyframe and pose
+        float64 (4, 4), the pose in map, and the factor between keyframe and pose
         """
-        start = compose(np.asarray(poses[anchored.keyframe]), anchored.pose)
+        start = spatial(compose(np.asarray(poses[anchored.keyframe]), anchored.pose))
+        start[2, 3] = anchored.z
         on, sigmas = self.keys[anchored.keyframe], anchored.sigma_z_roll_pitch
         cov, roll_pitch = anchored.cov, anchored.roll_pitch
-        return start, KeyframeView(on, key, anchored.pose, cov, sigmas, roll_pitch)
+        return start, KeyframeView(on, key, anchored.pose, cov, sigmas, roll_pitch, anchored.z)
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

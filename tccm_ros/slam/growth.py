@@ -112,7 +112,8 @@ class Growth:
             return {}
         walls, keys = self._walls, self._chain.keys
         return {
-            corner_key(n): corner_factors([walls.corners[n]], walls.table, keys, n) for n in numbers
+            corner_key(n): corner_factors(walls.corners, walls.table, keys, self._config, [n])
+            for n in numbers
         }
 
     def solve(

@@ -19,6 +19,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2, wrap_angle
 from tccm_ros.records import Wall
+from tccm_ros.slam.base_attitude import LEVEL, Attitude, with_attitude
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.se2 import compose, rotate_covariance
 from tccm_ros.slam.walls.association import GATE_CHI2, GATE_SIGMAS, MAX_DPHI
@@ -43,12 +44,20 @@ class LivePose(NamedTuple):
         float64 (3,), planar pose of the odometry frame in map: ``pose * odom^-1``.
     localised
         Whether the pose is in the frame of the map that was loaded (always without one).
+    attitude
+        Height, roll and pitch of the base by odometry.
     """
 
     stamp_ns: int
     pose: Float64
     map_odom: Float64
     localised: bool = True
+    attitude: Attitude = LEVEL
+
+    @property
+    def T_map_base(self) -> Float64:
+        """The pose of the base in map, float64 (4, 4)."""
+        return with_attitude(self.pose, self.attitude)
 
 
 class MapWalls(NamedTuple):

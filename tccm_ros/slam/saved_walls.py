@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.records import LandmarkObservation
-from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.signs.saved import pack_signs, unpack_signs
+from tccm_ros.slam.signs.saved import (
+    pack_attitudes,
+    pack_signs,
+    unpack_anchored,
+    unpack_signs,
+)
 from tccm_ros.slam.signs.views import SignView
 from tccm_ros.slam.walls.lines import Lines
 
@@ -38,6 +42,8 @@ class SavedWalls(NamedTuple):
         Of landmarks.
     sign_views
         Of door signs, each with the sign's id.
+    unjoined
+        `LoopCloser.unjoined`.
     """
 
     keyframes: Sequence[GraphKeyframe]
@@ -46,11 +52,12 @@ class SavedWalls(NamedTuple):
     loops: Sequence[Proposal]
     observations: Sequence[AnchoredObservation]
     sign_views: Sequence[SignView]
+    unjoined: Mapping[int, int] = {}
 
 
 def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
     """Return arrays: keyframe rows, scans and lines end to end with counts, loops, and the rest."""
-    keyframes, lines, poses, loops, observations, sign_views = saved
+    keyframes, lines, poses, loops, observations, sign_views, unjoined = saved
     scans = [k.scan for k in keyframes]
     return {
         "keyframe_stamp_ns": np.array([s.stamp_ns for s in scans], np.int64),
@@ -77,6 +84,7 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
         **_pack_landmarks(observations),
         **pack_signs(sign_views),
+        **({"unjoined_sessions": np.array(sorted(unjoined.items()), np.int64)} if unjoined else {}),
     }
 
 
@@ -91,6 +99,7 @@ def _pack_landmarks(observations: Sequence[AnchoredObservation]) -> dict[str, ND
         "landmark_keyframe": np.array([h.keyframe for h in anchored], np.int64),
         "landmark_pose": _rows([h.pose for h in anchored], 3),
         "landmark_pose_cov": _rows([h.cov for h in anchored], 3, 3),
+        **pack_attitudes("landmark", anchored),
         "landmark_size": np.array([len(o.measurement) for o in seen], np.int64),
         "landmark_measurement": _joined([o.measurement for o in seen]),
         "landmark_cov": _joined([o.covariance.ravel() for o in seen]),
@@ -151,7 +160,10 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     ]
     poses = s["keyframe_pose"].reshape(count, 3)
     observations = _unpack_landmarks(s, count)
-    return SavedWalls(keyframes, lines, poses, loops, observations, unpack_signs(s, count))
+    # Most maps are one trajectory, and have no such array.
+    unjoined = {int(a): int(b) for a, b in s.get("unjoined_sessions", np.zeros((0, 2), np.int64))}
+    signs = unpack_signs(s, count)
+    return SavedWalls(keyframes, lines, poses, loops, observations, signs, unjoined)
 
 
 def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[AnchoredObservation]:
@@ -170,7 +182,7 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Anc
         s["landmark_id"].tolist(),
         _split(s["landmark_measurement"], sizes, len(on)),
         _split(s["landmark_cov"], sizes**2, len(on)),
-        [AnchoredPose(*h) for h in zip(on, s["landmark_pose"], s["landmark_pose_cov"])],
+        unpack_anchored("landmark", s),
         strict=True,
     )
     return [

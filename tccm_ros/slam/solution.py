@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Keyframe, Landmark, Loop, RefusedSign, Sign, Wall
+from tccm_ros.slam.base_attitude import with_attitude
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +43,9 @@ class Solution:
         Door signs by their ids; each is a landmark as well.
     refused_signs
         What was read as a room's number at one place, and is no sign.
+    attitudes
+        float64 (N, 3), z (m), roll and pitch (rad) of the base at `stamps_ns` by odometry; empty
+        where they are 0.
     is_batch
         Whether it is a function of the records alone, and does not go on from another solution.
     """
@@ -60,6 +64,7 @@ class Solution:
     signs: tuple[Sign, ...] = ()
     is_batch: bool = True
     refused_signs: tuple[RefusedSign, ...] = ()
+    attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""
@@ -73,6 +78,19 @@ class Solution:
         columns = [np.interp(asked, known, self.poses[:, k]) for k in range(2)]
         columns.append(wrap_angle(np.interp(asked, known, yaw)))
         return np.stack(columns, axis=1)
+
+    def attitude_at(self, stamps_ns: ArrayLike) -> Float64:
+        """Return z (m), roll and pitch (rad) of the base at stamps int64 (M,), as `pose_at`."""
+        stamps = np.atleast_1d(np.asarray(stamps_ns, np.int64))
+        if not len(self.attitudes):
+            return np.zeros((len(stamps), 3))
+        known = (self.stamps_ns - self.stamps_ns[0]).astype(float)
+        asked = (stamps - self.stamps_ns[0]).astype(float)
+        return np.stack([np.interp(asked, known, self.attitudes[:, k]) for k in range(3)], axis=1)
+
+    def T_map_base_at(self, stamps_ns: ArrayLike) -> Float64:
+        """Return poses (M, 4, 4) of the base in map at stamps int64 (M,), as `pose_at`."""
+        return with_attitude(self.pose_at(stamps_ns), self.attitude_at(stamps_ns))
 
 
 def empty_solution(views: int) -> Solution:

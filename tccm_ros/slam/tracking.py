@@ -30,6 +30,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.slam.base_attitude import LEVEL, Attitude, attitude_of
 from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.live_estimate import (
     LiveEstimate,
@@ -74,6 +75,8 @@ class SolvedMap(NamedTuple):
         Whether the place of this session in the map is known.
     placed_by_sign
         Id of the sign that placed it there; -1 where none did.
+    is_unjoined
+        Whether the session is on a trajectory beside the map: its place in the map is not known.
     """
 
     T_map_front: Float64
@@ -81,6 +84,7 @@ class SolvedMap(NamedTuple):
     walls: MapWalls
     is_localised: bool = True
     placed_by_sign: int = -1
+    is_unjoined: bool = False
 
 
 class Tracker:
@@ -128,7 +132,8 @@ class Tracker:
         self._newest_keyframe = -1
         self._estimate = LiveEstimate(self._config)
         self._solved: SolvedMap | None = None
-        self._stamp_ns, self._odom = -1, np.zeros(3)
+        self._stamp_ns, self._odom, self._attitude = -1, np.zeros(3), LEVEL
+        self._odometry_attitude: Attitude = LEVEL
         self._before: tuple[Float64, Float64] | None = None
         self._map_odom: Float64 | None = None
         self._is_localised = self._starts_localised
@@ -170,7 +175,13 @@ class Tracker:
             return LocalisationState.UNKNOWN
         if self._front.contradicts(self._stamp_ns):
             return LocalisationState.LOST
-        return LocalisationState.TRACKING if self.is_localised else LocalisationState.SEARCHING
+        is_in_map = self.is_localised and not self.is_unjoined
+        return LocalisationState.TRACKING if is_in_map else LocalisationState.SEARCHING
+
+    @property
+    def is_unjoined(self) -> bool:
+        """Whether the pose is that of a trajectory beside the map, which is not joined to it."""
+        return self._solved is not None and self._solved.is_unjoined
 
     @property
     def solved_keyframe(self) -> int:
@@ -185,7 +196,7 @@ class Tracker:
 
     @property
     def is_localised(self) -> bool:
-        """Whether the place of this session in the map is known."""
+        """Whether this session has a place in the map, or beside it (`is_unjoined`)."""
         return self._map_odom is not None if self._is_external else self._is_localised
 
     def current_pose(self) -> LivePose:
@@ -193,7 +204,8 @@ class Tracker:
         if self._stamp_ns < 0:
             return LivePose(-1, np.zeros(3), np.zeros(3))
         pose = self._pose()
-        return LivePose(self._stamp_ns, pose, compose(pose, inverse(self._odom)))
+        map_odom = compose(pose, inverse(self._odom))
+        return LivePose(self._stamp_ns, pose, map_odom, attitude=self._attitude)
 
     def current_covariance(self) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in map of the live estimate."""
@@ -228,7 +240,9 @@ class Tracker:
             self._newest_keyframe = keyframe
             self._add_keyframe(level)
         self._front.forget()
-        self._stamp_ns, self._odom = level.stamp_ns, level.odom
+        self._stamp_ns, self._odom, self._attitude = level.stamp_ns, level.odom, level.attitude
+        if self._first_odometry is not None:  # a scan's has roll and pitch of the IMU, too
+            self._attitude = level.attitude[0], *self._odometry_attitude[1:]
 
     def _add_keyframe(self, level: LevelScan) -> None:
         self.counts["keyframes"] += 1
@@ -246,10 +260,12 @@ class Tracker:
     def _add_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame
         odom = planar(record.T_odom_base)
+        self._odometry_attitude = attitude_of(record.T_odom_base)
         if self._first_odometry is None or record.stamp_ns < self._first_odometry[0]:
             self._first_odometry = record.stamp_ns, odom
         if not self._front.tracked and record.stamp_ns >= self._stamp_ns:
             self._stamp_ns, self._odom = record.stamp_ns, odom
+            self._attitude = self._odometry_attitude
 
     def _start(self, odom: Float64) -> Float64:
         """Return the pose (3,) by odometry alone: the first base pose is the origin."""

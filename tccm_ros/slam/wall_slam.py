@@ -25,6 +25,7 @@ from tccm_ros.records import (
     ScanPose,
 )
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
+from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of
 from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.factors.factor import Factor
@@ -71,10 +72,12 @@ class WallSlam:
         self.label = label
         self._lines: list[Lines] = []
         self._chain = Chain()
-        self._closer = LoopCloser(config, self._chain)
+        is_mapping = config.graph.mode == "mapping"
+        self._closer = LoopCloser(config, self._chain, begins_trajectories=is_mapping)
         self._front = FrontEnd(config)
         self._first_session = 0
         self._odometry = OdometryTrack()
+        self._attitudes = AttitudeTrack()
         self._map_odom = MapOdomTrack()
         self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
@@ -110,23 +113,27 @@ class WallSlam:
         self._expect(level)
         tracked = self._front.add(level, self._start(level.odom))
         self._newest = level
+        if not len(self._odometry):  # tf tells where the base is, or nothing
+            self._attitudes.add(level.stamp_ns, level.attitude)
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:
             self._closer.search(level, tracked)
         pose = compose(self._closer.poses[tracked.keyframe], tracked.pose)
         localised = self._front.session in self._closer.localised
         map_odom = compose(pose, inverse(level.odom))
-        self._live = LivePose(level.stamp_ns, pose, map_odom, localised)
+        self._live = LivePose(level.stamp_ns, pose, map_odom, localised, self._attitudes.newest)
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
     def add_odometry(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add an odometry sample, in any order: poses between scans, and all without scans."""
         self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
+        self._attitudes.add(stamp_ns, attitude_of(T_odom_base))
         if not self._front.tracked and stamp_ns >= self._live.stamp_ns:
             odom = planar(T_odom_base)
             pose = self._start(odom)
             localised = self._front.session in self._closer.localised
-            self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
+            map_odom = compose(pose, inverse(odom))
+            self._live = LivePose(stamp_ns, pose, map_odom, localised, attitude_of(T_odom_base))
 
     def add_map_odom(self, told: MapOdom) -> None:
         """Add where another program's localisation puts the odometry frame."""
@@ -273,8 +280,18 @@ class WallSlam:
 
     @property
     def has_place(self) -> bool:
-        """Whether the map has a place where this run began; always without a saved map."""
-        return self._first_session in self._closer.localised
+        """Whether there is a place for where this run began; always without a saved map."""
+        return self._first_session in self._closer.placed
+
+    @property
+    def is_unjoined(self) -> bool:
+        """Whether the newest session is on a trajectory beside the map, not joined to it yet."""
+        return self._front.session in self._closer.unjoined
+
+    @property
+    def unjoined_trajectories(self) -> int:
+        """Number of trajectories that are not joined to the map."""
+        return len(set(self._closer.unjoined.values()))
 
     @property
     def placed_by_sign(self) -> int:
@@ -283,7 +300,7 @@ class WallSlam:
 
     def _is_detached(self, session: int) -> bool:
         """Return whether a session began as the robot was lost, and has no place in the map."""
-        return session > self._first_session and session not in self._closer.localised
+        return session > self._first_session and session not in self._closer.placed
 
     def _is_in_map(self, k: int) -> bool:
         return not self._is_detached(self._chain.keyframes[k].session)
@@ -341,7 +358,7 @@ class WallSlam:
         observations = [*used.observations, *sign_observations(used.signs)]
         seen = landmark_factors(observations, unit_variance=used.scale)
         anchored_poses = {**dict(zip(view_keys, anchored)), **seen.anchored}
-        graph = self._chain.graph(used.poses, self._closer.localised, anchored_poses)
+        graph = self._chain.graph(used.poses, self._closer.constrained, anchored_poses)
         graph.add([p.factor(keys) for p in used.loops])
         if self.config.walls.enabled:
             graph.add(self._wall_factors(used))
@@ -367,11 +384,13 @@ class WallSlam:
         poses, keyframes = solution.planar_poses(self._chain.keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
         landmarks = landmark_records(observations, solution, used.scale)
+        stamps_ns = np.array([p.stamp_ns for p in tracked], np.int64)
+        attitudes = self._attitudes.at(stamps_ns)
         return Solution(
             [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
             wall_records(used.walls, used.corners, solution, used.scale),
             used.records,
-            np.array([p.stamp_ns for p in tracked], np.int64),
+            stamps_ns,
             scan_poses(tracked, keyframes, poses),
             np.array([solution.pose(key) for key in views]).reshape(-1, 4, 4),
             np.array([solution.covariance(key) for key in views]).reshape(-1, 6, 6),
@@ -381,6 +400,7 @@ class WallSlam:
             landmarks,
             sign_records(used.signs, landmarks, solution),
             refused_signs=tuple(used.refused_signs),
+            attitudes=attitudes if attitudes.any() else attitudes[:0],
         )
 
     def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
@@ -416,7 +436,7 @@ class WallSlam:
         keys = self._chain.keys
         factors = wall_factors(used.walls, self._lines, keys, self.config)
         if uses_corners(self.config):
-            factors += corner_factors(used.corners, used.walls, keys)
+            factors += corner_factors(used.corners, used.walls, keys, self.config)
         if self.config.walls.structure_prior:
             factors += structure_factors(used.walls)
         return factors
@@ -449,7 +469,7 @@ class WallSlam:
         odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
         odometry_slam._odometry, odometry_slam._map_odom = self._odometry, self._map_odom
-        odometry_slam._roll_pitch = self._roll_pitch
+        odometry_slam._roll_pitch, odometry_slam._attitudes = self._roll_pitch, self._attitudes
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
@@ -473,14 +493,18 @@ class WallSlam:
             self._odometry,
             self.config.odometry,
         )
-        return [AnchoredPose(int(k), pose, cov) for k, pose, cov in zip(*relative)]
+        attitudes = self._attitudes.at(stamps_ns).tolist()
+        return [
+            AnchoredPose(int(k), pose, cov, roll_pitch=(roll, pitch), z=z)
+            for k, pose, cov, (z, roll, pitch) in zip(*relative, attitudes)
+        ]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
-        """Return where views are, with the roll and pitch of the base."""
-        roll_pitch = self._roll_pitch.at(stamps_ns).tolist()
+        """Return where views are, also with the roll and pitch of the base by its IMU."""
+        by_imu = self._roll_pitch.at(stamps_ns).tolist()
         return [
-            replace(anchored, roll_pitch=(roll, pitch))
-            for anchored, (roll, pitch) in zip(self._anchor(stamps_ns), roll_pitch)
+            replace(on, roll_pitch=(on.roll_pitch[0] + roll, on.roll_pitch[1] + pitch))
+            for on, (roll, pitch) in zip(self._anchor(stamps_ns), by_imu)
         ]
 
     def _anchor_observations(
@@ -551,6 +575,7 @@ class WallSlam:
                     for v in sign.views
                     if v.anchored.keyframe in number
                 ],
+                self._closer.unjoined,
             )
         )
 
@@ -569,7 +594,7 @@ class WallSlam:
 
     def placed_keyframe(self) -> SolvedKeyframe | None:
         """Return where the newest keyframe is in the map, before it is solved; None without one."""
-        if not self._front.keyframes or not self.has_place_now:
+        if not self._front.keyframes or self._front.session not in self._closer.placed:
             return None
         keyframe = self._front.keyframes[-1]
         near = [p for p in self._closer.accepted if p.b == keyframe.id]
@@ -611,7 +636,7 @@ class WallSlam:
             slam._chain.fixed = dict(enumerate(saved.poses))
         slam._saved_observations = saved.observations
         slam._saved_signs = saved.sign_views
-        slam._closer.load(saved.poses, saved.loops, saved.observations, saved.sign_views)
+        slam._closer.load(*saved[2:])
         keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)

@@ -38,6 +38,7 @@ from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
+from tccm_ros.slam.base_attitude import with_attitude
 from tccm_ros.slam.live_estimate import LivePose, MapWalls, SolvedKeyframe
 from tccm_ros.slam.occupancy import OccupancyGrid, occupancy_grid
 from tccm_ros.slam.solution import Solution
@@ -118,6 +119,9 @@ class SurfaceSolution:
         What the level laser saw; None without one.
     stages
         Runs what hangs on this map, and counts what failed.
+    attitudes
+        float64 (N, 3), height, roll and pitch of the base beside `trajectory`; empty where
+        odometry tells none.
     """
 
     slam: Solution
@@ -138,6 +142,12 @@ class SurfaceSolution:
     corrected_labels: Mapping[int, str] = field(default_factory=dict)
     grid: OccupancyGrid | None = None
     stages: OptionalStages = field(default_factory=OptionalStages)
+    attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def T_map_base(self) -> Float64:
+        """The poses of the trajectory, float64 (N, 4, 4)."""
+        return with_attitude(self.trajectory, self.attitudes)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -391,6 +401,7 @@ class SurfaceSlam:
             corrected_labels(surface_map.views),
             grid,
             stages,
+            slam.attitude_at(stamps) if len(slam.attitudes) else slam.attitudes,
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
@@ -427,7 +438,7 @@ class SurfaceSlam:
                 continue
             T_view = inverse(T_map_view[v])
             if not placed.is_in_map:
-                T_view = inverse(T_session_view[v]) @ spatial(slam.pose_at(placed.stamp_ns))[0]
+                T_view = inverse(T_session_view[v]) @ slam.T_map_base_at(placed.stamp_ns)[0]
             seen = seen_detections(placed, T_view)
             if is_open:
                 newest += seen
@@ -549,6 +560,7 @@ class SurfaceSlam:
             MapWalls.of(graph.walls, T_map_session),
             self.is_aligned(solution) and not self.walls.is_lost,
             self.walls.placed_by_sign,
+            self.walls.is_unjoined,
         )
 
     def placed_map(self, walls: MapWalls) -> SolvedMap | None:
@@ -563,7 +575,8 @@ class SurfaceSlam:
         if keyframe is None:
             return None
         T_map_front = self.walls.map_from_front(keyframe.pose)
-        return SolvedMap(T_map_front, keyframe, walls, True, self.walls.placed_by_sign)
+        by_sign, is_unjoined = self.walls.placed_by_sign, self.walls.is_unjoined
+        return SolvedMap(T_map_front, keyframe, walls, True, by_sign, is_unjoined)
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

@@ -98,6 +98,23 @@ def test_map_to_odom_is_of_the_odometry_as_it_was_sent(ros):
     assert found.y == pytest.approx(-5_400_000.0, abs=0.02)
 
 
+def test_the_pose_has_the_height_of_odometry_and_map_to_odom_has_none(ros):
+    node, robot, viewer = slam(ros, tf__publish=False), ros.robot(), Listener(ros)
+    poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
+    odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
+    ros.connect(node, viewer.node, "/pose", "/surface_slam/map_to_odom")
+    high = np.eye(4)
+    high[2, 3] = 0.76
+    records = [
+        (topic, replace(r, T_odom_base=high @ r.T_odom_base) if isinstance(r, Odometry) else r)
+        for topic, r in recording(1, speed=0.3)
+    ]
+    robot.play(records, node)
+    ros.spin_until(lambda: poses and odom)
+    assert poses[-1].pose.pose.position.z == 0.76
+    assert odom[-1].transform.translation.z == 0.0
+
+
 def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
     node, robot = slam(ros), ros.robot()
     robot.play(recording(3, speed=0.3), node)

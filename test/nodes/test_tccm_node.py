@@ -1,5 +1,7 @@
 """The TCCM node over DDS: topics, services, pause, reset, late viewers, nothing for nobody."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -8,6 +10,7 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from tccm_ros.records import Odometry
 from tccm_ros.ros.reading import surface_cloud_from_message, view_from_message
 
 SECOND = 1_000_000_000
@@ -38,6 +41,29 @@ def test_a_tilt_cycle_gives_the_surface_message_and_the_markers(ros):
     assert [f.name for f in cloud[-1].fields] == ["x", "y", "z", "depth", "count", "cycle"]
     assert cloud[-1].header.frame_id == "odom"
     assert {m.action for m in planes[-1].markers} <= {Marker.ADD, Marker.DELETE}
+
+
+def test_markers_and_clouds_are_in_the_frame_of_odometry_as_it_was_sent(ros):
+    """Odometry that begins far away is kept near an origin inside, and nobody outside knows it."""
+    node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
+    planes = viewer.listen(MarkerArray, "/tccm/planes", latched=True)
+    cloud = viewer.listen(PointCloud2, "/tccm/map_cloud", latched=True)
+    far = np.eye(4)
+    far[:2, 3] = 450_000.0, 5_400_000.0
+    robot.play(
+        [
+            (t, replace(r, T_odom_base=far @ r.T_odom_base) if isinstance(r, Odometry) else r)
+            for t, r in recording(3)
+        ],
+        node,
+    )
+    ros.spin_until(lambda: planes and cloud)
+    at = [m.pose.position for m in planes[-1].markers if m.action == Marker.ADD and m.points]
+    # Multiples of 1024 m.
+    assert {(p.x, p.y, p.z) for p in at} == {(449_536.0, 5_399_552.0, 0.0)}
+    rows = np.frombuffer(bytes(cloud[-1].data), np.uint8).reshape(-1, cloud[-1].point_step)
+    y = rows[:, 4:8].copy().view(np.float32)
+    assert abs(np.median(y) - 5_400_000.0) < 5.0
 
 
 def test_obstacles_mark_a_costmap_as_a_laser_at_each_height_would(ros):

@@ -15,7 +15,9 @@ from tccm_ros.nodes import worker as worker_module
 from tccm_ros.nodes.drops import ADVICE, DropWatch
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.records import Odometry, TransformSample
+from tccm_ros.robot import sensor, stamp_guard, stamp_order
 from tccm_ros.robot.base_motion import MotionSource
+from tccm_ros.sensors import depth_image, laser_scan, point_cloud
 
 OF_A_MOMENT = {
     "/diagnostics",
@@ -207,6 +209,24 @@ def test_a_reason_for_drops_is_a_problem_when_several_scans_were_dropped_for_it(
     assert ADVICE["no odometry"] in text
     assert watch.problems(Counter({"no odometry": 9})) == []
     assert watch.problems(Counter({"short tilt cycle": 99, "no odometry": 9})) == []
+
+
+REASONS = {
+    stamp_order.LATE, stamp_order.TWICE, stamp_order.ZERO, stamp_guard.ANOTHER_CLOCK,
+    laser_scan.NOTHING_SEEN, laser_scan.NO_LIMITS, laser_scan.OUT_OF_LIMITS,
+    laser_scan.TOO_FAR, point_cloud.NOTHING_SEEN,
+    point_cloud.TOO_FAR, depth_image.TOO_FAR, depth_image.NOT_OPTICAL, sensor.TOO_LONG, "empty",
+    "malformed", "no depths", "future stamp", "too many streams", "overload", "no joint samples",
+    "no odometry", "no transform", "no way from base to sensor", "no camera info",
+    "camera info of another frame", "image and camera info of different sizes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("why", sorted(REASONS))
+def test_each_reason_for_drops_says_what_to_do(why):
+    (text,) = DropWatch().problems(Counter({why: 9}))
+    assert ADVICE.get(why, "") in text
+    assert why in ADVICE or "?" in why or "look at" in why or "expected" in why
 
 
 def test_a_node_maps_from_when_the_robot_description_comes(ros):

@@ -96,6 +96,29 @@ def test_a_lens_of_an_unknown_model_is_refused_and_named(source, tmp_path):
     assert "distortion model 'equidistant' is not known" in "\n".join(bag_info(bag).notes)
 
 
+def test_info_says_what_is_wrong_with_a_description(source, tmp_path):
+    def describe(change):
+        def edit(topic, msgtype, message):
+            if topic == "/robot_description":
+                message.data = change(message.data)
+            return [(topic, msgtype, message)]
+
+        return edit
+
+    faults = (
+        '<link name="thumb"><collision><geometry><box size="1 -1 1"/></geometry></collision></link>'
+        '<joint name="bend" type="revolute"><parent link="base"/><child link="thumb"/>'
+        '<axis xyz="0 0 0"/></joint></robot>'
+    )
+    bag = eb.edited(source, tmp_path / "thumb", describe(lambda t: t.replace("</robot>", faults)))
+    notes = "\n".join(bag_info(bag).notes)
+    assert "/robot_description: joint 'bend' has an axis of zero length" in notes
+    assert "/robot_description: collision of link 'thumb': a negative size" in notes
+    bag = eb.edited(source, tmp_path / "cut", describe(lambda text: text[:-20]))
+    assert "/robot_description: robot description" in "\n".join(bag_info(bag).notes)
+    assert "robot_description" not in "\n".join(bag_info(source).notes)
+
+
 def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
     bag = eb.edited(source, tmp_path / "clock", eb.ANOTHER_CLOCK)
     assert "/gps: point cloud has points" in "\n".join(bag_info(bag).notes)

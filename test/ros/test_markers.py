@@ -2,8 +2,16 @@ import numpy as np
 import pytest
 from message_families import TYPESTORE, family, to_bag_message
 
+from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
-from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
+from tccm_ros.ros.marker_parts import (
+    CUBE,
+    MarkerSet,
+    MessageContext,
+    identity_color,
+    make_marker,
+    moved_markers,
+)
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
@@ -13,6 +21,7 @@ from tccm_ros.ros.markers import (
     surface_markers,
     wall_markers,
 )
+from tccm_ros.ros.types import pose_message
 
 STAMP = 1_700_000_000_000_000_005
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], float)
@@ -155,3 +164,26 @@ def test_messages_of_markers_are_repeatable():
         return bytes(TYPESTORE.serialize("visualization_msgs/msg/MarkerArray", message))
 
     assert data() == data()
+
+
+def test_markers_are_moved_where_odometry_begins_far_away(context):
+    T = pose_from_rpy([450_000.0, 5_400_000.0, 2.0, 0.0, 0.0, np.pi / 2])
+    plane, *_ = plane_markers(context, [make_plane()])
+    at = pose_from_rpy([1.0, 0.5, 0.9, 0.0, 0.0, 0.0])
+    box = make_marker(
+        context,
+        "object",
+        1,
+        CUBE,
+        (1.0, 1.0, 1.0),
+        (1.0, 1.0, 1.0),
+        pose=pose_message(context.types, at),
+    )
+    moved = bag_markers(context, moved_markers(context.types, [plane, box], T))
+    found = [[getattr(m.pose.position, axis) for axis in "xyz"] for m in moved]
+    assert found == pytest.approx(
+        np.array([[450_000.0, 5_400_000.0, 2.0], [449_999.5, 5_400_001.0, 2.9]])
+    )
+    assert [m.pose.orientation.z for m in moved] == pytest.approx([np.sqrt(0.5)] * 2)
+    (same,) = moved_markers(context.types, plane_markers(context, [make_plane()])[:1], np.eye(4))
+    assert same.pose.orientation.w == 1.0

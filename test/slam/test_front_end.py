@@ -61,6 +61,29 @@ def test_without_odometry_a_motion_that_nothing_observes_decays(seed):
     assert np.abs(found[95:, 0] - 9.5).max() < 0.8
 
 
+@pytest.mark.parametrize("seed", [0, 1, 3, 7])
+def test_a_camera_is_never_worse_than_its_odometry(seed):
+    """Within 30 deg and 3 m it sees a short arc of furniture, which fits by accident elsewhere."""
+    random = np.random.default_rng(seed)
+    places, sides = (
+        random.uniform([-3.0, -2.5], [3.0, 2.5], (30, 2)),
+        random.uniform(0.2, 0.7, (30, 2)),
+    )
+    around = [(*low, *(low + side)) for low, side in zip(places, sides)]
+    free = [b for b in around if abs(b[0] + b[2]) > 3.8 or abs(b[1] + b[3]) > 3.0]
+    room = np.concatenate([plan.box(-4.0, -3.0, 4.0, 3.0), *(plan.box(*b) for b in free)])
+    lap = [(-1.2, -0.8), (1.2, -0.8), (1.2, 0.8), (-1.2, 0.8), (-1.2, -0.8)]
+    route = plan.route(lap * 2, yaw_step=0.1)
+    run = plan.drive(room, route, seed=seed, sigma=0.015, beams=361, mount=(0, 0, 0), drift=0.01)
+    is_cut = np.abs(np.linspace(-90.0, 90.0, 361)) > 30.0
+    for posed in run.scans:
+        posed.scan.ranges[is_cut | (posed.scan.ranges > 3.0)] = np.nan
+    _, found = follow(run)
+    odometry = np.array([planar(posed.T_odom_base[0]) for posed in run.scans])
+    by_odometry = plan.errors(run.truth, odometry)[0]
+    assert plan.errors(run.truth, found)[0] < max(1.1 * by_odometry, by_odometry + 0.010)
+
+
 FINITE = {"allow_nan": False, "allow_infinity": False}
 
 

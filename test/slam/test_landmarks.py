@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import plan
@@ -124,3 +126,20 @@ def test_a_kind_of_landmark_that_is_not_registered_is_refused(run):
         WallSlam.from_saved(Config(), {**state, "landmark_size": state["landmark_size"] + 1})
     with pytest.raises(ValueError, match="the letter 'x' is taken"):
         register_landmark(type("Mirror", (Post,), {"kind": "mirror", "letter": "x"}))
+
+
+def test_landmarks_count_from_the_ground_of_odometry_also_in_a_saved_map(run):
+    """tf tells that the base walks 0.4 m above the ground."""
+    slam, up = WallSlam(Config()), np.array([0.0, 0.0, 0.4])
+    for seen in seen_along(run):
+        slam.add_landmark(replace(seen, measurement=seen.measurement - up))
+    for scan in run.scans:
+        T = scan.T_odom_base.copy()
+        T[:, :3, 3] += up
+        slam.add_scan(replace(scan, T_odom_base=T))
+    assert slam.solve().landmarks[0].position[2] == pytest.approx(POST[2], abs=0.002)
+    saved = slam.saved()
+    assert (saved["landmark_attitude"] == [0.4, 0.0, 0.0]).all()
+    again = WallSlam.from_saved(Config(), saved).solve()
+    assert again.landmarks[0].position[2] == pytest.approx(POST[2], abs=0.002)
+    assert "landmark_attitude" not in slam_of(run, seen_along(run)).saved()

@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from tccm_ros.config import Config
+from tccm_ros.evaluate.trajectory_errors import nees
 from tccm_ros.geometry import between2, compose2, wrap_angle
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.factors.poses import BetweenKeyframes
@@ -163,3 +164,37 @@ def test_the_covariance_along_a_corridor_tells_the_error(scale):
     assert cov[1, 1] < 0.05**2
     # Noise alone, 2 mm per root m, would be 1 cm.
     assert abs(error[0]) > 0.2
+
+
+def bowed(walls, bow, panel=3.0):
+    """Return walls (N, 2, 2) of panels that bow to one side and the other, as short segments."""
+    segments = []
+    for start, end in walls:
+        along = end - start
+        count = max(1, round(float(np.hypot(*along)) / panel))
+        t = np.linspace(0.0, count, 8 * count + 1)
+        side = 4.0 * bow * (t % 1.0) * (1.0 - t % 1.0) * np.where(t // 1.0 % 2.0, 1.0, -1.0)
+        normal = np.array([-along[1], along[0]]) / np.hypot(*along)
+        points = start + np.outer(t / count, along) + np.outer(side, normal)
+        segments.append(np.stack([points[:-1], points[1:]], axis=1))
+    return np.concatenate(segments)
+
+
+@pytest.mark.parametrize(("bow", "offset"), [(0.01, 0.005), (0.02, 0.005), (0.02, -0.005)])
+def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offset):
+    """Normalised errors squared of all keyframes, per degree of freedom, over two drives."""
+    blocks = [plan.box(-1.0, -3.0, 0.0, -2.4), plan.box(3.3, 0.0, 4.0, 1.0)]
+    room = bowed(np.concatenate([plan.box(-4.0, -3.0, 4.0, 3.0), *blocks]), bow)
+    lap = [(-2.0, -1.2), (2.0, -1.2), (2.0, 1.2), (-2.0, 1.2), (-2.0, -1.2)]
+    found = []
+    for seed in (0, 1):
+        run = plan.drive(room, plan.route(lap, yaw_step=0.2), seed=seed)
+        slam = WallSlam(Config())
+        for posed in run.scans:
+            posed.scan.ranges[:] += offset
+            slam.add_scan(posed)
+        solution = slam.solve()
+        at = np.searchsorted(run.stamps_ns, [k.stamp_ns for k in solution.keyframes])
+        errors = between2(run.truth[at], np.stack([k.pose for k in solution.keyframes]))
+        found.append(nees(errors[1:], solution.cov_keyframes[1:]).mean())
+    assert 0.5 < np.mean(found) < 2.0

@@ -33,8 +33,8 @@ class KeyframeView(NoLandmark):
     sigma_z_roll_pitch
         Standard deviations of the view's z (m), roll and pitch (rad), which are zero for the
         keyframe.
-    roll_pitch
-        Of the view, as far as they are known, rad.
+    roll_pitch, z
+        Of the view, as far as they are known, rad and m.
     """
 
     keyframe: Key
@@ -43,11 +43,13 @@ class KeyframeView(NoLandmark):
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
     roll_pitch: tuple[float, float] = (0.0, 0.0)
+    z: float = 0.0
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor in all six degrees of freedom."""
         noise = gaussian(planar_covariance(np.asarray(self.cov), self.sigma_z_roll_pitch))
         planar = rotation_z(-self.keyframe.yaw_offset) @ spatial(self.delta)
+        planar[2, 3] = self.z
         delta = gtsam.Pose3(planar @ pose_from_roll_pitch(self.roll_pitch))
         keys = self.keyframe.symbol, self.view.symbol
         graph.add(gtsam.BetweenFactorPose3(*keys, delta, noise))

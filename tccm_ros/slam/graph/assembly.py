@@ -1,9 +1,8 @@
-"""Factors and start values in GTSAM's form, for a batch and for updates of ISAM2."""
+"""Factors and start values in GTSAM's form."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -12,54 +11,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
-
-
-class Update(NamedTuple):
-    """What an update adds to ISAM2.
-
-    Attributes
-    ----------
-    graph
-        The factors.
-    values
-        Start values of variables that are new.
-    ends
-        How many of `graph` are of each `Factor` and those before it: one may have several.
-    """
-
-    graph: gtsam.NonlinearFactorGraph
-    values: gtsam.Values
-    ends: list[int]
-
-
-def assemble_update(
-    isam: gtsam.ISAM2,
-    factors: Iterable[Factor],
-    poses: Mapping[Key, Float64],
-    estimate: Callable[[Key], Float64],
-) -> Update:
-    """Return new factors and the start values of variables that are not in a graph yet.
-
-    Parameters
-    ----------
-    isam
-        The graph to update, which is left as it is.
-    factors
-        New ones.
-    poses
-        Start values as for `insert_poses`; those of poses in the graph are passed over.
-    estimate
-        Returns T_map_frame float64 (4, 4) of a pose in the graph.
-    """
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    fresh = {key: pose for key, pose in poses.items() if not isam.valueExists(key.symbol)}
-    starts = insert_poses(values, fresh)
-
-    def pose_of(key: Key) -> Float64:
-        return starts[key] if key in starts else estimate(key)
-
-    ends = add_factors(graph, values, factors, pose_of, isam.valueExists)
-    return Update(graph, values, ends)
 
 
 def insert_poses(values: gtsam.Values, poses: Mapping[Key, Float64]) -> dict[Key, Float64]:

@@ -1,15 +1,11 @@
-"""A solved graph that goes on: what is new is added, what has changed is replaced.
-
-ISAM2 (Kaess et al. 2012) keeps the factorised graph as a tree of cliques. An update eliminates the
-cliques that new factors touch and those above them again, and linearises again what has moved.
-"""
+"""A solved graph that goes on: what is new is added, what has changed is replaced."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise
+from itertools import chain
 from typing import Any
 
 import gtsam
@@ -18,7 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.graph.assembly import assemble_update
+from tccm_ros.slam.graph.incremental import Isam
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 
 RELINEARIZE = 0.005
@@ -68,13 +64,7 @@ class KeptGraph:
     """
 
     def __init__(self, covariances: Mapping[Key, Float64]) -> None:
-        params = gtsam.ISAM2Params()
-        params.setRelinearizeThreshold(RELINEARIZE)
-        params.relinearizeSkip = 1
-        steps = gtsam.ISAM2GaussNewtonParams()
-        steps.setWildfireThreshold(WILDFIRE)
-        params.setOptimizationParams(steps)
-        self._isam = gtsam.ISAM2(params)
+        self._isam = Isam(RELINEARIZE, wildfire=WILDFIRE)
         self._values = gtsam.Values()
         # Of each variable: how many factors it has, and how many it had when its covariance came.
         self._uses: Counter[int] = Counter()
@@ -143,28 +133,24 @@ class KeptGraph:
     def _add(
         self, factors: list[Factor], poses: Mapping[Key, Float64], gone: list[int]
     ) -> list[list[int]]:
-        new = assemble_update(self._isam, factors, poses, self._pose)
-        for i in range(new.graph.size()):
-            self._uses.update(new.graph.at(i).keys())
-        result = self._isam.update(new.graph, new.values, gone)
-        numbers = list(result.getNewFactorsIndices())
-        return [numbers[a:b] for a, b in pairwise([0, *new.ends])]
-
-    def _pose(self, key: Key) -> Float64:
-        return key.from_value(self._values.atPose3(key.symbol))
+        numbers = self._isam.update(factors, poses, gone)
+        graph = self._isam.isam.getFactorsUnsafe()
+        for i in chain.from_iterable(numbers):
+            self._uses.update(graph.at(i).keys())
+        return numbers
 
     def _relinearise(self) -> None:
         """Linearise anew what has moved, until nothing has."""
         self._may_refresh = True
         for _ in range(MAX_ROUNDS):
-            result = self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values())
+            result = self._isam.isam.update()
             if not result.getVariablesRelinearized():
                 break
-        self._values = self._isam.calculateBestEstimate()
+        self._values = self._isam.isam.calculateBestEstimate()
 
     def solution(self) -> KeptSolution:
         """Return the estimates of all variables."""
-        return KeptSolution(self._values, self._isam.getFactorsUnsafe(), 0, self)
+        return KeptSolution(self._values, self._isam.isam.getFactorsUnsafe(), 0, self)
 
     def covariance(self, key: Key) -> Float64:
         """Return the marginal covariance in GTSAM's tangent order, as of `MORE_FACTORS`."""
@@ -172,7 +158,7 @@ class KeptGraph:
         cov, then = self._covariances.get(symbol, (None, 0))
         is_old = bool(then) and uses > MORE_FACTORS * then and self._may_refresh
         if cov is None or is_old:
-            cov, then = self._isam.marginalCovariance(symbol), uses
+            cov, then = self._isam.isam.marginalCovariance(symbol), uses
             self._may_refresh = self._may_refresh and not is_old
         self._covariances[symbol] = cov, then or uses
         return cov

@@ -1,4 +1,4 @@
-"""Pose graphs in GTSAM: batch optimisation, incremental optimisation and marginal covariances.
+"""Pose graphs in GTSAM: batch optimisation and marginal covariances.
 
 The graph is built from scratch in a given order and optimised as a batch, so that the result
 depends on its factors alone. GTSAM's default elimination ordering is COLAMD, the paper's.
@@ -20,7 +20,7 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
-from tccm_ros.slam.graph.assembly import add_factors, assemble_update, insert_poses
+from tccm_ros.slam.graph.assembly import add_factors, insert_poses
 from tccm_ros.slam.graph.marginals import Information, InverseColumns
 
 MAX_ITERATIONS = 50
@@ -32,9 +32,6 @@ RELATIVE_TOLERANCE = 1e-5
 
 INITIAL_LAMBDA = 1e-6
 """First damping: the start values are near the optimum (chosen)."""
-
-RELINEARIZE = 0.1
-"""A variable that moved by more (m, rad) than this is linearised anew (GTSAM's default)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,7 @@ class GraphSolution:
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""
-        return _planar_poses(self.values, keys)
+        return poses_of(self.values, keys)
 
     def plane(self, key: Key) -> Float64:
         """Return a wall or surface as float64 (4,): unit normal and d, ``normal . p + d = 0``."""
@@ -175,20 +172,6 @@ def _rotated(vectors: Float64, angles: Float64) -> Float64:
     return np.stack([c * x - s * y, s * x + c * y, yaw], axis=1)
 
 
-def _isam_params(factorization: str, relinearize_skip: int) -> gtsam.ISAM2Params:
-    """Return parameters with elimination by ``CHOLESKY`` or ``QR``.
-
-    Cholesky gives up ("indeterminate") where a row of the square-root information falls below
-    1/4096 of another: a robot that is 30 m uncertain after a long corridor, with a heading known
-    from scan to scan to 2 mrad, is such a case. QR takes it, and nearly twice the time.
-    """
-    params = gtsam.ISAM2Params()
-    params.setRelinearizeThreshold(RELINEARIZE)
-    params.relinearizeSkip = relinearize_skip
-    params.setFactorization(factorization)
-    return params
-
-
 class PoseGraph:
     """A graph that grows and is optimised as a batch, from the values of the last optimisation.
 
@@ -229,50 +212,7 @@ class PoseGraph:
         return GraphSolution(self._values, self._graph, int(optimizer.iterations()))
 
 
-class IncrementalGraph:
-    """A graph that is optimised incrementally by ISAM2 (surface mapping paper, III.B).
-
-    Parameters
-    ----------
-    relinearize_skip
-        Steps after which variables that have moved are linearised anew.
-    """
-
-    def __init__(self, relinearize_skip: int = 10) -> None:
-        self._skip = relinearize_skip
-        self._steps: list[tuple[list[Factor], dict[Key, Float64]]] = []
-        self._begin("CHOLESKY")
-
-    def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
-        """Add factors and new poses, with start values (3,) or (4, 4), and update.
-
-        Landmarks that are new are started by their factors, from poses in the graph.
-        """
-        step = list(factors), dict(poses)
-        self._steps.append(step)
-        try:
-            self._update(*step)
-        except RuntimeError:
-            self._begin("QR")
-            for earlier in self._steps:
-                self._update(*earlier)
-
-    def _update(self, factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> None:
-        new = assemble_update(self._isam, factors, poses, self._pose)
-        self._isam.update(new.graph, new.values)
-
-    def _pose(self, key: Key) -> Float64:
-        return key.from_value(self._isam.calculateEstimatePose3(key.symbol))
-
-    def _begin(self, factorization: str) -> None:
-        self._isam = gtsam.ISAM2(_isam_params(factorization, self._skip))
-
-    def planar_poses(self, keys: Sequence[Key]) -> Float64:
-        """Return planar poses float64 (N, 3)."""
-        return _planar_poses(self._isam.calculateEstimate(), keys)
-
-
-def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
+def poses_of(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     """Return planar poses float64 (N, 3) of keyframes."""
     if not keys:
         return np.zeros((0, 3))

@@ -12,6 +12,7 @@ from tccm_ros.geometry import planar
 from tccm_ros.kernels import kernel
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import project_level
+from tccm_ros.slam.base_attitude import LEVEL, Attitude, attitude_of
 
 THIN_DISTANCE = 0.04
 """Beams closer than this (m) along a scan are averaged (chosen: about twice the noise of a
@@ -79,6 +80,8 @@ class LevelScan:
         Whether odometry or tf tells how the base moves.
     heading
         Yaw of the base by its gyroscope, rad, from a direction of its own; None without one.
+    attitude
+        Height, roll and pitch of the base in odom at the stamp.
     """
 
     stamp_ns: int
@@ -89,6 +92,7 @@ class LevelScan:
     normals: Float64
     has_odometry: bool = True
     heading: float | None = None
+    attitude: Attitude = LEVEL
 
     @property
     def search_points(self) -> Float64:
@@ -112,6 +116,7 @@ def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
         normals,
         posed.has_odometry,
         posed.heading,
+        attitude_of(posed.T_odom_base[at_stamp]),
     )
 
 

@@ -34,11 +34,29 @@ def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
         "sign_keyframe": np.array([a.keyframe for a in anchored], np.int64),
         "sign_pose": np.array([a.pose for a in anchored], float).reshape(-1, 3),
         "sign_pose_cov": np.array([a.cov for a in anchored], float).reshape(-1, 3, 3),
+        **pack_attitudes("sign", anchored),
         "sign_texts": np.frombuffer(texts, np.uint8),
         "sign_confidence": np.array([m.confidence for m in seen], float),
         "sign_focal_length": np.array([m.focal_length for m in seen], float),
         "sign_patch": np.array([m.patch for m in seen], np.uint8).reshape(-1, *PATCH_SHAPE),
     }
+
+
+def pack_attitudes(prefix: str, anchored: Sequence[AnchoredPose]) -> dict[str, NDArray[Any]]:
+    """Return the attitudes of poses as an array, and no array where all are level."""
+    attitudes = np.array([a.attitude for a in anchored], float).reshape(-1, 3)
+    return {f"{prefix}_attitude": attitudes} if attitudes.any() else {}
+
+
+def unpack_anchored(prefix: str, s: Mapping[str, NDArray[Any]]) -> list[AnchoredPose]:
+    """Return the poses of observations of a kind."""
+    on = s[f"{prefix}_keyframe"].tolist()
+    attitudes = s.get(f"{prefix}_attitude", np.zeros((len(on), 3))).tolist()
+    rows = zip(on, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
+    return [
+        AnchoredPose(k, pose, cov, roll_pitch=(roll, pitch), z=z)
+        for k, pose, cov, (z, roll, pitch) in rows
+    ]
 
 
 def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:
@@ -76,6 +94,5 @@ def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView
             strict=True,
         )
     ]
-    anchored = [AnchoredPose(*a) for a in zip(on, s["sign_pose"], s["sign_pose_cov"], strict=True)]
-    rows = zip(measurements, anchored, s["sign_id"].tolist(), strict=True)
+    rows = zip(measurements, unpack_anchored("sign", s), s["sign_id"].tolist(), strict=True)
     return [SignView(*row) for row in rows]

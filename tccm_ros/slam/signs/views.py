@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import compose2, spatial
+from tccm_ros.geometry import compose2
 from tccm_ros.records import SIGN, LandmarkObservation
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
+from tccm_ros.slam.base_attitude import with_attitude
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS
 from tccm_ros.slam.landmarks import AnchoredObservation
@@ -93,9 +94,10 @@ def camera_poses(views: Sequence[PictureView | SignView], poses: Float64) -> Flo
         float64 (K, 3), of the keyframes in map.
     """
     on = np.array([v.anchored.keyframe for v in views], np.int64)
-    base = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
+    planar = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
+    attitudes = np.array([v.anchored.attitude for v in views]).reshape(-1, 3)
     T_base_camera = np.array([v.T_base_camera for v in views]).reshape(-1, 4, 4)
-    return np.asarray(spatial(base) @ T_base_camera)
+    return np.asarray(with_attitude(planar, attitudes) @ T_base_camera)
 
 
 def sign_order(measurement: SignMeasurement) -> tuple[float, ...]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -29,6 +30,11 @@ POINT_SIGMA = 0.03
 
 THROUGH_SIGMA = 0.01
 """Standard deviation (m) of the distance of a wall from its corner (chosen)."""
+
+EXACT_SIGMA = 0.001
+"""The same (m) where the corner is the wall's endpoint, so that both have one position: a thirtieth
+of `POINT_SIGMA`. With a hundredth of that Levenberg-Marquardt does not converge in a flat
+(``bench/mspace_corners.py``)."""
 
 
 class Corner(NamedTuple):
@@ -126,13 +132,21 @@ def uses_corners(config: Config) -> bool:
     walls = config.walls
     if not walls.enabled or walls.corners == "none":
         return False
-    return walls.corners == "point" or not config.matching.enabled
+    return walls.corners != "auto" or not config.matching.enabled
 
 
 def corner_factors(
-    corners: Sequence[Corner], table: WallTable, keys: Sequence[Key], first: int = 0
+    corners: Sequence[Corner],
+    table: WallTable,
+    keys: Sequence[Key],
+    config: Config,
+    numbers: Iterable[int] | None = None,
 ) -> list[Factor]:
     """Return the factors that make each corner one point of two walls.
+
+    As endpoints (``walls.corners: endpoint``), a wall is where its corners are: its parameters are
+    functions of the corners' positions, which it has in common with other walls. That is the form
+    of the surface mapping paper (III.C), whose walls are features of the M-space.
 
     Parameters
     ----------
@@ -142,23 +156,43 @@ def corner_factors(
         The walls; their directions say along which normal a wall is constrained.
     keys
         Variables of all keyframes.
-    first
-        Number of the first corner.
+    config
+        ``walls.corners``.
+    numbers
+        Of the corners whose factors are wanted; all by default.
     """
-    factors: list[Factor] = []
-    for n, corner in enumerate(corners, first):
-        key = corner_key(n)
+    is_exact, factors = config.walls.corners == "endpoint", list[Factor]()
+    ends = _endpoints(corners, table) if is_exact else set()
+    for n in range(len(corners)) if numbers is None else numbers:
+        corner, key = corners[n], corner_key(n)
+        walls = [w for w in (corner.a, corner.b) if not is_exact or (w, n) in ends]
+        if not walls:
+            continue
         # All observations of one corner end at the same last beam: together they count as one.
         sigma = POINT_SIGMA * float(np.sqrt(len(corner.points)))
         for k, point in zip(corner.keyframes, corner.points):
             factors.append(CornerObservation(keys[k], key, point, sigma))
-        for w in (corner.a, corner.b):
-            through = WallThroughCorner(key, wall_key(w), float(table.phi[w]), THROUGH_SIGMA)
-            factors.append(through)
+        through = EXACT_SIGMA if is_exact else THROUGH_SIGMA
+        for w in walls:
+            factors.append(WallThroughCorner(key, wall_key(w), float(table.phi[w]), through))
     return factors
 
 
-def meeting_point(phi: Sequence[float], rho: Sequence[float]) -> Float64:
+def _endpoints(corners: Sequence[Corner], table: WallTable) -> set[tuple[int, int]]:
+    """Return pairs of a wall and the corner, by their numbers, that is the outermost at one end."""
+    outermost: dict[tuple[int, bool], tuple[float, int]] = {}
+    for n, corner in enumerate(corners):
+        pair = [corner.a, corner.b]
+        point = meeting_point(table.phi[pair], table.rho[pair])
+        for w in pair:
+            tangent = np.array([-np.sin(table.phi[w]), np.cos(table.phi[w])])
+            along = float(point @ tangent - table.extent[w].mean())
+            end = w, along > 0.0
+            outermost[end] = max(outermost.get(end, (0.0, n)), (abs(along), n))
+    return {(w, n) for (w, _), (_, n) in outermost.items()}
+
+
+def meeting_point(phi: ArrayLike, rho: ArrayLike) -> Float64:
     """Return the point (2,) that two lines (phi, rho) have in common."""
     normals = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     return np.asarray(np.linalg.solve(normals, np.asarray(rho, float)))

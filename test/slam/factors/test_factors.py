@@ -9,7 +9,8 @@ from tccm_ros.slam.factors.keys import keyframe_key, view_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.views import BetweenViews, KeyframeView
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
+from tccm_ros.slam.graph.incremental import IncrementalGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 
 COV = np.diag([0.02**2, 0.02**2, 0.01**2])
 PHIS = np.radians([0.0, 90.0, 180.0, -90.0, 0.00001, 37.0, -140.0])

@@ -8,7 +8,7 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.chain import yaw_offset_for
-from tccm_ros.slam.factors.corners import CornerObservation
+from tccm_ros.slam.factors.corners import CornerObservation, WallThroughCorner
 from tccm_ros.slam.factors.keys import corner_key, keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
@@ -16,6 +16,7 @@ from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.association import WallTable, associate_walls
 from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners, uses_corners
+from tccm_ros.slam.walls.landmarks import wall_factors
 from tccm_ros.slam.walls.lines import extract_lines
 
 ROOM = plan.box(-2.0, -1.5, 3.0, 2.5)
@@ -104,7 +105,7 @@ def two_keyframes(with_corner):
     )  # fmt: skip
     if with_corner:
         points = [np.array([4.0, 1.5]) - pose[:2] for pose in truth]
-        factors += corner_factors([Corner(0, 1, [0, 1], points)], table, keys)
+        factors += corner_factors([Corner(0, 1, [0, 1], points)], table, keys, Config())
     solution = PoseGraph(factors, {keys[0]: truth[0], keys[1]: wrong}).optimise()
     return solution.planar_poses([keys[1]])[0], truth[1]
 
@@ -149,10 +150,48 @@ def test_a_wall_goes_through_the_corner_that_it_ends_in():
         np.zeros((2, 2)), np.zeros(2),
     )  # fmt: skip
     seen = [np.array([4.0, 1.5])]
-    corners = corner_factors([Corner(0, 1, [0], seen)], table, [key])
+    corners = corner_factors([Corner(0, 1, [0], seen)], table, [key], Config())
     solution = PoseGraph([*factors, *corners], {key: np.zeros(3)}).optimise()
     # A line of 1 m against a corner of 3.2 cm: half a millimetre is left of the 0.5 m.
     assert -solution.plane(wall_key(0))[3] == pytest.approx(4.0, abs=0.002)
+
+
+def test_walls_that_meet_are_where_their_endpoints_are():
+    """As in M-space: what is known of either wall is known of the endpoint of both."""
+    config = Config()
+    config.walls.corners = "endpoint"
+    lines = [lines_at(pose) for pose in POSES]
+    table = associate_walls(POSES, lines, config)
+    corners = find_corners(table, lines, 3)
+    keys = [keyframe_key(k, yaw_offset_for(x.phi)) for k, x in enumerate(lines)]
+    factors = [PriorPose(keys[0], POSES[0], np.eye(3) * 1e-8)]
+    factors += [Planar(key, pose) for key, pose in zip(keys[1:], POSES[1:])]
+    factors += wall_factors(table, lines, keys, config)
+    factors += corner_factors(corners, table, keys, config)
+    solution = PoseGraph(factors, dict(zip(keys, POSES))).optimise()
+    for n, corner in enumerate(corners):
+        point = solution.pose(corner_key(n))[:3, 3]
+        for w in (corner.a, corner.b):
+            plane = solution.plane(wall_key(w))
+            assert plane[:3] @ point + plane[3] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_wall_has_one_endpoint_at_each_end():
+    """Of two corners at one end the inner one is left to the other wall."""
+    config, half_pi = Config(), np.pi / 2
+    config.walls.corners = "endpoint"
+    # y = 1 from x = -2 to 2; x = 1.5 and x = 2 meet it.
+    table = WallTable(
+        *np.zeros((3, 0), np.int64), np.array([half_pi, 0.0, 0.0]), np.array([1.0, 1.5, 2.0]),
+        np.array([[-2.0, 2.0], [0.0, 1.0], [0.0, 1.0]]), np.zeros(3),
+    )  # fmt: skip
+    seen = [np.array([1.5, 1.0])], [np.array([2.0, 1.0])]
+    corners = [Corner(0, 1, [0], seen[0]), Corner(0, 2, [0], seen[1])]
+    factors = corner_factors(corners, table, [keyframe_key(0)], config)
+    through = [f for f in factors if isinstance(f, WallThroughCorner)]
+    # A wall's axis points along its tangent: that of y = 1 to -x.
+    ends = {(f.wall.number, f.corner.number) for f in through}
+    assert ends == {(0, 1), (1, 0), (2, 1)}
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.9, -2.2])
@@ -180,6 +219,7 @@ def test_a_corner_is_known_equally_well_in_every_direction(yaw):
         ("auto", False, True, True),
         ("point", True, True, True),
         ("point", True, False, False),
+        ("endpoint", True, True, True),
         ("none", False, True, False),
     ],
 )

@@ -1,0 +1,75 @@
+"""Height, roll and pitch of the base by odometry: given values of poses, no variables of the graph.
+
+The graph estimates x, y and yaw. Odometry of wheels has no more; that of a legged robot also tells
+how high its base is over the ground, and its roll and pitch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.geometry import pose_from_roll_pitch, spatial
+from tccm_ros.robot.tracks import Track
+from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS
+
+Attitude = tuple[float, float, float]
+"""Height (m), roll and pitch (rad) of the base in the odometry frame."""
+
+LEVEL: Attitude = (0.0, 0.0, 0.0)
+
+
+def attitude_of(T_odom_base: Float64) -> Attitude:
+    """Return the attitude of a pose float64 (4, 4)."""
+    x, y, z, height = np.asarray(T_odom_base, float)[2].tolist()
+    return height + 0.0, math.atan2(y, z) + 0.0, math.asin(min(max(-x, -1.0), 1.0)) + 0.0  # no -0.0
+
+
+def with_attitude(poses: ArrayLike, attitudes: ArrayLike) -> Float64:
+    """Return poses (..., 4, 4) of planar poses (..., 3) with attitudes (..., 3)."""
+    T, given = spatial(poses), np.asarray(attitudes, float)
+    if given.any():
+        T[..., 2, 3] = given[..., 0]
+        T = T @ pose_from_roll_pitch(given[..., 1:])
+    return T
+
+
+class AttitudeTrack:
+    """Height, roll and pitch of the base over time; samples come in the order of their stamps."""
+
+    def __init__(self) -> None:
+        self._samples = Track(3, UNBOUNDED_NS)
+        self._newest_ns = 0
+
+    def add(self, stamp_ns: int, attitude: Attitude) -> None:
+        """Add a sample; while it stays the same, one is kept."""
+        value, known = np.array(attitude), self._samples
+        if not len(known) or not np.array_equal(known.values[-1], value):
+            if len(known):
+                known.append(self._newest_ns, known.values[-1].copy())
+            known.append(stamp_ns, value)
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+
+    @property
+    def newest(self) -> Attitude:
+        """The newest sample, level without any."""
+        z, roll, pitch = self._samples.values[-1].tolist() if len(self._samples) else LEVEL
+        return z, roll, pitch
+
+    def at(self, stamps_ns: Sequence[int] | Int64) -> Float64:
+        """Return attitudes float64 (N, 3) at N stamps.
+
+        They are linear between samples, held at the ends, and 0 without samples.
+        """
+        stamps, values = self._samples.stamps_ns, self._samples.values
+        found = np.zeros((len(stamps_ns), 3))
+        if len(stamps):
+            # Relative to the first stamp, nanoseconds are exact in float64 for a hundred days.
+            asked = (np.asarray(stamps_ns, np.int64) - stamps[0]).astype(float)
+            for k in range(3):
+                found[:, k] = np.interp(asked, (stamps - stamps[0]).astype(float), values[:, k])
+        return found

@@ -25,7 +25,7 @@ from tccm_ros.records.building import (
     joint_sample,
     pose_matrix,
     scan_record,
-    transform_sample,
+    transform_samples,
 )
 
 ENCAPSULATION = b"\0\1"
@@ -201,7 +201,5 @@ def read_transforms(data: bytes, *, is_static: bool = False) -> list[TransformSa
         found.append((stamp_ns, (parent, child), _POSE(data, at)))
         at += POSE_BYTES
     _check(data, at)
-    return [
-        transform_sample(stamp_ns, frames, numbers[:3], numbers[3:], is_static)
-        for stamp_ns, frames, numbers in found
-    ]
+    rows = ((stamp_ns, frames, pose[:3], pose[3:]) for stamp_ns, frames, pose in found)
+    return transform_samples(rows, is_static)

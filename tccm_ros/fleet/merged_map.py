@@ -63,6 +63,7 @@ def merged_map(
         [loop for part in parts for loop in part.loops] + loops,
         [seen for part in parts for seen in part.observations],
         [view for part in parts for view in part.sign_views],
+        {session: root for part in parts for session, root in part.unjoined.items()},
     )
     return SavedMap(pack_walls(walls), tuple(views))
 
@@ -100,4 +101,5 @@ def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> 
     # Ids of signs are those of one map: the merged one numbers its signs anew.
     signs = [replace(v, anchored=on(v.anchored), sign=-1) for v in walls.sign_views]
     poses = compose2(T_root_map, walls.poses)
-    return SavedWalls(keyframes, walls.lines, poses, loops, seen, signs)
+    unjoined = {s + session: root + session for s, root in walls.unjoined.items()}
+    return SavedWalls(keyframes, walls.lines, poses, loops, seen, signs, unjoined)

@@ -146,10 +146,10 @@ def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Prop
         ``loops.*`` and ``matching.*``.
     """
     chain = Chain()
-    closer = LoopCloser(config, chain)
+    closer = LoopCloser(config, chain, begins_trajectories=False)
     for keyframe, lines in zip(one.keyframes, one.lines):
         chain.add(keyframe, lines.phi)
-    closer.load(one.poses, one.loops, (), one.sign_views)
+    closer.load(one.poses, one.loops, (), one.sign_views, one.unjoined)
     count = len(one.keyframes)
     first_session = 1 + max(keyframe.session for keyframe in one.keyframes)
     for k, (keyframe, lines) in enumerate(zip(other.keyframes, other.lines)):
@@ -157,7 +157,8 @@ def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Prop
         chain.add(replace(keyframe, id=count + k, session=session), lines.phi)
         closer.add(count + k, (), _sign_views_on(k, other, count))
     found = [p for p in closer.accepted[len(one.loops) :] if p.a < count <= p.b]
-    return [replace(p, b=p.b - count) for p in found]
+    found = [replace(p, b=p.b - count) for p in found]
+    return [p for p in found if other.keyframes[p.b].session not in other.unjoined]
 
 
 def _sign_views_on(k: int, walls: SavedWalls, count: int) -> list[SignView]:

@@ -15,9 +15,9 @@ from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_services import MapServices
 from tccm_ros.nodes.ros_types import is_installed
 from tccm_ros.nodes.scan_here import ViewAction, offer_scan_here
-from tccm_ros.nodes.scene_channel import unpack_scene
 from tccm_ros.nodes.sensor_node import SensorNode
-from tccm_ros.nodes.solver_channel import Solved
+from tccm_ros.nodes.solver.channel import Solved
+from tccm_ros.nodes.solver.scene_channel import unpack_scene
 from tccm_ros.nodes.surface_events import SurfaceEvents
 from tccm_ros.nodes.surface_services import SceneQueries, SurfaceServices
 from tccm_ros.records import LabelCorrection

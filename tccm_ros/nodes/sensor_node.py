@@ -474,9 +474,9 @@ class SensorNode(Node):
         Parameters
         ----------
         ending
-            Of the process; None: the node ends alone.
+            Of the process; None: the node alone ends, and nobody kills it if that takes long.
         """
-        ending = ending or Ending().begin()
+        ending = ending or Ending()
         if not self.warming.is_loaded:
             self.warming.stop()
             with suppress(OSError):

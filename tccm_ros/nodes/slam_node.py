@@ -29,8 +29,7 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.sign_reader import SignReader
-from tccm_ros.nodes.solver import Answer, Solver
-from tccm_ros.nodes.solver_channel import (
+from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
     Messages,
@@ -38,6 +37,7 @@ from tccm_ros.nodes.solver_channel import (
     PoseStamp,
     Solved,
 )
+from tccm_ros.nodes.solver.solver import Answer, Solver
 from tccm_ros.nodes.view_parts import ViewParts
 from tccm_ros.nodes.worker import Worker, promise
 from tccm_ros.records import (
@@ -331,13 +331,13 @@ class SlamNode(SensorNode):
         """Take over where the robot is, as soon as it is found, or what that waits for."""
         if not self.solver.is_of_session(placed) or placed.resets != self._resets:
             return
+        self.localisation.note_wait(placed.waits_for)
         if placed.map is None:
-            self.localisation.note_wait(placed.waits_for)
             return
         self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
         was_told, self._is_told = self._is_told, False
         self._take_map(placed.map)
-        if was_told:
+        if was_told and not placed.map.is_unjoined:
             self.localisation.note_told(self.processor, is_taken=placed.is_told)
 
     def _take_map(self, solved: SolvedMap) -> None:
@@ -598,6 +598,8 @@ class SlamNode(SensorNode):
         elif not self.live.is_localised:
             reason = self.localisation.reason
             yield f"the robot is not found in the map: {reason}; map -> odom is not published"
+        elif self.processor.is_unjoined:
+            yield f"the robot is not found in the map: {self.localisation.reason}"
         yield from self._problems_of_signs()
         yield from self.solver.problems()
         if self.solver.newest is not None:

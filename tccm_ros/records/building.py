@@ -6,7 +6,7 @@ Content that no processor can use raises `MessageError`; callers count it as a d
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -248,6 +248,38 @@ def transform_sample(
     parent, child = map(frame_name, frames)
     T = pose_matrix(t, q, f"transform {parent} -> {child}")
     return TransformSample(stamp_ns, parent, child, T, is_static)
+
+
+def transform_samples(
+    rows: Iterable[tuple[int, tuple[str, str], Vector, Vector]], is_static: bool
+) -> list[TransformSample]:
+    """Return the samples of a tf2_msgs/TFMessage; where one has no pose, it is nan.
+
+    The other transforms of such a message are sound: a publisher sends those of all joints at once,
+    also that of a finger of which nothing is measured.
+
+    Parameters
+    ----------
+    rows, is_static
+        Arguments of `transform_sample`.
+
+    Raises
+    ------
+    MessageError
+        Where none of them has a pose.
+    """
+    samples, faults = [], []
+    for stamp_ns, frames, t, q in rows:
+        try:
+            samples.append(transform_sample(stamp_ns, frames, t, q, is_static))
+        except MessageError as error:
+            parent, child = map(frame_name, frames)
+            nothing = np.full((4, 4), np.nan)
+            samples.append(TransformSample(stamp_ns, parent, child, nothing, is_static))
+            faults.append(error)
+    if faults and len(faults) == len(samples):
+        raise faults[0]
+    return samples
 
 
 def pose_matrix(t: Vector, q: Vector, what: str) -> Float64:

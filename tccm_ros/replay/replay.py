@@ -96,6 +96,11 @@ class Summary:
         ]
         if session.kind == SessionKind.NEW:
             lines.append("a new session of the saved map")
+        if counts.unjoined_trajectories:
+            lines.append(
+                f"trajectories beside the map, as no place of it fits: "
+                f"{counts.unjoined_trajectories}; a drive that meets both joins them"
+            )
         if counts.dropped:
             reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
             lines.append(f"dropped: {reasons}")
@@ -294,6 +299,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
             small_surfaces=surfaces.small,
             objects=objects,
             failed_stages=dict(sorted(solution.stages.failed.items())),
+            unjoined_trajectories=slam.walls.unjoined_trajectories,
         ),
         config=outcome.config.model_dump(mode="json"),
     )

@@ -776,6 +776,8 @@ class CountsEntry:
         On surfaces.
     failed_stages
         Stages that hang on the map and were left out, by name and error.
+    unjoined_trajectories
+        Trajectories beside the map, whose places in it are not known.
     """
 
     messages: dict[str, int]
@@ -791,6 +793,7 @@ class CountsEntry:
     small_surfaces: int
     objects: int
     failed_stages: dict[str, int] = field(default_factory=dict)
+    unjoined_trajectories: int = 0
 
     @property
     def surface_counts(self) -> SurfaceCounts:

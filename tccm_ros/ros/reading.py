@@ -35,7 +35,7 @@ from tccm_ros.records.building import (
     joint_sample,
     pose_matrix,
     stamp_ns_from_message,
-    transform_sample,
+    transform_samples,
 )
 from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, VIEWPOINT_ROW, cloud_rows
 from tccm_ros.sensors.registry import default_streams
@@ -95,9 +95,9 @@ def transforms_from_message(message: Any, *, is_static: bool = False) -> list[Tr
     Raises
     ------
     MessageError
-        Where one of them is not finite or its quaternion is zero.
+        Where none of them is finite with a quaternion that is not zero.
     """
-    return [_transform_sample(transform, is_static) for transform in message.transforms]
+    return transform_samples(map(_transform_row, message.transforms), is_static)
 
 
 def robot_description_from_message(message: Any) -> RobotDescription:
@@ -196,15 +196,11 @@ READERS: Mapping[str, MessageReader] = {
 """The reader of messages to records, by role of a topic."""
 
 
-def _transform_sample(message: Any, is_static: bool) -> TransformSample:
+def _transform_row(message: Any) -> tuple[Any, ...]:
     t, q = message.transform.translation, message.transform.rotation
-    return transform_sample(
-        stamp_ns_from_message(message.header.stamp),
-        (message.header.frame_id, message.child_frame_id),
-        (t.x, t.y, t.z),
-        (q.x, q.y, q.z, q.w),
-        is_static,
-    )
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    frames = message.header.frame_id, message.child_frame_id
+    return stamp_ns, frames, (t.x, t.y, t.z), (q.x, q.y, q.z, q.w)
 
 
 def _float_columns(rows: NDArray[Any], names: Sequence[str]) -> Float32:

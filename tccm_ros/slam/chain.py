@@ -80,6 +80,8 @@ class Chain:
         Their variables in the graph.
     fixed
         Poses float64 (3,) of keyframes that must not move, by id: the map in localisation.
+    origins
+        Poses float64 (3,) of the first keyframes of trajectories that are not joined to the map.
     told
         Poses float64 (3,) in map that another program tells, and their covariances (3, 3) of
         (x, y, yaw) in map, by id.
@@ -88,6 +90,7 @@ class Chain:
     keyframes: list[GraphKeyframe] = field(default_factory=list)
     keys: list[Key] = field(default_factory=list)
     fixed: dict[int, Float64] = field(default_factory=dict)
+    origins: dict[int, Float64] = field(default_factory=dict)
     told: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
@@ -117,7 +120,7 @@ class Chain:
     def graph(
         self,
         poses: Sequence[Float64] | Float64,
-        localised: Collection[int],
+        constrained: Collection[int],
         anchored: Mapping[Key, AnchoredPose] | None = None,
     ) -> PoseGraph:
         """Build the graph of all keyframes and of the poses that are anchored to them.
@@ -126,16 +129,16 @@ class Chain:
         ----------
         poses
             Planar start poses (3,), one for each keyframe.
-        localised
-            Sessions in the frame of the first; the others are pinned where they began.
+        constrained
+            Sessions that factors constrain; the others are pinned where they began.
         anchored
             Poses anchored to keyframes, by their variables.
         """
         starts: dict[Key, Float64] = dict(zip(self.keys, poses))
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
         for k, keyframe in enumerate(self.keyframes):
-            if k and self.starts(k) and keyframe.session not in localised:
-                factors.append(_pinned(self.keys[k], keyframe.pose))
+            if k and self.starts(k) and keyframe.session not in constrained:
+                factors.append(_pinned(self.keys[k], self.origins.get(k, keyframe.pose)))
         for key, pose in (anchored or {}).items():
             starts[key], factor = self.anchor(key, pose, poses)
             factors.append(factor)

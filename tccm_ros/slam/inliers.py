@@ -83,12 +83,12 @@ def select_inliers(
         ``walls.*`` and ``lines.*``.
     """
     keys, seen = chain.keys, landmark_factors(observations)
-    graph = chain.graph(closer.poses, closer.localised, seen.anchored)
+    graph = chain.graph(closer.poses, closer.constrained, seen.anchored)
     graph.add(seen.factors)
     poses, kept = select_loops(graph, keys, closer.accepted)
     loops = [p for p, ok in zip(closer.accepted, kept) if ok]
     # Without landmarks: the question is how well keyframes, loops and walls fit each other.
-    graph = chain.graph(poses, closer.localised)
+    graph = chain.graph(poses, closer.constrained)
     graph.add([p.factor(keys) for p in loops])
     table = associate_walls(poses, lines, config)
     checked = check_walls(table, lines, poses, graph, keys, config)

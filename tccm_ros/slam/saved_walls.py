@@ -42,6 +42,8 @@ class SavedWalls(NamedTuple):
         Of landmarks.
     sign_views
         Of door signs, each with the sign's id.
+    unjoined
+        `LoopCloser.unjoined`.
     """
 
     keyframes: Sequence[GraphKeyframe]
@@ -50,11 +52,12 @@ class SavedWalls(NamedTuple):
     loops: Sequence[Proposal]
     observations: Sequence[AnchoredObservation]
     sign_views: Sequence[SignView]
+    unjoined: Mapping[int, int] = {}
 
 
 def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
     """Return arrays: keyframe rows, scans and lines end to end with counts, loops, and the rest."""
-    keyframes, lines, poses, loops, observations, sign_views = saved
+    keyframes, lines, poses, loops, observations, sign_views, unjoined = saved
     scans = [k.scan for k in keyframes]
     return {
         "keyframe_stamp_ns": np.array([s.stamp_ns for s in scans], np.int64),
@@ -81,6 +84,7 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
         **_pack_landmarks(observations),
         **pack_signs(sign_views),
+        **({"unjoined_sessions": np.array(sorted(unjoined.items()), np.int64)} if unjoined else {}),
     }
 
 
@@ -156,7 +160,10 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     ]
     poses = s["keyframe_pose"].reshape(count, 3)
     observations = _unpack_landmarks(s, count)
-    return SavedWalls(keyframes, lines, poses, loops, observations, unpack_signs(s, count))
+    # Most maps are one trajectory, and have no such array.
+    unjoined = {int(a): int(b) for a, b in s.get("unjoined_sessions", np.zeros((0, 2), np.int64))}
+    signs = unpack_signs(s, count)
+    return SavedWalls(keyframes, lines, poses, loops, observations, signs, unjoined)
 
 
 def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[AnchoredObservation]:

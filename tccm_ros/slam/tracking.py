@@ -75,6 +75,8 @@ class SolvedMap(NamedTuple):
         Whether the place of this session in the map is known.
     placed_by_sign
         Id of the sign that placed it there; -1 where none did.
+    is_unjoined
+        Whether the session is on a trajectory beside the map: its place in the map is not known.
     """
 
     T_map_front: Float64
@@ -82,6 +84,7 @@ class SolvedMap(NamedTuple):
     walls: MapWalls
     is_localised: bool = True
     placed_by_sign: int = -1
+    is_unjoined: bool = False
 
 
 class Tracker:
@@ -172,7 +175,13 @@ class Tracker:
             return LocalisationState.UNKNOWN
         if self._front.contradicts(self._stamp_ns):
             return LocalisationState.LOST
-        return LocalisationState.TRACKING if self.is_localised else LocalisationState.SEARCHING
+        is_in_map = self.is_localised and not self.is_unjoined
+        return LocalisationState.TRACKING if is_in_map else LocalisationState.SEARCHING
+
+    @property
+    def is_unjoined(self) -> bool:
+        """Whether the pose is that of a trajectory beside the map, which is not joined to it."""
+        return self._solved is not None and self._solved.is_unjoined
 
     @property
     def solved_keyframe(self) -> int:
@@ -187,7 +196,7 @@ class Tracker:
 
     @property
     def is_localised(self) -> bool:
-        """Whether the place of this session in the map is known."""
+        """Whether this session has a place in the map, or beside it (`is_unjoined`)."""
         return self._map_odom is not None if self._is_external else self._is_localised
 
     def current_pose(self) -> LivePose:

@@ -72,7 +72,8 @@ class WallSlam:
         self.label = label
         self._lines: list[Lines] = []
         self._chain = Chain()
-        self._closer = LoopCloser(config, self._chain)
+        is_mapping = config.graph.mode == "mapping"
+        self._closer = LoopCloser(config, self._chain, begins_trajectories=is_mapping)
         self._front = FrontEnd(config)
         self._first_session = 0
         self._odometry = OdometryTrack()
@@ -279,8 +280,18 @@ class WallSlam:
 
     @property
     def has_place(self) -> bool:
-        """Whether the map has a place where this run began; always without a saved map."""
-        return self._first_session in self._closer.localised
+        """Whether there is a place for where this run began; always without a saved map."""
+        return self._first_session in self._closer.placed
+
+    @property
+    def is_unjoined(self) -> bool:
+        """Whether the newest session is on a trajectory beside the map, not joined to it yet."""
+        return self._front.session in self._closer.unjoined
+
+    @property
+    def unjoined_trajectories(self) -> int:
+        """Number of trajectories that are not joined to the map."""
+        return len(set(self._closer.unjoined.values()))
 
     @property
     def placed_by_sign(self) -> int:
@@ -289,7 +300,7 @@ class WallSlam:
 
     def _is_detached(self, session: int) -> bool:
         """Return whether a session began as the robot was lost, and has no place in the map."""
-        return session > self._first_session and session not in self._closer.localised
+        return session > self._first_session and session not in self._closer.placed
 
     def _is_in_map(self, k: int) -> bool:
         return not self._is_detached(self._chain.keyframes[k].session)
@@ -347,7 +358,7 @@ class WallSlam:
         observations = [*used.observations, *sign_observations(used.signs)]
         seen = landmark_factors(observations, unit_variance=used.scale)
         anchored_poses = {**dict(zip(view_keys, anchored)), **seen.anchored}
-        graph = self._chain.graph(used.poses, self._closer.localised, anchored_poses)
+        graph = self._chain.graph(used.poses, self._closer.constrained, anchored_poses)
         graph.add([p.factor(keys) for p in used.loops])
         if self.config.walls.enabled:
             graph.add(self._wall_factors(used))
@@ -564,6 +575,7 @@ class WallSlam:
                     for v in sign.views
                     if v.anchored.keyframe in number
                 ],
+                self._closer.unjoined,
             )
         )
 
@@ -582,7 +594,7 @@ class WallSlam:
 
     def placed_keyframe(self) -> SolvedKeyframe | None:
         """Return where the newest keyframe is in the map, before it is solved; None without one."""
-        if not self._front.keyframes or not self.has_place_now:
+        if not self._front.keyframes or self._front.session not in self._closer.placed:
             return None
         keyframe = self._front.keyframes[-1]
         near = [p for p in self._closer.accepted if p.b == keyframe.id]
@@ -624,7 +636,7 @@ class WallSlam:
             slam._chain.fixed = dict(enumerate(saved.poses))
         slam._saved_observations = saved.observations
         slam._saved_signs = saved.sign_views
-        slam._closer.load(saved.poses, saved.loops, saved.observations, saved.sign_views)
+        slam._closer.load(*saved[2:])
         keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)

@@ -275,12 +275,14 @@ class EdgeSampler:
         """Return rows of `EdgeSamples` with whether the view looked past each, and weights.
 
         It looked past a last point where it did so beyond that point: the edge may be a wrong
-        guess.
+        guess. Where it looked nowhere beyond, the view ends, and the distance of samples says
+        nothing of where the surface does.
         """
         points = edge.start + at[:, None] * edge.along
         points = points + np.minimum(last, 0.0)[:, None] * edge.outward
         outward = np.broadcast_to(edge.outward, points.shape)
         ends = self._looks_past(member.view, points, outward)
+        gap = np.where(self._looks_beyond(member.view, points, outward), gap, 0.0)
         weight = np.full(len(at), min(1.0, INDEPENDENT / max(len(at), 1)))
         return np.stack([at, last, gap, front, ends, weight], axis=1)
 
@@ -408,6 +410,14 @@ class EdgeSampler:
             local = transform(self._inverses[view], probes)
             through |= self.views[view].free.contains(local, CLEAR)
         return through
+
+    def _looks_beyond(self, view: int, points: Float64, outward: Float64) -> Bool:
+        """Return whether a view looked into columns beyond places of an outline, at any height."""
+        into = np.zeros(len(points), bool)
+        for beyond in BEYOND:
+            probes = self.surface.lift(points + beyond * outward)
+            into |= self.views[view].free.looked_into(transform(self._inverses[view], probes))
+        return into
 
 
 def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:

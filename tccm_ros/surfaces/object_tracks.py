@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from tccm_ros.arrays import Bool, Float64
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, planar, transform
 from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
@@ -60,10 +60,10 @@ class ObjectTrack:
         Stamps of the first and the last view that measured it.
     views
         Views that measured it.
+    measured_ns
+        Stamps of these views, as far as they are kept.
     misses
         Views in a row that looked through it.
-    passed_over
-        Views that looked into the column of its middle, just above it, and did not measure it.
     scores
         What detections say of its class.
     """
@@ -76,8 +76,8 @@ class ObjectTrack:
     first_seen_ns: int
     last_seen_ns: int
     views: int
+    measured_ns: frozenset[int] = frozenset()
     misses: int = 0
-    passed_over: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
 
     @property
@@ -157,6 +157,8 @@ class TrackedObjects(NamedTuple):
 def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) -> TrackedObjects:
     """Return the objects that stand somewhere after the last view.
 
+    Noise, and parts of furniture, are measured once where many views look: such boxes are left out.
+
     Parameters
     ----------
     views
@@ -173,7 +175,27 @@ def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) ->
         after = first + len(view.objects)
         known = _update(known, view, T, first, config)
         unused += _take_detections(known, view, T)
-    return TrackedObjects(tuple(sorted(known, key=lambda track: track.id)), unused)
+    over = _views_over(known, views, T_map_view)
+    needed = config.objects.agreeing_views
+    tracks = [track for track, count in zip(known, over) if count < needed * track.views]
+    return TrackedObjects(tuple(sorted(tracks, key=lambda track: track.id)), unused)
+
+
+def _views_over(tracks: Sequence[ObjectTrack], views: Sequence[View], T_map_view: Float64) -> Int64:
+    """Return how many views looked just above each object and did not measure it, int64 (N,).
+
+    Views that looked through its place saw it before it came.
+    """
+    count = np.zeros(len(tracks), np.int64)
+    centers = np.array([track.center for track in tracks]).reshape(-1, 3)
+    tops = centers.copy()
+    tops[:, 2] += [0.5 * track.size[2] + ABOVE for track in tracks]
+    for view, T in zip(views if len(tracks) else (), T_map_view):
+        T_view_map = inverse(T)
+        over = view.free.contains(transform(T_view_map, tops))
+        over &= ~view.free.contains(transform(T_view_map, centers))
+        count += over & [view.stamp_ns not in track.measured_ns for track in tracks]
+    return count
 
 
 def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> int:
@@ -207,11 +229,7 @@ def _update(
         same = [known[i] for i, k in matched.items() if k == j]
         kept.append(_combined(same, new) if same else new)
     needed = config.objects.agreeing_views
-    return [
-        track
-        for track in kept
-        if track.misses < min(track.views, needed) and track.passed_over < needed * track.views
-    ]
+    return [track for track in kept if track.misses < min(track.views, needed)]
 
 
 def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
@@ -226,6 +244,7 @@ def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> O
         first_seen_ns=view.stamp_ns if item.first_seen_ns is None else item.first_seen_ns,
         last_seen_ns=view.stamp_ns,
         views=item.views,
+        measured_ns=frozenset({view.stamp_ns}),
     )
 
 
@@ -295,6 +314,7 @@ def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
         last_seen_ns=new.last_seen_ns,
         views=new.views + max(track.views for track in same),
+        measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
         scores=scores,
     )
 
@@ -311,9 +331,5 @@ def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) 
         points[k, :, 2] = track.center[2]
     seen = view.free.contains(transform(inverse(T), points.reshape(-1, 3)))
     through = np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)
-    above = np.array([t.center for t in tracks])
-    above[:, 2] += [0.5 * t.size[2] + ABOVE for t in tracks]
-    over = view.free.contains(transform(inverse(T), above))
     for k, track in enumerate(tracks):
         track.misses += bool(through[k])
-        track.passed_over += bool(over[k])

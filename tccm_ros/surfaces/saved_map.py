@@ -15,7 +15,6 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SensorKind
-from tccm_ros.slam.saved_walls import unpack_walls
 from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.plane_errors import fit_covariance
@@ -82,7 +81,11 @@ def views_in_map(saved: SavedMap) -> tuple[SavedView, ...]:
     """
     if not saved.walls:
         return saved.views
-    T_map_keyframe = spatial(unpack_walls(saved.walls).poses)
+    # Not by `unpack_walls`: the nodes read maps without the graph, which it loads.
+    try:
+        T_map_keyframe = spatial(np.asarray(saved.walls["keyframe_pose"]).reshape(-1, 3))
+    except (KeyError, ValueError) as error:
+        raise MapError(f"saved wall map is damaged: {error}") from None
     return tuple(
         replace(v, is_on_keyframe=False, T_anchor_view=T_map_keyframe[v.keyframe] @ v.T_anchor_view)
         if v.is_on_keyframe

@@ -25,6 +25,10 @@ OUTLINE_MARGIN = 0.05
 """Max distance of an object's centre from the outline of the surface under it, m; chosen."""
 
 
+PANEL = 0.10
+"""Legs, sides and fronts of furniture are seen as less deep than this, m; chosen: a leg of the
+thickest tables. Of what stands under a table and is no part of it the top is seen."""
+
 FLUSH = 0.015
 """What ends so near to the height of a surface reaches up to it, m: nearer than what stands under a
 thin board of furniture. Chosen."""
@@ -108,20 +112,21 @@ def scene_objects(
     found = [
         _scene_object(tracks[k], surface)
         for k, (_, surface) in nearest.items()
-        if not _is_side(tracks[k], surface, surfaces, outlines)
+        if not _is_part(tracks[k], surface, surfaces, outlines)
     ]
     return tuple(sorted(found, key=lambda item: (item.surface, item.id)))
 
 
-def _is_side(
+def _is_part(
     track: ObjectTrack,
     under: int,
     surfaces: Sequence[Surface],
     outlines: NDArray[Any],
 ) -> bool:
-    """Return whether a box is a side of what has another surface as its top, as a stove's.
+    """Return whether a box is a part of what has another surface as its top: a side, or a leg.
 
-    It lies along the edge of that surface, and reaches up to it and no further; beside it the
+    A part on the floor is under that surface, and thin. A side of what stands on a top, as a
+    stove's, lies along the edge of the stove, and reaches up to it and no further; beside it the
     surface is large, which tells a side from an object whose top was measured.
 
     Parameters
@@ -134,12 +139,18 @@ def _is_side(
         Of the map, and their outlines.
     """
     top, footprint = float(track.center[2] + 0.5 * track.size[2]), track.footprint
+    is_thin = min(track.size[:2]) < PANEL
+    on_floor = any(surface.id == under and surface.label == "floor" for surface in surfaces)
     for surface, outline in zip(surfaces, outlines):
         z = (surface.offset - track.center[:2] @ surface.normal[:2]) / surface.normal[2]
-        if surface.id == under or abs(top - float(z)) > FLUSH:
+        above = float(z) - top
+        if surface.id == under or above < -FLUSH or surface.label == "floor":
             continue
+        if on_floor and is_thin and shapely.dwithin(outline, footprint.centroid, OUTLINE_MARGIN):
+            return True
         is_small = footprint.intersection(outline).area < 0.5 * outline.area
-        if is_small and outline.boundary.buffer(OUTLINE_MARGIN).contains(footprint):
+        is_along = is_small and above <= FLUSH
+        if is_along and outline.boundary.buffer(OUTLINE_MARGIN).contains(footprint):
             return True
     return False
 

@@ -15,7 +15,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.surfaces.merging import NumberedPatch
 from tccm_ros.surfaces.patch_planes import pose_jacobian, stack_planes
-from tccm_ros.surfaces.plane_errors import FLATNESS
+from tccm_ros.surfaces.plane_errors import BLOCKS, FLATNESS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +34,9 @@ class SurfaceErrors:
         float64 (P, 3, 3), derivative by (z, roll, pitch) of the patch's view.
     systematic
         float64 (P, 3, K), by the parts of the view's systematic error, at one sigma.
+    bend
+        Variance, m2, of the surface about its plane: of the points of a block, by which the
+        covariances of the patches' planes were estimated.
     """
 
     mean: Float64
@@ -41,6 +44,7 @@ class SurfaceErrors:
     own: Float64
     pose: Float64
     systematic: Float64
+    bend: float
 
     def covariance(self, cov_z_roll_pitch: Float64) -> Float64:
         """Return the covariance float64 (3, 3) of the plane.
@@ -76,6 +80,7 @@ def surface_errors(
     """
     view = np.array([member.view for member in members])
     planes = stack_planes([m.patch for m in members], view, T_map_view, cov_z_roll_pitch)
+    counts = [member.patch.count for member in members]
     information, total = np.zeros((len(members), 3, 3)), np.zeros((3, 3))
     for p, member in enumerate(members):
         R, patch = T_map_view[member.view][:2, :2], member.patch
@@ -87,7 +92,8 @@ def surface_errors(
     gain = np.linalg.solve(total, information)
     J = np.stack([pose_jacobian(T_map_view[v], c) for v, c in zip(view, planes.centroid)])
     own = gain @ planes.cov_fit @ gain.transpose(0, 2, 1)
-    return SurfaceErrors(mean, view, own, gain @ J, gain @ planes.systematic)
+    bend = BLOCKS * float(np.average(planes.cov_fit[:, 0, 0], weights=counts)) + FLATNESS**2
+    return SurfaceErrors(mean, view, own, gain @ J, gain @ planes.systematic, bend)
 
 
 def step_variance(
@@ -95,7 +101,7 @@ def step_variance(
 ) -> float:
     """Return the variance, m2, of the difference in height of two surfaces at a place.
 
-    What a view has wrong of both alike cancels.
+    What a view has wrong of both alike cancels. A surface is not at its plane where it is bent.
 
     Parameters
     ----------
@@ -106,7 +112,7 @@ def step_variance(
     cov_z_roll_pitch
         float64 (V, 3, 3), of the views.
     """
-    variance = 2.0 * FLATNESS**2
+    variance = a.bend + b.bend
     by_view: dict[int, tuple[Float64, Float64]] = {}
     for errors, sign in ((a, 1.0), (b, -1.0)):
         arm = sign * np.r_[1.0, at_xy - errors.mean[:2]]

@@ -560,6 +560,7 @@ class SurfaceSlam:
             MapWalls.of(graph.walls, T_map_session),
             self.is_aligned(solution) and not self.walls.is_lost,
             self.walls.placed_by_sign,
+            self.walls.is_unjoined,
         )
 
     def placed_map(self, walls: MapWalls) -> SolvedMap | None:
@@ -574,7 +575,8 @@ class SurfaceSlam:
         if keyframe is None:
             return None
         T_map_front = self.walls.map_from_front(keyframe.pose)
-        return SolvedMap(T_map_front, keyframe, walls, True, self.walls.placed_by_sign)
+        by_sign, is_unjoined = self.walls.placed_by_sign, self.walls.is_unjoined
+        return SolvedMap(T_map_front, keyframe, walls, True, by_sign, is_unjoined)
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

@@ -118,6 +118,7 @@ def walls_with_signs(keyframes, views):
         keyframes=[Keyframe(k, 0) for k in range(keyframes)],
         lines=[SimpleNamespace(phi=())] * keyframes, poses=np.zeros((keyframes, 3)), loops=(),
         sign_views=[View(SimpleNamespace(stamp_ns=t), Anchored(k), s) for t, k, s in views],
+        unjoined={},
     )  # fmt: skip
 
 
@@ -127,10 +128,10 @@ def test_signs_of_both_maps_are_given_to_the_search(monkeypatch):
     class Search:
         accepted = ()
 
-        def __init__(self, config, chain):
-            pass
+        def __init__(self, config, chain, *, begins_trajectories):
+            assert not begins_trajectories
 
-        def load(self, poses, loops, observations, sign_views):
+        def load(self, poses, loops, observations, sign_views, unjoined):
             given.append([(v.anchored.keyframe, v.sign) for v in sign_views])
 
         def add(self, k, observations, sign_views):

@@ -139,7 +139,7 @@ def drive(
         )
         T = T_odom if odometry else np.eye(4)
         T_laser = T_base_laser[None]
-        posed = PosedScan(scan, np.array([stamp]), T[None], T_laser, has_odometry=odometry)
+        posed = PosedScan(scan, np.array([stamp]), T[None], T_laser, "scan", has_odometry=odometry)
         scans.append(posed)
         truth.append(planar(np.linalg.inv(T_first) @ matrix(pose)))
     return Run(np.stack(truth), scans)

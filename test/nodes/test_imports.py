@@ -13,7 +13,7 @@ LOADED = "import sys, {node}; print('gtsam' in sys.modules)"
     [
         ("tccm_ros.nodes.tccm_node", False),
         ("tccm_ros.nodes.slam_node", False),
-        ("tccm_ros.nodes.solver_process", True),
+        ("tccm_ros.nodes.solver.process", True),
     ],
 )
 def test_only_the_process_that_solves_loads_the_graph(node, solves):

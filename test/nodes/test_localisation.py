@@ -1,13 +1,17 @@
 """~/localisation over DDS, and poses that are told on /initialpose and ~/set_pose."""
 
 import numpy as np
+import plan
 import pytest
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from live_robot import START_NS, Listener, recording, slam, wait_until_done
 from std_srvs.srv import Trigger
+from written_map import write_map
 
+from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
 from tccm_ros.nodes.localisation import guess_of
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
 
@@ -85,3 +89,30 @@ def test_a_robot_that_stands_is_found_in_a_loaded_map(ros, tmp_path):
     assert states[-1].placed_by == Localisation.PLACED_BY_SCAN
     place = states[-1].pose.pose.position
     assert np.hypot(place.x, place.y) < 0.05
+
+
+def test_a_robot_in_a_room_that_the_map_does_not_have_begins_a_trajectory_beside_it(ros, tmp_path):
+    """By stamps: it stands for 10 s in a room; the map is that of a ring of corridors."""
+    ring = SurfaceSlam(Config())
+    for scan in plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 5)])).scans:
+        ring.add(scan)
+    write_map(tmp_path / "map", ring, ring.solve())
+    node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
+    viewer = Listener(ros, "viewer")
+    states = viewer.listen(Localisation, "/surface_slam/localisation", latched=True)
+    corrections = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
+    client = viewer.node.create_client(Trigger, "/surface_slam/load_map")
+    answer = ros.call(client, Trigger.Request())
+    assert answer.success, answer.message
+    robot.play(recording(8, tilt=False), node)
+    wait_until_done(ros, node)
+    assert not corrections
+    robot.play(recording(3, start_ns=START_NS + 8_200_000_000, tilt=False), node)
+    ros.spin_until(lambda: node.processor.is_unjoined, what="the trajectory")
+    robot.play(recording(1, start_ns=START_NS + 11_400_000_000, tilt=False), node)
+    ros.spin_until(
+        lambda: corrections and "beside the map" in states[-1].reason, what="map -> odom, reason"
+    )
+    assert states[-1].state == Localisation.SEARCHING
+    assert corrections[-1].transform.translation.x > 12.0 + 30.0
+    assert any("beside the map" in problem for problem in node.problems())

@@ -27,7 +27,7 @@ from tccm_ros.errors import OutputError
 from tccm_ros.nodes.ending import HASTE_S, SAME_S, Ending
 from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.map_files import read_map
-from tccm_ros.nodes.solver_channel import Journal
+from tccm_ros.nodes.solver.channel import Journal
 from tccm_ros.records import RollPitch, SurfaceCloud
 from tccm_ros.results.map_file import read_content
 

@@ -260,15 +260,35 @@ def test_a_file_that_is_no_map_is_refused(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_bag_of_other_rooms_does_not_change_a_map(flat, tmp_path):
-    before = (flat / "map.mcap").read_bytes()
+def test_a_bag_of_other_rooms_is_a_trajectory_beside_the_map(flat, tmp_path):
+    said = replay(
+        BAGS / "walkthrough",
+        tmp_path / "out",
+        Config(),
+        saved_map=flat / "map.mcap",
+        pictures=False,
+    )
+    assert said.content.counts.unjoined_trajectories == 1
+    assert "beside the map" in said.text()
+    before, after = (
+        json.loads((folder / "surfaces.json").read_text())["surfaces"]
+        for folder in (flat, tmp_path / "out")
+    )
+    place = {s["id"]: np.array(s["centroid"]) for s in after}
+    for s in before:
+        assert np.abs(place.pop(s["id"]) - s["centroid"]).max() < 0.005, s["id"]
+    right = max(s["centroid"][0] for s in before)
+    assert place
+    assert min(centroid[0] for centroid in place.values()) > right + 20.0
+
+
+def test_a_bag_of_other_rooms_is_refused_where_the_map_must_not_change(flat, tmp_path):
     with pytest.raises(MapError, match="could not be localised in the saved map"):
         replay(
             BAGS / "walkthrough",
             tmp_path / "out",
-            Config(),
+            Config(graph={"mode": "localisation"}),
             saved_map=flat / "map.mcap",
             pictures=False,
         )
     assert not (tmp_path / "out").exists()
-    assert (flat / "map.mcap").read_bytes() == before

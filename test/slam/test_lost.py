@@ -89,7 +89,8 @@ def test_the_tracker_says_lost_then_searching_then_tracking(run, mapped):
 def test_what_is_not_found_again_is_not_in_the_map():
     """It is put down in a room that nothing has seen: the map stays as it was."""
     walls = np.concatenate([WALLS, plan.box(40.0, 40.0, 47.0, 44.5)])
-    before, after = plan.route(LAP[:4]), plan.route([(42, 42), (45, 43)])
+    # For less than 2 m and 10 s: after that it is a trajectory of its own.
+    before, after = plan.route(LAP[:4]), plan.route([(42, 42), (43.2, 42.4)])
     run, at = carried(walls, before, after)
     slam = WallSlam(Config())
     for scan in run.scans[:at]:
@@ -270,3 +271,129 @@ def test_a_robot_in_a_room_that_the_map_does_not_have_is_found_nowhere(saved):
         slam.add_scan(scan)
         assert not slam.has_place_now
     assert slam.waits_for
+
+
+# --- a robot in a room that no map has ---
+
+
+def with_annex():
+    """Return the ring (N, 2, 2) with a door in its east side to a room that is 7 m long."""
+    room = plan.box(13.2, 2.0, 20.2, 6.5)
+    ring = plan.ring()
+    is_east = (ring[:, :, 0] == 13.0).all(axis=1)
+    door = [[[x, y], [x, to]] for x in (13.0, 13.2) for y, to in ((-1.0, 4.2), (5.2, 10.0))]
+    posts = [[[13.0, y], [13.2, y]] for y in (4.2, 5.2)]
+    is_west = (room[:, :, 0] == 13.2).all(axis=1)
+    boxes = [plan.box(16.0, 2.0, 16.8, 2.6), plan.box(18.5, 5.9, 19.7, 6.5)]
+    return np.concatenate([ring[~is_east], door, posts, room[~is_west], *boxes])
+
+
+ANNEX = with_annex()
+INSIDE = plan.route([(19.0, 3.0), (19.3, 4.7), (17.0, 5.2), (17.0, 3.2), (15.5, 3.4)])
+OUTSIDE = plan.route([(15.5, 3.4), (15.0, 4.7), (12.0, 4.7), (12.0, 9.0), (6.0, 9.0)])
+FROM_THE_ROOM = np.concatenate([INSIDE, OUTSIDE])
+
+
+@pytest.fixture(scope="module")
+def ring_alone():
+    """The map of the ring, made while the door was shut."""
+    slam = WallSlam(Config())
+    for scan in plan.drive(WALLS, plan.route(LAP), seed=2).scans:
+        slam.add_scan(scan)
+    return slam.saved()
+
+
+def drive_on(slam, poses, start_s=0.0, seed=6):
+    """Return a row for each scan: path (m), and whether it has a place, and one beside the map."""
+    start_ns = 2 * 10**18 + round(start_s * 1e9)
+    rows = []
+    for k, scan in enumerate(plan.drive(ANNEX, poses, seed=seed, start_ns=start_ns).scans):
+        slam.add_scan(scan)
+        path = np.hypot(*np.diff(poses[: k + 1, :2], axis=0).T).sum()
+        rows.append((path, slam.has_place_now, slam.is_unjoined))
+    return np.array(rows)
+
+
+def errors_of_session(solution, poses, session_first):
+    """Return the errors (K, 3) of the keyframes from one on, in the map's frame."""
+    stamps = np.array([k.stamp_ns for k in solution.keyframes[session_first:]])
+    scans = (stamps - 2 * 10**18) // 100_000_000
+    truth = between2(np.array([0.0, 0.0, 0.0]), poses[scans])
+    return between2(truth, np.array([k.pose for k in solution.keyframes[session_first:]]))
+
+
+def test_a_new_trajectory_begins_beside_the_map_after_two_metres(ring_alone):
+    slam = WallSlam.from_saved(Config(), ring_alone)
+    path, has_place, is_unjoined = drive_on(slam, INSIDE).T
+    assert not has_place.any()
+    assert 2.0 <= path[np.argmax(is_unjoined)] < 2.5
+    assert is_unjoined[np.argmax(is_unjoined) :].all()
+    assert "beside the map" in slam.waits_for
+    assert slam.unjoined_trajectories == 1
+    solution = slam.solve()
+    first = len(ring_alone["keyframe_stamp_ns"])
+    x = np.array([k.pose[0] for k in solution.keyframes])
+    assert x[first:].min() > x[:first].max() + 29.9
+    # In itself it is right, and what the map has is where it was.
+    moved = np.array([k.pose for k in solution.keyframes[first:]])
+    scans = [(k.stamp_ns - 2 * 10**18) // 100_000_000 for k in solution.keyframes[first:]]
+    error = between2(between2(INSIDE[0], INSIDE[scans]), between2(moved[0], moved))
+    assert np.abs(error[:, :2]).max() < 0.05
+    before = ring_alone["keyframe_pose"]
+    after = np.array([k.pose for k in solution.keyframes[:first]])
+    assert np.abs(before - after).max() < 0.02
+
+
+def test_a_new_trajectory_begins_after_ten_seconds_of_standing(ring_alone):
+    slam = WallSlam.from_saved(Config(), ring_alone)
+    _, has_place, is_unjoined = drive_on(slam, np.array([INSIDE[0]] * 120)).T
+    assert not has_place.any()
+    # With the first search, each half second, at least 10 s after the first scan.
+    assert 100 <= np.argmax(is_unjoined) <= 105
+
+
+def test_it_is_joined_where_it_meets_the_map(ring_alone):
+    slam = WallSlam.from_saved(Config(), ring_alone)
+    _, has_place, is_unjoined = drive_on(slam, FROM_THE_ROOM).T
+    assert not has_place[: len(INSIDE)].any()
+    assert has_place[-1]
+    assert not is_unjoined[-1]
+    assert slam.waits_for == ""
+    assert slam.unjoined_trajectories == 0
+    first = len(ring_alone["keyframe_stamp_ns"])
+    error = errors_of_session(slam.solve(), FROM_THE_ROOM, first)
+    assert np.abs(error[:, :2]).max() < 0.15
+    assert np.abs(error[:, 2]).max() < 0.03
+
+
+def test_a_saved_trajectory_is_found_again_and_joined_by_a_later_drive(ring_alone):
+    slam = WallSlam.from_saved(Config(), ring_alone)
+    drive_on(slam, INSIDE)
+    slam = WallSlam.from_saved(Config(), slam.saved())
+    assert slam.unjoined_trajectories == 1
+    _, has_place, _ = drive_on(slam, FROM_THE_ROOM, start_s=1000.0, seed=7).T
+    assert has_place[-1]
+    assert slam.unjoined_trajectories == 0
+    first = len(ring_alone["keyframe_stamp_ns"])
+    solution = slam.solve()
+    between = [FROM_THE_ROOM[:1]] * (10_000 - len(INSIDE))
+    error = errors_of_session(solution, np.concatenate([INSIDE, *between, FROM_THE_ROOM]), first)
+    assert np.abs(error[:, :2]).max() < 0.15
+
+
+def test_a_map_that_must_not_change_gets_no_trajectory(ring_alone):
+    slam = WallSlam.from_saved(Config(graph={"mode": "localisation"}), ring_alone)
+    _, has_place, is_unjoined = drive_on(slam, INSIDE).T
+    assert not has_place.any()
+    assert not is_unjoined.any()
+
+
+def test_a_lost_robot_in_a_room_that_no_map_has_goes_on_beside_the_map():
+    run, _ = carried(ANNEX, plan.route(LAP), INSIDE)
+    slam = WallSlam(Config())
+    for scan in run.scans:
+        slam.add_scan(scan)
+    assert slam.is_unjoined
+    assert not slam.is_lost
+    assert not slam.has_place_now
+    assert slam.saved()["unjoined_sessions"].tolist() == [[1, 1]]

@@ -73,9 +73,10 @@ def test_views_look_over_what_is_beside_a_table_and_not_over_what_is_far_away(sa
 
 
 def sampler_at(view):
-    """A sampler of one view that looked past nothing."""
+    """A sampler of one view that looked past nothing, and into all columns beyond."""
     found = EdgeSampler(None, [], spatial(np.array([[*view, 0.3]])), Config())
     object.__setattr__(found, "_looks_past", lambda view, points, outward: np.zeros(len(points)))
+    object.__setattr__(found, "_looks_beyond", lambda view, points, outward: np.ones(len(points)))
     return found
 
 
@@ -105,6 +106,19 @@ def test_scan_lines_that_cross_an_edge_end_within_a_beam_of_it(angle, seed):
     assert gap == pytest.approx(0.02 * np.sin(angle), abs=0.004)
     assert ((last <= 0.0) & (last >= -gap - 0.006)).mean() >= 0.6
     assert ((at > END_MARGIN) & (at < 1.0 - END_MARGIN)).all()
+
+
+def test_where_a_view_ends_the_distance_of_its_samples_says_nothing():
+    """Columns beyond the edge were looked into along its first half alone."""
+    flat = np.linspace(0.02, 0.98, 60)
+    xs = np.linspace(0.9, 0.999, 6)
+    cloud = np.stack([np.tile(xs, 60), np.repeat(flat, 6) - 0.5, np.full(360, 0.7)], axis=1)
+    sampler = sampler_at((0.0, 0.0))
+    object.__setattr__(sampler, "_looks_beyond", lambda view, points, outward: points[:, 1] < 0.0)
+    edge = Edge(np.array([1.0, -0.5]), np.array([1.0, 0.5]))
+    rows = sampler._pieces(edge, member_of(0.02), cloud, None)
+    assert (rows[rows[:, 0] < 0.45, 2] > 0.01).all()
+    assert (rows[rows[:, 0] > 0.55, 2] == 0.0).all()
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -79,6 +79,14 @@ def test_what_views_look_over_and_do_not_measure_is_no_object(views, passed, sta
     assert len(tracks(*seen, *far)) == 1, "they looked higher"
 
 
+def test_views_that_looked_over_the_place_before_count_and_those_that_saw_it_empty_do_not():
+    """Noise on a surface that the last view measured for the first time; a box that has come."""
+    over = [view(10 + k, [], seen_through=[BOX], above=0.9) for k in range(2)]
+    assert tracks(*over, view(30, [BOX])) == ()
+    empty = [view(10 + k, [], seen_through=[BOX]) for k in range(2)]
+    assert len(tracks(*empty, view(30, [BOX]))) == 1
+
+
 def test_two_sides_of_a_box_are_one_object():
     front = (1.0, 0.0, 0.8, 0.02, 0.3, 0.16, 0.0)
     back = (1.2, 0.0, 0.8, 0.36, 0.3, 0.16, 0.0)

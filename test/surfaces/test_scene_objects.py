@@ -78,3 +78,21 @@ def test_a_side_of_furniture_is_no_object_on_the_surface_beside_it(xy, size, top
     surfaces = (COUNTER, STOVE, BOARD, CRATE_TOP)
     found = [item.id for item in scene_objects(surfaces, [track(xy, size, top)])]
     assert found == ([9] if is_object else [])
+
+
+FLOOR = surface(box(-2.0, -2.0, 4.0, 4.0), height=0.0, label="floor", number=0)
+
+
+@pytest.mark.parametrize(
+    ("xy", "size", "top", "is_object"),
+    [
+        ((0.05, 0.05), (0.06, 0.05, 0.45), 0.45, False),  # a leg, of which the upper part is hidden
+        ((1.20, 0.02), (2.30, 0.04, 0.60), 0.60, False),  # the front
+        ((1.20, 0.30), (0.30, 0.20, 0.25), 0.25, True),  # a crate below
+        ((1.20, 0.90), (0.06, 0.05, 0.25), 0.25, True),  # a bottle before it
+        ((0.05, 0.05), (0.06, 0.05, 0.20), 1.10, True),  # a bottle on it
+    ],
+)
+def test_a_leg_or_front_of_furniture_is_no_object_on_the_floor(xy, size, top, is_object):
+    found = scene_objects((FLOOR, COUNTER), [track(xy, size, top)])
+    assert [item.id for item in found] == ([9] if is_object else [])

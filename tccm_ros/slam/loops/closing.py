@@ -7,7 +7,7 @@ is corrected at once, so that the next windows are small.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,8 +22,8 @@ from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.consistency import consistent_with
 from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loops.path_lengths import PathLengths
-from tccm_ros.slam.loops.search import LoopSearch, is_same_place
-from tccm_ros.slam.loops.submaps import make_patch
+from tccm_ros.slam.loops.search import PATCH_HALF, LoopSearch, is_same_place
+from tccm_ros.slam.loops.submaps import Patch, make_patch
 from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.signs.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
@@ -42,6 +42,10 @@ deviations (chosen)."""
 NOWHERE = "no place of the map fits what the scans see: drive on, or tell the pose"
 AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
+UNJOINED = (
+    "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once "
+    "a place fits"
+)
 """What a session without a place waits for."""
 
 MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
@@ -66,6 +70,14 @@ SEARCH_PERIOD_NS = 500_000_000
 """Between two searches of the whole map with scans that are no keyframes (chosen): a search of a
 flat takes 0.05 s, and a robot that stands sees the same again but for people."""
 
+UNPLACED_NS, UNPLACED_M = 10_000_000_000, 2.0
+"""A session that has no place in the map after this time (ns) or path (m) begins a trajectory of
+its own (issue 40)."""
+
+BESIDE_M = 30.0
+"""Shortest distance in x between keyframes of two trajectories that are not joined: beyond the
+range of common level lasers, so that no wall or surface of one meets the other."""
+
 BATCH = 10
 """Keyframes that are added to the live graph together: an update costs the same for one as for a
 few (chosen)."""
@@ -80,6 +92,8 @@ class LoopCloser:
         ``loops.*`` and ``matching.*``.
     chain
         Keyframes of all sessions; the caller appends to it.
+    begins_trajectories
+        Whether a session that finds no place for long begins a trajectory of its own.
 
     Attributes
     ----------
@@ -92,19 +106,24 @@ class LoopCloser:
         Ids in the saved map of the signs that placed sessions in it, by session.
     placed_by_guess
         The sessions that are where somebody has told.
+    unjoined
+        The sessions on trajectories that are not joined to the map yet, each with the session that
+        its trajectory began with.
     waits_for
         Why the newest session has no place in the map yet; empty where it has.
     """
 
-    def __init__(self, config: Config, chain: Chain) -> None:
+    def __init__(self, config: Config, chain: Chain, *, begins_trajectories: bool = True) -> None:
         self.poses = np.zeros((0, 3))
         self.accepted: list[Proposal] = []
         self.rejected: list[Proposal] = []
         self.placed_by_sign: dict[int, int] = {}
         self.placed_by_guess: set[int] = set()
+        self.unjoined: dict[int, int] = {}
         self.waits_for = ""
         self._config = config
         self._chain = chain
+        self._begins_trajectories = begins_trajectories
         self._search = LoopSearch(config, chain.keyframes)
         self._lengths = PathLengths()
         self._graph = IncrementalGraph()
@@ -150,19 +169,67 @@ class LoopCloser:
         """
         keyframe = self._chain.keyframes[tracked.keyframe]
         is_due = scan.stamp_ns - self._searched_ns >= SEARCH_PERIOD_NS
-        if keyframe.session in self._localised or not self._config.loops.enabled or not is_due:
+        if keyframe.session in self.placed or not self._config.loops.enabled or not is_due:
             return False
         k = keyframe.id
         # Alone: what stood around the robot at the keyframe may be gone.
         patch = make_patch([replace(keyframe, scan=scan)], 0, 0)
-        found = self._search.look_everywhere(k, patch, self.poses, self._localised)
+        found = self._look_everywhere(k, patch)
         back = inverse(tracked.pose)
         self._note_places(
             k,
             scan.stamp_ns,
             [replace(p, b=k, delta=compose(p.delta, back), cov=p.cov + tracked.cov) for p in found],
         )
+        self._begin_trajectory(k, scan.stamp_ns)
         return keyframe.session in self._localised
+
+    def _look_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
+        """Match a patch with the map; where nothing fits, with the other trajectories."""
+        session = self._chain.keyframes[k].session
+        own = self.unjoined.get(session)
+        found = self._search.look_everywhere(k, patch, self.poses, self._localised)
+        others = set(self.unjoined.values()) - {own} if self._begins_trajectories else set()
+        for root in sorted(others):
+            if any(not p.reason or _is_ambiguous(p) for p in found):
+                break
+            found = self._search.look_everywhere(k, patch, self.poses, self._sessions_of(root))
+        return found
+
+    def _sessions_of(self, root: int) -> list[int]:
+        """Return the sessions of the trajectory that began with a session."""
+        return [session for session, r in self.unjoined.items() if r == root]
+
+    def _root(self, k: int) -> int:
+        """Return a number of the trajectory of a keyframe; -1 for the map."""
+        session = self._chain.keyframes[k].session
+        return -1 if session in self._localised else self.unjoined.get(session, session)
+
+    def _begin_trajectory(self, k: int, stamp_ns: int) -> None:
+        """Begin a trajectory with the session of keyframe k where it has no place for long."""
+        session = self._chain.keyframes[k].session
+        if session in self.placed or not self._begins_trajectories:
+            return
+        first = next(x for x in self._chain.keyframes if x.session == session)
+        driven = self._lengths.driven[k] - self._lengths.driven[first.id]
+        if stamp_ns - first.scan.stamp_ns >= UNPLACED_NS or driven >= UNPLACED_M:
+            self.unjoined[session] = session
+            self.waits_for = UNJOINED
+            self._keep_beside()
+
+    def _keep_beside(self) -> None:
+        """Keep trajectories that are not joined clear of the map and of each other, in x."""
+        trajectory = np.array([self._root(k) for k in range(len(self.poses))])
+        right = self.poses[trajectory == -1, 0].max()
+        for root in sorted(set(self.unjoined.values())):
+            members = trajectory == root
+            gap = self.poses[members, 0].min() - right
+            if gap < BESIDE_M:
+                # Further than needed, so that it stays there while the robot drives on.
+                self.poses[members, 0] += 1.5 * BESIDE_M - gap
+            right = self.poses[members, 0].max()
+            first = next(x.id for x in self._chain.keyframes if x.session == root)
+            self._chain.origins[first] = self.poses[first].copy()
 
     @property
     def unconfirmed(self) -> list[Proposal]:
@@ -173,6 +240,17 @@ class LoopCloser:
     def localised(self) -> frozenset[int]:
         """The sessions that are in the map's frame."""
         return frozenset(self._localised)
+
+    @property
+    def placed(self) -> frozenset[int]:
+        """The sessions that are in the map's frame, or on a trajectory beside it."""
+        return frozenset(self._localised | self.unjoined.keys())
+
+    @property
+    def constrained(self) -> frozenset[int]:
+        """The sessions whose first keyframe a loop closure places."""
+        began = {session for session, root in self.unjoined.items() if session == root}
+        return self.placed - began
 
     def add(
         self,
@@ -195,6 +273,9 @@ class LoopCloser:
             self._close(k)
             self._signs.add(sign_views, self.poses)
             self._close_by_sign(k)
+        self._begin_trajectory(k, keyframe.scan.stamp_ns)
+        if self.unjoined:
+            self._keep_beside()
 
     def load(
         self,
@@ -202,6 +283,7 @@ class LoopCloser:
         loops: Sequence[Proposal],
         observations: Sequence[AnchoredObservation],
         sign_views: Sequence[SignView] = (),
+        unjoined: Mapping[int, int] | None = None,
     ) -> None:
         """Start from a saved map, with its keyframes in the chain.
 
@@ -215,13 +297,20 @@ class LoopCloser:
             Of landmarks.
         sign_views
             Of door signs.
+        unjoined
+            The attribute.
         """
+        self.unjoined = dict(unjoined or {})
         for keyframe, pose in zip(self._chain.keyframes, poses):
             self._append(keyframe, pose)
-            self._localised.add(keyframe.session)
+            if keyframe.session not in self.unjoined:
+                self._localised.add(keyframe.session)
+                self._waiting.append(keyframe.id)
+        if self.unjoined:
+            self._keep_beside()
         self.accepted = list(loops)
         self._lengths.add_loops(loops, self._config.loops.drift)
-        self._waiting, self._fresh = list(range(len(poses))), list(loops)
+        self._fresh = list(loops)
         self._unused = list(observations)
         self._signs.load(sign_views, self.poses)
         self._update()
@@ -234,14 +323,17 @@ class LoopCloser:
         """Add the keyframes, loop closures and observations that wait to the live graph."""
         keys = self._chain.keys
         factors = [factor for k in self._waiting for factor in self._chain.factors_of(k)]
-        factors += [p.factor(keys) for p in self._fresh]
+        # Those of a trajectory that is not joined wait until it is.
+        fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == -1]
+        factors += [p.factor(keys) for p in fresh]
         starts = {keys[k]: self.poses[k].copy() for k in self._waiting}
         seen = landmark_factors(self._take_usable(), first=self._observers)
         for key, anchored in seen.anchored.items():
             starts[key], factor = self._chain.anchor(key, anchored, self.poses)
             factors.append(factor)
         self._graph.add(factors + seen.factors, starts)
-        self._waiting, self._fresh = [], []
+        self._waiting = []
+        self._fresh = [p for p in self._fresh if self._root(p.a) != -1 or self._root(p.b) != -1]
         self._observers += len(seen.anchored)
         if seen.factors:
             self._read_back()
@@ -256,12 +348,13 @@ class LoopCloser:
     def _close(self, k: int) -> None:
         """Search for loop closures of keyframe k; accept those that enough others confirm."""
         driven, keyframe = self._lengths.driven, self._chain.keyframes[k]
-        found = self._search.look(k, self.poses, self._lengths, self._localised)
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
         if keyframe.session not in self._localised:
-            self._note_places(k, keyframe.scan.stamp_ns, found)
-            return
-        for proposal in found:
+            patch = make_patch(self._chain.keyframes, k, PATCH_HALF)
+            self._note_places(k, keyframe.scan.stamp_ns, self._look_everywhere(k, patch))
+            if keyframe.session not in self.unjoined:
+                return
+        for proposal in self._search.look(k, self.poses, self._lengths):
             if not proposal.reason:
                 self._confirm(proposal)
             else:
@@ -275,15 +368,17 @@ class LoopCloser:
         self._searched_ns = stamp_ns
         self.waits_for = NOWHERE
         driven, session = self._lengths.driven, self._chain.keyframes[k].session
+        root = self._root(k)
         # Of one spot after the other: the right place fits on, another one fits here and there.
-        self._recent = [
-            p for p in self._recent if driven[k] - driven[self._recent[-1].b] < 2.0 * SPACING_M
-        ]
+        places = [p for p in self._recent if self._root(p.a) != root]
+        if places and driven[k] - driven[places[-1].b] >= 2.0 * SPACING_M:
+            self._recent = [p for p in self._recent if self._root(p.a) == root]
+            places = []
         for proposal in found:
-            spaced = [p.b for p in self._recent if driven[k] - driven[p.b] < SPACING_M]
+            spaced = [p.b for p in places if driven[k] - driven[p.b] < SPACING_M]
             if proposal.reason:
                 self.rejected.append(proposal)
-                is_ambiguous = proposal.reason.startswith("ambiguous")
+                is_ambiguous = _is_ambiguous(proposal)
                 self.waits_for = AMBIGUOUS if is_ambiguous else NOWHERE
                 if is_ambiguous and proposal.inliers >= PROBABLE_INLIERS:
                     self._ambiguous.add(session)
@@ -298,8 +393,10 @@ class LoopCloser:
                 self.waits_for = UNCONFIRMED
                 if not spaced and session not in self._ambiguous:
                     self._confirm(proposal)
-        if self._chain.keyframes[k].session in self._localised:
+        if session in self._localised:
             self.waits_for = ""
+        elif session in self.unjoined:
+            self.waits_for = UNJOINED
 
     def _close_around(self, k: int, guess: PoseGuess) -> None:
         """Look for keyframe k where somebody says that it is; the first match counts.
@@ -355,7 +452,8 @@ class LoopCloser:
 
     def _confirm(self, proposal: Proposal) -> None:
         """Accept a proposal, and those that it confirms, once enough agree."""
-        near = [p for p in self._recent if p.b != proposal.b]
+        root = self._root(proposal.a)
+        near = [p for p in self._recent if p.b != proposal.b and self._root(p.a) == root]
         agree = consistent_with(proposal, near, self.poses, self._lengths.driven)
         self._pending.append(proposal)
         self._recent.append(proposal)
@@ -368,31 +466,41 @@ class LoopCloser:
         self._accept(fresh)
 
     def _accept(self, fresh: list[Proposal]) -> None:
-        session = self._chain.keyframes[fresh[-1].b].session
-        is_new_session = session not in self._localised
-        if is_new_session:
-            self._localise(session, fresh[-1])
+        last = fresh[-1]
+        is_joined = self._root(last.a) != self._root(last.b)
+        if is_joined:
+            self._join(last)
         error = np.array([between(p.delta, self._step(p)) for p in fresh])
         self.accepted.extend(fresh)
         self._lengths.add_loops(fresh, self._config.loops.drift)
         self._fresh.extend(fresh)
+        if self._root(last.b) != -1:
+            return  # the live graph is that of the map
         far = np.hypot(error[:, 0], error[:, 1]).max() > UPDATE_THRESHOLD_M
-        if is_new_session or far or np.abs(error[:, 2]).max() > UPDATE_THRESHOLD_RAD:
+        if is_joined or far or np.abs(error[:, 2]).max() > UPDATE_THRESHOLD_RAD:
             self._update()
             self._read_back()
 
     def _step(self, proposal: Proposal) -> Float64:
         return between(self.poses[proposal.a], self.poses[proposal.b])
 
-    def _localise(self, session: int, loop: Proposal) -> None:
-        """Move a session into the map's frame by a loop closure; queue it for the live graph."""
+    def _join(self, loop: Proposal) -> None:
+        """Move the trajectory of a loop closure's second keyframe to that of its first."""
         T = compose(compose(self.poses[loop.a], loop.delta), inverse(self.poses[loop.b]))
+        target, session = self._root(loop.a), self._chain.keyframes[loop.b].session
+        root = self.unjoined.get(session)
+        sessions = [session] if root is None else self._sessions_of(root)
         keyframes = self._chain.keyframes[: len(self.poses)]
-        members = [keyframe.id for keyframe in keyframes if keyframe.session == session]
+        members = [keyframe.id for keyframe in keyframes if keyframe.session in sessions]
         for k in members:
             self.poses[k] = compose(T, self.poses[k])
-        self._localised.add(session)
-        self._waiting.extend(members)
+            self._chain.origins.pop(k, None)
+        if target == -1:
+            self._localised.update(sessions)
+            self.unjoined = {s: r for s, r in self.unjoined.items() if s not in sessions}
+            self._waiting.extend(members)
+        else:
+            self.unjoined.update(dict.fromkeys(sessions, target))
 
     def _read_back(self) -> None:
         """Read all poses from the live graph, after one more step."""
@@ -401,3 +509,8 @@ class LoopCloser:
             k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
         ]
         self.poses[known] = self._graph.planar_poses([self._chain.keys[k] for k in known])
+
+
+def _is_ambiguous(proposal: Proposal) -> bool:
+    """Return whether a proposal is rejected as another place fits as well."""
+    return proposal.reason.startswith("ambiguous")

@@ -71,9 +71,7 @@ class LoopSearch:
     keyframes: list[GraphKeyframe]
     _cache: dict[int, Submap] = field(default_factory=dict)
 
-    def look(
-        self, k: int, poses: Float64, lengths: PathLengths, localised: Collection[int]
-    ) -> list[Proposal]:
+    def look(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
         """Match keyframe `k`, the newest, with submaps that may see the same walls.
 
         Parameters
@@ -84,17 +82,12 @@ class LoopSearch:
             float64 (K, 3), estimates of the keyframes.
         lengths
             Path lengths between keyframes.
-        localised
-            Sessions in the map's frame; one that is not is matched with the whole map.
 
         Returns
         -------
         list of Proposal
             Those with a reason are rejected.
         """
-        if self.keyframes[k].session not in localised:
-            patch = make_patch(self.keyframes, k, PATCH_HALF)
-            return self.look_everywhere(k, patch, poses, localised)
         return [] if k % QUERY_STEP else self._look_nearby(k, poses, lengths)
 
     def look_around(

@@ -3,6 +3,7 @@
 import os
 import signal
 
+import plan
 import pytest
 from live_robot import URDF, recording
 from written_map import write_map
@@ -11,8 +12,8 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.map_folder import save_archive
-from tccm_ros.nodes.solver import MAX_DEATHS, Solver
-from tccm_ros.nodes.solver_channel import PoseStamp, Solved
+from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -145,6 +146,30 @@ def test_a_map_that_is_loaded_at_the_start_is_answered_by_its_own_session(drive,
         assert solver.begin(tmp_path / "map.mcap") == expected
     finally:
         solver.close()
+
+
+def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(solver, tmp_path):
+    """The map is that of a ring of corridors; the robot drives 3 m in a room."""
+    ring = SurfaceSlam(Config())
+    for scan in plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 5)])).scans:
+        ring.add(scan)
+    write_map(tmp_path / "ring", ring, ring.solve())
+    solver.begin(tmp_path / "ring" / "map.mcap")
+    slam = SurfaceSlam.from_saved(Config(), read_map(tmp_path / "ring"))
+    room, route = plan.box(0.0, 0.0, 7.0, 4.5), plan.route([(1, 1), (4, 1)])
+    for scan in plan.drive(room, route, start_ns=2 * 10**18).scans:
+        slam.add(scan)
+        solver.feed(scan)
+    assert slam.walls.is_unjoined
+    found = solved(solver)
+    told = [a for a in solver.answers if isinstance(a, Placed)]
+    assert [(a.map is not None, "beside the map" in a.waits_for) for a in told][-1] == (True, True)
+    assert told[-1].map.is_unjoined
+    assert found.map.is_localised
+    assert found.map.is_unjoined
+    write_map(tmp_path / "offline", slam, slam.solve())
+    save_archive(found.archive, tmp_path / "live")
+    assert files(tmp_path / "live") == files(tmp_path / "offline")
 
 
 def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):

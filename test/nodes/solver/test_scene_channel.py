@@ -5,7 +5,7 @@ import pytest
 from surface_maps import TABLE, poses_at
 
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.nodes.scene_channel import SURFACES_IN_PIECE, pack_scene, unpack_scene
+from tccm_ros.nodes.solver.scene_channel import SURFACES_IN_PIECE, pack_scene, unpack_scene
 from tccm_ros.records import Surface, SurfaceSighting
 from tccm_ros.ros.surface_messages import SURFACE
 from tccm_ros.slam.solution import Solution

@@ -19,7 +19,7 @@ from typing import IO, Any
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.nodes.solver_channel import (
+from tccm_ros.nodes.solver.channel import (
     Began,
     Begin,
     Failed,
@@ -274,7 +274,7 @@ class Solver:
         # A process group of its own: Ctrl-C in a terminal is for the node. The session is the
         # node's: schedulers that group by session weigh its lower priority against the node.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tccm_ros.nodes.solver_process", str(theirs.fileno())],
+            [sys.executable, "-m", "tccm_ros.nodes.solver.process", str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             stdin=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""The process that solves a SLAM node's map: `python -m tccm_ros.nodes.solver_process DESCRIPTOR`.
+"""The process that solves a SLAM node's map: `python -m tccm_ros.nodes.solver.process DESCRIPTOR`.
 
 It feeds the events of the node, in their order, to the processor that a replay has, and returns
 what the node publishes and saves. It knows no rclpy, ignores the signals that are for the node and
@@ -27,8 +27,7 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
 from tccm_ros.nodes.map_files import map_files, pack_files
-from tccm_ros.nodes.scene_channel import pack_scene
-from tccm_ros.nodes.solver_channel import (
+from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
     Began,
@@ -43,6 +42,7 @@ from tccm_ros.nodes.solver_channel import (
     Solved,
     read_events,
 )
+from tccm_ros.nodes.solver.scene_channel import pack_scene
 from tccm_ros.results.labels_file import with_labels
 from tccm_ros.results.map_file import MapContent, load_map
 from tccm_ros.ros.output_messages import grid_message
@@ -134,9 +134,9 @@ class SolverProcess:
             self._tell_place()
 
     @property
-    def _place(self) -> tuple[int, bool, str]:
+    def _place(self) -> tuple[int, bool, bool, str]:
         walls = self._slam.walls
-        return walls.session, walls.has_place_now, walls.waits_for
+        return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
     def _tell_place(self) -> None:
         """Tell the node at once where the robot is, or what that waits for."""

@@ -133,7 +133,7 @@ class Solved(NamedTuple):
     map
         Where it puts this session, its newest keyframe and its walls, for `Tracker.take`.
     scene
-        What programs ask about (`nodes.scene_channel`), in pieces.
+        What programs ask about (`nodes.solver.scene_channel`), in pieces.
     messages
         Serialised, by topic.
     duration_s

@@ -77,9 +77,9 @@ def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
 
     answers = []
 
-    def answered(name, **values):
+    def answered(question, /, **values):
         answers.clear()
-        ask(view.page, name, values, answers)
+        ask(view.page, question, values, answers)
         ros.spin_until(lambda: answers)
         return answers[0]
 

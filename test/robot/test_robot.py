@@ -1,5 +1,7 @@
 """Scans with their poses: bracketed or counted once, and arrival order does not show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fed import role_of
@@ -103,6 +105,31 @@ def test_every_scan_gets_the_poses_of_its_beams():
         for t, T in zip(seconds, p.T_base_laser):
             expected = pose_from_rpy((0.1, 0, 1, 0, t, 0)) @ pose_from_rpy((0.05, 0, 0.02, 0, 0, 0))
             np.testing.assert_allclose(T, expected, atol=1e-9)
+
+
+def with_increments(records, factor):
+    """Return records with the time increments of scans multiplied, as in another unit."""
+    return [
+        replace(r, time_increment=r.time_increment * factor) if isinstance(r, Scan) else r
+        for r in records
+    ]
+
+
+def test_scans_whose_times_are_in_milliseconds_are_dropped_and_named():
+    taken = Taken()
+    posed = play(taken, with_increments(drive(1000), 1000.0))
+    assert posed == []
+    assert dict(taken.dropped) == {
+        "lasts longer than the time between stamps: look at the unit of its times": 40
+    }
+
+
+def test_scans_whose_times_are_a_thousand_times_too_short_are_used_and_remarked():
+    taken = Taken()
+    posed = play(taken, with_increments(drive(1000), 0.001))
+    assert len(posed) == 40
+    (remark,) = taken.robot.remarks
+    assert "less than 1 % of the time between stamps: look at their unit" in remark
 
 
 def test_pose_samples_include_the_samples_within_the_scan():

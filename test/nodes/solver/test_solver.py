@@ -63,6 +63,31 @@ def solved(solver) -> Solved:
     return solver.newest
 
 
+def test_a_stage_that_fails_is_left_out_of_the_map_and_named(drive, tmp_path, monkeypatch):
+    events, _ = drive
+    # Read by the process that solves, as it starts.
+    (tmp_path / "sitecustomize.py").write_text(
+        "from tccm_ros.surfaces import surface_slam\n"
+        "def find_rooms(walls, grid):\n"
+        "    raise ValueError('no ring closes')\n"
+        "surface_slam.find_rooms = find_rooms\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delenv("TCCM_STRICT")
+    answers = []
+    solver = Solver(Config(), answers.append)
+    try:
+        for event in events:
+            solver.feed(event)
+        number = solver.solve(TOPICS)
+        assert solver.wait(number, PATIENCE_S)
+        assert dict(solver.newest.failed_stages) == {"rooms: ValueError: no ring closes": 1}
+        assert len(solver.newest.messages["surfaces"]) > 1000
+        assert not list(solver.problems())
+    finally:
+        solver.close()
+
+
 def files(folder) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 

@@ -79,11 +79,11 @@ def questions() -> Iterator[Question]:
 
 def serve(surfaces: int, folder: str) -> None:
     """Run both nodes, which save into a folder; what is asked is answered from the drawn map."""
-    from tccm_ros.nodes import programs
+    from tccm_ros.nodes import client_api
     from tccm_ros.nodes.all_in_one import main as all_in_one
 
     drawn = scene(surfaces)
-    programs.unpack_scene = lambda _: drawn  # type: ignore[attr-defined]
+    client_api.unpack_scene = lambda _: drawn  # type: ignore[attr-defined]
     sys.argv = [*sys.argv[:1], "--ros-args", "-p", f"save.directory:={folder}", *QUIET]
     all_in_one()
 

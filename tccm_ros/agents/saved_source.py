@@ -131,7 +131,7 @@ class SavedMapSource:
             ids, label = [surface.id], surface.label
             first_s = _seconds(surface.first_seen_ns)
             found.append(ChangeFacts("appeared", first_s, ids, -1, label))
-            if surface.stood is not None:
+            if surface.previous_pose is not None:
                 placed_s = _seconds(surface.placed_ns)
                 found.append(ChangeFacts("moved", placed_s, ids, -1, label))
         found += [

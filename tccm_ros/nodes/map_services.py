@@ -33,7 +33,7 @@ class MapServices:
     node
         The node that offers them.
     begin_save, load
-        As for `Programs`.
+        As for `ClientApi`.
     """
 
     def __init__(

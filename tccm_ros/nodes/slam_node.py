@@ -16,6 +16,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from tccm_ros.errors import MapError, OutputError, TccmError
+from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
@@ -23,7 +24,6 @@ from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, BY_START, NO_MAP, LocalisationPublisher
 from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
 from tccm_ros.nodes.outputs import SolutionOutputs
-from tccm_ros.nodes.programs import Programs, offered
 from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
@@ -136,7 +136,7 @@ class SlamNode(SensorNode):
         self._outputs = SolutionOutputs(
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
-        self._programs = Programs(
+        self._client_api = ClientApi(
             self, self.live, self.begin_named_save, self.load_named, self.begin_correction
         )
         self.add_post_set_parameters_callback(self._on_parameters)
@@ -159,7 +159,7 @@ class SlamNode(SensorNode):
     def release(self) -> None:
         """End the process that solves, and the threads."""
         self.remove_post_set_parameters_callback(self._on_parameters)
-        self._programs.close()
+        self._client_api.close()
         self.saver.close()
         self.signs.close()
         self.solver.close()
@@ -231,7 +231,7 @@ class SlamNode(SensorNode):
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
             self._view_parts.note(event, time.monotonic())
             self._unsolved["view parts"] += 1
-            self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
+            self._client_api.note_view_part(event.stamp_ns, self.solver.next_number)
         if isinstance(event, PosedDetections):
             self._unsolved["detections"] += 1
         else:
@@ -307,7 +307,7 @@ class SlamNode(SensorNode):
 
     def _on_answer(self, answer: Answer) -> None:
         if isinstance(answer, Solved):
-            self._programs.receive(answer)
+            self._client_api.receive(answer)
             self.worker.post(lambda: self._show(answer))
         elif isinstance(answer, Placed):
             self.worker.post(lambda: self._take_place(answer))
@@ -325,7 +325,7 @@ class SlamNode(SensorNode):
             return
         self._take_map(solved.map)
         self._outputs.publish_solution(solved.messages)
-        self._programs.show(solved.number)
+        self._client_api.show(solved.number)
 
     def _take_place(self, placed: Placed) -> None:
         """Take over where the robot is, as soon as it is found, or what that waits for."""
@@ -358,7 +358,7 @@ class SlamNode(SensorNode):
         return newest is not None and newest.resets == self._resets
 
     def _take_guess(self, guess: PoseGuess) -> str:
-        """Look for the robot around a pose that somebody has told, from the next scan on.
+        """Look for the robot around a user-supplied pose, from the next scan on.
 
         Raises
         ------
@@ -418,7 +418,7 @@ class SlamNode(SensorNode):
     def _forget(self, *, is_localised: bool) -> None:
         self.live.forget(is_localised=is_localised)
         self._outputs.forget()
-        self._programs.forget(is_map_loaded=not is_localised)
+        self._client_api.forget(is_map_loaded=not is_localised)
         self.localisation.map_name = ""
         self._keeper.forget()
         self.signs.begin()
@@ -605,7 +605,7 @@ class SlamNode(SensorNode):
         if self.solver.newest is not None:
             for stage in self.solver.newest.failed_stages:
                 yield f"left out of the map, as it failed: {stage}; report it"
-        yield from self._programs.problems()
+        yield from self._client_api.problems()
 
     def _problems_of_signs(self) -> Iterable[str]:
         """Yield why pictures that are published are not read."""

@@ -250,7 +250,7 @@ class SurfaceEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FormerPlace:
+class PreviousPose:
     """Where a surface was before it was carried elsewhere.
 
     Attributes
@@ -313,7 +313,7 @@ class Surface:
         Texts of the door signs near it, the nearest first.
     placed_ns
         Stamp of the first view that measured it where it is now.
-    stood
+    previous_pose
         Where it was before it was carried here; None where that is not known.
     cov_plane
         float64 (3, 3), covariance of its plane: z at the centroid (m), and the slopes dz/dx and
@@ -343,5 +343,5 @@ class Surface:
     room: str = ""
     near: tuple[str, ...] = ()
     placed_ns: int = 0
-    stood: FormerPlace | None = None
+    previous_pose: PreviousPose | None = None
     cov_plane: Float64 = field(default_factory=lambda: np.full((3, 3), np.nan))

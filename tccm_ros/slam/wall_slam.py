@@ -270,7 +270,7 @@ class WallSlam:
 
     @property
     def is_where_told(self) -> bool:
-        """Whether the newest session is where somebody has told."""
+        """Whether the newest session is at a user-supplied pose."""
         return self._front.session in self._closer.placed_by_guess
 
     @property

@@ -86,7 +86,7 @@ class Survivors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Face:
+class _PatchIndex:
     """What is needed of a newer patch to tell which points it measured.
 
     Attributes
@@ -111,7 +111,7 @@ class _Face:
     areas: dict[float, BaseGeometry] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, patch: Patch) -> _Face:
+    def of(cls, patch: Patch) -> _PatchIndex:
         """Return the face of a patch."""
         blur = line_of_sight(patch.mean, patch.spacing)
         extent = blurred(patch.outline, BORDER, (float(blur[0]), float(blur[1])))
@@ -128,18 +128,18 @@ class _Face:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Eyes:
+class _ViewIndex:
     """A view as it looks at others: independent of poses."""
 
     view: View
     free: FreeGrid
-    faces: tuple[_Face, ...]
+    faces: tuple[_PatchIndex, ...]
     blocks: tuple[Float64, ...]
 
     @classmethod
-    def of(cls, view: View) -> _Eyes:
+    def of(cls, view: View) -> _ViewIndex:
         blocks = tuple(blocks_of(p.points, view.free.cell_size) for p in view.patches)
-        return cls(view, FreeGrid.of(view.free), tuple(map(_Face.of, view.patches)), blocks)
+        return cls(view, FreeGrid.of(view.free), tuple(map(_PatchIndex.of, view.patches)), blocks)
 
 
 class _Carved(NamedTuple):
@@ -169,7 +169,7 @@ class _ViewPair:
     """
 
     older: View
-    newer: _Eyes
+    newer: _ViewIndex
     step: Int64
     is_same_pose: bool
     touched: tuple[int, ...]
@@ -177,7 +177,7 @@ class _ViewPair:
 
     @classmethod
     def of(
-        cls, older: _Eyes, newer: _Eyes, step: Int64, is_same_pose: bool, config: Config
+        cls, older: _ViewIndex, newer: _ViewIndex, step: Int64, is_same_pose: bool, config: Config
     ) -> _ViewPair:
         T = pose_from_rpy(step * STEPS)
         margins, limit = (config.views.clear_margin, TILT_MARGIN), newer.view.max_range
@@ -189,7 +189,7 @@ class _ViewPair:
         )
         return cls(older.view, newer, step, is_same_pose, touched, {})
 
-    def is_of(self, older: View, newer: _Eyes) -> bool:
+    def is_of(self, older: View, newer: _ViewIndex) -> bool:
         """Return whether the pair is of these views."""
         return self.older is older and self.newer is newer
 
@@ -218,7 +218,7 @@ class Carver:
     def __init__(self, config: Config):
         self._config = config
         self._settings = ""
-        self._eyes: dict[tuple[int, int], _Eyes] = {}
+        self._indices: dict[tuple[int, int], _ViewIndex] = {}
         self._pairs: dict[tuple[tuple[int, int], tuple[int, int]], list[_ViewPair]] = {}
         self._used: dict[Hashable, int] = {}
         self._calls = 0
@@ -237,7 +237,7 @@ class Carver:
         self._forget_other_settings()
         left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
         states = [[b""] * len(view.patches) for view in views]
-        eyes = [self._eyes_of(view) for view in views]
+        eyes = [self._index_of(view) for view in views]
         self.compared = 0
         for w, newer in enumerate(eyes):
             for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
@@ -247,7 +247,9 @@ class Carver:
         self._forget_unused()
         return left
 
-    def _pair_of(self, older: _Eyes, newer: _Eyes, step: Int64, is_same_pose: bool) -> _ViewPair:
+    def _pair_of(
+        self, older: _ViewIndex, newer: _ViewIndex, step: Int64, is_same_pose: bool
+    ) -> _ViewPair:
         """Return a pair of views, remembered where it was compared at this relative pose."""
         key = older.view.key, newer.view.key
         self._used[key] = self._calls
@@ -264,7 +266,7 @@ class Carver:
         self._calls += 1
         used = {key for key, last in self._used.items() if self._calls - last <= UNUSED}
         self._used = {key: last for key, last in self._used.items() if key in used}
-        self._eyes = {key: eyes for key, eyes in self._eyes.items() if key in used}
+        self._indices = {key: eyes for key, eyes in self._indices.items() if key in used}
         self._pairs = {key: pairs for key, pairs in self._pairs.items() if key in used}
 
     def _carve_patch(
@@ -287,18 +289,18 @@ class Carver:
         if carved.replaced_by is not None:
             left.replaced_by[v, p] = w, carved.replaced_by
 
-    def _eyes_of(self, view: View) -> _Eyes:
+    def _index_of(self, view: View) -> _ViewIndex:
         self._used[view.key] = self._calls
-        known = self._eyes.get(view.key)
+        known = self._indices.get(view.key)
         if known is None or known.view is not view:
-            known = self._eyes[view.key] = _Eyes.of(view)
+            known = self._indices[view.key] = _ViewIndex.of(view)
         return known
 
     def _forget_other_settings(self) -> None:
         """Forget everything where a parameter was changed."""
         settings = repr((self._config.views, self._config.surfaces))
         if settings != self._settings:
-            self._settings, self._eyes, self._pairs, self._used = settings, {}, {}, {}
+            self._settings, self._indices, self._pairs, self._used = settings, {}, {}, {}
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
@@ -429,7 +431,9 @@ def _with_strays(gone: Int64, keep: Bool) -> Int64:
     return kept if is_gone else gone
 
 
-def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, grow: float) -> Int64:
+def _measured_by(
+    points: Float64, faces: tuple[_PatchIndex, ...], margin: Float64, grow: float
+) -> Int64:
     """Return the patch that covers each point (N, 3) of the same frame, int64 (N,), -1 = none.
 
     A patch covers its outline, grown by `grow` m. Where it is negative, a replaced patch keeps a

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import FormerPlace, Surface
+from tccm_ros.records import PreviousPose, Surface
 from tccm_ros.surfaces.displacement import Footprint, is_displaced
 from tccm_ros.surfaces.scene import KnownSurface, Scene, object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -233,16 +233,16 @@ def _surface_changes(
 
 def _appeared(known: KnownSurface, stamp_before_ns: int) -> Change:
     """Return that a surface has come: one that was gone, and is recognised elsewhere, has moved."""
-    surface, stood = known.surface, known.surface.stood
+    surface, previous = known.surface, known.surface.previous_pose
     T = surface_pose(surface)[0]
     if (
-        stood is not None
-        and stood.last_seen_ns <= stamp_before_ns
-        and is_displaced(_footprint(stood), _footprint(surface))
+        previous is not None
+        and previous.last_seen_ns <= stamp_before_ns
+        and is_displaced(_footprint(previous), _footprint(surface))
     ):
         return Change(
             ChangeKind.MOVED, known.last_view_ns, (surface.id,), (surface.id,), surface.label,
-            T_before=surface_pose(stood)[0], T_after=T, last_seen_ns=stood.last_seen_ns,
+            T_before=surface_pose(previous)[0], T_after=T, last_seen_ns=previous.last_seen_ns,
         )  # fmt: skip
     return Change(
         ChangeKind.APPEARED, surface.placed_ns, (), (surface.id,), surface.label, T_after=T
@@ -280,7 +280,7 @@ def _has_moved(before: KnownSurface, after: KnownSurface) -> bool:
     return is_displaced(_footprint(before.surface), _footprint(after.surface))
 
 
-def _footprint(surface: Surface | FormerPlace) -> Footprint:
+def _footprint(surface: Surface | PreviousPose) -> Footprint:
     z = float(surface_pose(surface)[0][2, 3])
     return Footprint(Polygon(surface.boundary[:, :2]).buffer(0.0), z)
 

@@ -48,7 +48,7 @@ MIN_PART = 0.05
 there. Chosen: the front of what was lifted has points at the old height."""
 
 
-class FormerStand(NamedTuple):
+class PastPose(NamedTuple):
     """Where a surface stood before.
 
     Attributes
@@ -118,7 +118,7 @@ def adopt_ids(
     poses: tuple[Float64, Float64],
     left: Survivors,
     config: Config,
-) -> tuple[list[MergedSurface], dict[Members, FormerStand]]:
+) -> tuple[list[MergedSurface], dict[Members, PastPose]]:
     """Give surfaces that are recognised the ids that they had elsewhere.
 
     Parameters
@@ -138,16 +138,16 @@ def adopt_ids(
     -------
     surfaces : list of MergedSurface
         Without those that were lifted or lowered in their place since.
-    stood : dict of Members to FormerStand
+    previous : dict of Members to PastPose
         Where each of the recognised surfaces stood before.
     """
     former = _former_patches(views, poses[0], left, ids, [s.height for s in surfaces])
-    stood = [
+    candidates = [
         fit_surface(members, views, poses[0], config)
         for members in merge_coplanar(former, *poses, config)
     ]
     T = poses[0]
-    stands = [_stand(s, ids, T, is_former=True) for s in stood if s is not None and s.has_area]
+    stands = [_stand(s, ids, T, is_former=True) for s in candidates if s is not None and s.has_area]
     now = [_stand(s, ids, T, is_former=False) for s in surfaces]
     stands += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
     found = {}
@@ -155,7 +155,7 @@ def adopt_ids(
         old, new = stands[i], stands[j]
         ids.adopt(new.surface.members, old.surface.members)
         if not new.is_former:
-            found[new.surface.members] = FormerStand(old.surface, old.last.stamp_ns)
+            found[new.surface.members] = PastPose(old.surface, old.last.stamp_ns)
     gone = {id(stand.surface) for stand in stands if stand.is_former}
     return [s for s in surfaces if id(s) not in gone], found
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, spatial
-from tccm_ros.records import FormerPlace, Surface, TransformSample
+from tccm_ros.records import PreviousPose, Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -70,7 +70,7 @@ class Scene(NamedTuple):
     previous_view_ns: int = 0
 
 
-def surface_pose(surface: Surface | FormerPlace) -> tuple[Float64, Float64]:
+def surface_pose(surface: Surface | PreviousPose) -> tuple[Float64, Float64]:
     """Return pose and size of the smallest rectangle around a surface's boundary.
 
     Returns

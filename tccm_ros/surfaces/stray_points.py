@@ -16,7 +16,7 @@ from tccm_ros.arrays import Bool, Float32, Int32
 from tccm_ros.surfaces.thinning import cells_of
 
 GAP = 1.5
-"""Strays are further from all others than so many times the spacing of the surface's points.
+"""Strays are further from all others than this multiple of the spacing of the surface's points.
 Chosen: the next scan line is nearer, with noise."""
 
 CELL = 0.5

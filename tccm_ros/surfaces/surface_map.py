@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import (
-    FormerPlace,
     LabelCorrection,
     ObjectBoxes,
+    PreviousPose,
     Surface,
     SurfaceCloud,
     SurfaceEdge,
@@ -48,7 +48,7 @@ from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.object_tracks import with_objects_of
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
-from tccm_ros.surfaces.recognition import FormerStand, adopt_ids, footprint_of
+from tccm_ros.surfaces.recognition import PastPose, adopt_ids, footprint_of
 from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
 from tccm_ros.surfaces.surface_errors import surface_errors
 from tccm_ros.surfaces.track_ids import SightKey, TrackIds
@@ -243,9 +243,9 @@ class SurfaceMap:
         if self._published_merge is None:
             surfaces = join_floor(surfaces, floor_z, views, T, config)
         surfaces = [s for s in surfaces if _is_wanted(s, floor_z, config)]
-        stood: dict[Members, FormerStand] = {}
+        previous: dict[Members, PastPose] = {}
         if self._published_merge is None:
-            surfaces, stood = adopt_ids(
+            surfaces, previous = adopt_ids(
                 surfaces, ids, views, (T, poses.cov_z_roll_pitch), left, config
             )
         surfaces.sort(key=lambda surface: ids.track_id(surface.members))
@@ -264,7 +264,7 @@ class SurfaceMap:
                 sights(surface)[0].stamp_ns,
                 views,
                 poses.keyframes,
-                stood.get(surface.members),
+                previous.get(surface.members),
                 surface_errors(surface.members, surface.mean, T, poses.cov_z_roll_pitch).covariance(
                     poses.cov_z_roll_pitch
                 ),
@@ -317,7 +317,7 @@ def _record(
     placed_ns: int,
     views: list[View],
     keyframes: Int64,
-    stood: FormerStand | None,
+    previous: PastPose | None,
     cov_plane: Float64,
 ) -> Surface:
     boundary, holes = polygon_rings(shape.polygon)
@@ -349,15 +349,17 @@ def _record(
         shape=shape.name,
         edges=tuple(_edge(surface, edge, ids) for edge in shape.edges),
         placed_ns=placed_ns,
-        stood=None if stood is None else _former_place(stood),
+        previous_pose=None if previous is None else _previous_pose(previous),
         cov_plane=cov_plane,
     )
 
 
-def _former_place(stood: FormerStand) -> FormerPlace:
-    surface = stood.surface
+def _previous_pose(previous: PastPose) -> PreviousPose:
+    surface = previous.surface
     boundary, _ = polygon_rings(surface.polygon)
-    return FormerPlace(surface.lift(boundary), surface.normal, surface.offset, stood.last_seen_ns)
+    return PreviousPose(
+        surface.lift(boundary), surface.normal, surface.offset, previous.last_seen_ns
+    )
 
 
 def _edge(surface: MergedSurface, edge: ShapedEdge, ids: TrackIds) -> SurfaceEdge:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tccm_ros.records import FormerPlace, Surface
+from tccm_ros.records import PreviousPose, Surface
 from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
 from tccm_ros.surfaces.scene import KnownSurface, Scene
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -108,13 +108,13 @@ def test_two_views_in_one_solution_agree():
 
 
 def test_a_surface_that_was_gone_and_is_elsewhere_has_moved():
-    stood = FormerPlace(TABLE.boundary, UP, 0.7, 2)
-    there = replace(surface(3, 4.0, placed=8), stood=stood)
+    previous = PreviousPose(TABLE.boundary, UP, 0.7, 2)
+    there = replace(surface(3, 4.0, placed=8), previous_pose=previous)
     events = told(scene(2, TABLE), scene(3), scene(4), scene(8, there), scene(9, there))
     assert [e.kind for e in events] == [1, ChangeKind.GONE, ChangeKind.MOVED]
     assert np.allclose(events[2].T_before[:2, 3], [0.0, 0.0])
     assert events[2].ids_before == events[2].ids_after == (3,)
-    back = replace(surface(3, 0.0, placed=8), stood=stood)
+    back = replace(surface(3, 0.0, placed=8), previous_pose=previous)
     events = told(scene(2, TABLE), scene(3), scene(4), scene(8, back), scene(9, back))
     assert [e.kind for e in events] == [1, ChangeKind.GONE, ChangeKind.APPEARED]
 

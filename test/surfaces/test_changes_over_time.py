@@ -104,15 +104,19 @@ def test_a_table_that_was_moved_keeps_its_id_and_says_where_it_stood(saved_after
     assert overlap(found[0.74], moved) > 0.7
     assert (found[0.74].first_seen_ns, found[0.74].last_seen_ns) == (10, 30)
     assert found[0.74].placed_ns == 20
-    before = found[0.74].stood
+    before = found[0.74].previous_pose
     assert before.last_seen_ns == 10
     middle = shapely.Polygon(before.boundary[:, :2]).centroid
     assert np.abs([middle.x - TABLE.x, middle.y - TABLE.y]).max() < 0.1
-    assert (found[0.46].first_seen_ns, found[0.46].placed_ns, found[0.46].stood) == (10, 10, None)
+    assert (found[0.46].first_seen_ns, found[0.46].placed_ns, found[0.46].previous_pose) == (
+        10,
+        10,
+        None,
+    )
     back = look_at([BOTH, MOVED, BOTH, BOTH], saved_after=saved_after)
     assert overlap(back[0.74], TABLE) > 0.75
     assert back[0.74].id == found[0.74].id
-    assert back[0.74].stood.last_seen_ns == 20
+    assert back[0.74].previous_pose.last_seen_ns == 20
     assert len(back) == 2
 
 

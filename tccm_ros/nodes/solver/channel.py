@@ -175,7 +175,7 @@ class Placed(NamedTuple):
     waits_for
         Why it is not; empty where it is.
     is_told
-        Whether it is where somebody has told.
+        Whether it is at a user-supplied pose.
     """
 
     session: int

@@ -36,7 +36,7 @@ UPDATE_THRESHOLD_M, UPDATE_THRESHOLD_RAD = 0.08, 0.015
 """A loop closure that contradicts the estimate by more updates all keyframes at once (chosen)."""
 
 GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
-"""Keyframes that are matched around a pose that somebody has told, within so many standard
+"""Keyframes that are matched around a user-supplied pose, within so many standard
 deviations (chosen)."""
 
 NOWHERE = "no place of the map fits what the scans see: drive on, or tell the pose"
@@ -105,7 +105,7 @@ class LoopCloser:
     placed_by_sign
         Ids in the saved map of the signs that placed sessions in it, by session.
     placed_by_guess
-        The sessions that are where somebody has told.
+        The sessions that are at a user-supplied pose.
     unjoined
         The sessions on trajectories that are not joined to the map yet, each with the session that
         its trajectory began with.

@@ -10,9 +10,9 @@ from shapely.geometry import box
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
-from tccm_ros.nodes import programs
+from tccm_ros.nodes import client_api
+from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.interfaces import MISSING, has_interfaces, service_class
-from tccm_ros.nodes.programs import Programs, offered
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
 from tccm_ros.surfaces.scene import KnownSurface, Scene
@@ -47,9 +47,9 @@ class Offering:
         )
         self.shown = []
         live = SimpleNamespace(show_surfaces=self.shown.append, map_frame="map")
-        monkeypatch.setattr(programs, "offer_scan_here", lambda *_: None)
-        monkeypatch.setattr(programs, "unpack_scene", lambda scene: scene)
-        self.programs = Programs(self.node, live, None, None, None)
+        monkeypatch.setattr(client_api, "offer_scan_here", lambda *_: None)
+        monkeypatch.setattr(client_api, "unpack_scene", lambda scene: scene)
+        self.client_api = ClientApi(self.node, live, None, None, None)
 
     def _serve(self, kind, name, answer):
         self.services[name] = answer
@@ -59,7 +59,7 @@ class Offering:
 
     def receive(self, number, *surfaces):
         scene = Scene(number, "map", 0.0, (), None, tuple(map(known, surfaces)), number, number - 1)
-        self.programs.receive(SimpleNamespace(number=number, scene=scene))
+        self.client_api.receive(SimpleNamespace(number=number, scene=scene))
         return scene
 
     def found(self):
@@ -83,46 +83,46 @@ def test_topics_whose_types_are_missing_are_not_offered():
 def test_questions_are_answered_from_the_solution_that_is_shown(offering):
     """Not from one that is received before it is published; those before it are let go."""
     offering.receive(2, TABLE)
-    offering.programs.show(2)
+    offering.client_api.show(2)
     assert offering.found() == [4]
     offering.receive(3, TABLE)
     newest = offering.receive(4, TABLE, DESK)
     assert offering.found() == [4]
-    offering.programs.show(4)
+    offering.client_api.show(4)
     assert offering.found() == [4, 7]
     assert offering.shown[-1] is newest
     with pytest.raises(KeyError):
-        offering.programs.show(3)
+        offering.client_api.show(3)
 
 
 @needs_interfaces
 def test_each_change_is_published_once(offering):
     for number in (2, 3, 4):
         offering.receive(number, TABLE)
-        offering.programs.show(number)
+        offering.client_api.show(number)
     assert offering.published["~/events"] == 1
 
 
 @needs_interfaces
 def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(offering):
     for number, is_map_loaded, events in ((2, False, 1), (3, False, 2), (4, True, 2)):
-        offering.programs.forget(is_map_loaded=is_map_loaded)
+        offering.client_api.forget(is_map_loaded=is_map_loaded)
         kind = service_class("FindSurfaces")
         answer = offering.services["~/find_surfaces"](kind.Request(), kind.Response())
         assert (answer.success, "no map yet" in answer.message) == (False, True)
         offering.receive(number, TABLE)
-        offering.programs.show(number)
+        offering.client_api.show(number)
         assert offering.published["~/events"] == events
-    assert list(offering.programs.problems()) == []
+    assert list(offering.client_api.problems()) == []
 
 
 def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):
-    monkeypatch.setattr(programs, "has_interfaces", lambda: False)
+    monkeypatch.setattr(client_api, "has_interfaces", lambda: False)
     monkeypatch.setattr("tccm_ros.nodes.surface_events.has_interfaces", lambda: False)
     offering = Offering(monkeypatch)
     offering.receive(2, TABLE)
-    offering.programs.show(2)
+    offering.client_api.show(2)
     assert (offering.services, len(offering.shown)) == ({}, 1)
-    assert list(offering.programs.problems()) == [MISSING]
-    offering.programs.note_view_part(1, 1)
-    offering.programs.close()
+    assert list(offering.client_api.problems()) == [MISSING]
+    offering.client_api.note_view_part(1, 1)
+    offering.client_api.close()

@@ -29,7 +29,7 @@ def offered(topics: Mapping[str, str]) -> dict[str, str]:
     return {name: kind for name, kind in topics.items() if is_installed(kind)}
 
 
-class Programs:
+class ClientApi:
     """All that is for programs, of the newest solution.
 
     Parameters

@@ -6,7 +6,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from tccm_ros.config import Config
-from tccm_ros.evaluate.trajectory_errors import nees
 from tccm_ros.geometry import between2, compose2, wrap_angle
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.factors.poses import BetweenKeyframes
@@ -23,6 +22,12 @@ SIGMA = 0.01
 STEP, COV = np.array([0.3, 0.02, 0.1]), np.diag([0.02, 0.01, 0.006]) ** 2
 SHIFT = np.array([0.003, -0.001, 0.0])
 LOOP, LOOP_COV = (2, 9), np.diag([0.03, 0.02, 0.01]) ** 2
+
+
+def nees(errors, covariances):
+    """Return normalised estimation errors squared per degree of freedom, float64 (N,)."""
+    solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
+    return np.sum(errors * solved, axis=-1) / errors.shape[-1]
 
 
 def chain_of(session_starts=(0,), count=12):

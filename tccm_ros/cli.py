@@ -138,9 +138,9 @@ def fleet(
 
     Status 1 where a recording failed. Needs the extra: pip install 'tccm_ros[fleet]'.
     """
-    from tccm_ros.fleet.extra import check_installed
+    from tccm_ros.extras import check_extra
 
-    check_installed()
+    check_extra("fleet", "distributed", "duckdb", "fsspec", "pyarrow")
     from tccm_ros.config.reader import read_config
     from tccm_ros.fleet.cluster import Workers
     from tccm_ros.fleet.run import run_fleet
@@ -188,9 +188,9 @@ def merge(
 
     Needs the extra: pip install 'tccm_ros[fleet]'.
     """
-    from tccm_ros.fleet.extra import check_installed
+    from tccm_ros.extras import check_extra
 
-    check_installed()
+    check_extra("fleet", "distributed", "duckdb", "fsspec", "pyarrow")
     from tccm_ros.config.reader import read_config
     from tccm_ros.fleet.cluster import Workers
     from tccm_ros.fleet.merge import merge_maps
@@ -221,9 +221,9 @@ def find(
 
     Needs the extra: pip install 'tccm_ros[fleet]'.
     """
-    from tccm_ros.fleet.extra import check_installed
+    from tccm_ros.extras import check_extra
 
-    check_installed()
+    check_extra("fleet", "distributed", "duckdb", "fsspec", "pyarrow")
     from tccm_ros.fleet.catalogue import Catalogue
     from tccm_ros.fleet.layout import FleetFolder
 

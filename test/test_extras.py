@@ -7,7 +7,7 @@ from tccm_ros.extras import check_extra
 
 
 def test_what_is_there_passes():
-    check_extra("view", "json", "numpy")
+    assert check_extra("view", "json", "numpy") is None
 
 
 def test_what_is_missing_is_named_with_the_extra():

@@ -12,7 +12,8 @@ from tccm_ros.geometry import spatial
 from tccm_ros.slam.base_attitude import Attitude
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, keyframe_key
-from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose, ToldPose
+from tccm_ros.slam.factors.noise import rotate_frame
+from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS, KeyframeView
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph.pose_graph import PoseGraph
@@ -111,7 +112,9 @@ class Chain:
             return [_pinned(key, keyframe.pose)]
         factors: list[Factor] = [Planar(key, keyframe.pose)]
         if k in self.told:
-            factors.append(ToldPose(key, *self.told[k]))
+            pose, cov = self.told[k]
+            own = rotate_frame(cov, float(pose[2]))
+            factors.append(PriorPose(key, pose, own, is_robust=True))
         if not self.starts(k):
             step = BetweenKeyframes(self.keys[k - 1], key, keyframe.delta, keyframe.cov)
             factors.insert(0, step)

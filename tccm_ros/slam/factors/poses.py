@@ -35,42 +35,20 @@ class PriorPose(NoLandmark):
         float64 (3,), planar pose in map, m and rad.
     cov
         float64 (3, 3) of (x, y, yaw) in the keyframe's own frame.
+    is_robust
+        Whether the influence of its error is bounded (Huber).
     """
 
     key: Key
     pose: Float64
     cov: Float64
+    is_robust: bool = False
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a prior that also holds roll, pitch and z at zero."""
         cov = rotate_frame(self.cov, self.key.yaw_offset)
-        noise = gaussian(planar_covariance(cov, (PLANAR_SIGMA,) * 3))
-        value = self.key.to_value(spatial(self.pose))
-        graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ToldPose(NoLandmark):
-    """The pose of a keyframe as another program's localisation tells it; robust (Huber).
-
-    Attributes
-    ----------
-    key
-        Variable of the keyframe.
-    pose
-        float64 (3,), planar pose in map, m and rad.
-    cov
-        float64 (3, 3) of (x, y, yaw) in map.
-    """
-
-    key: Key
-    pose: Float64
-    cov: Float64
-
-    def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a prior on (x, y, yaw); `Planar` holds roll, pitch and z."""
-        cov = rotate_frame(self.cov, float(self.pose[2]) + self.key.yaw_offset)
-        noise = huber(gaussian(planar_covariance(cov, (LOOSE_SIGMA,) * 3)))
+        plain = gaussian(planar_covariance(cov, (PLANAR_SIGMA,) * 3))
+        noise = huber(plain) if self.is_robust else plain
         value = self.key.to_value(spatial(self.pose))
         graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
 

@@ -118,6 +118,10 @@ class TypestoreMessages:
         """Return whether there is this type."""
         return msgtype in self._store.fielddefs
 
+    def field_names(self, msgtype: str) -> list[str]:
+        """Return the fields of a type, in order."""
+        return [name for name, _ in self._store.fielddefs[msgtype][1]]
+
     def definition(self, msgtype: str) -> str:
         """Return the text of a type and all that it contains, as rosbag2 stores it."""
         return self._store.generate_msgdef(msgtype, ros_version=2)[0]

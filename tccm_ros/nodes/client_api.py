@@ -8,7 +8,7 @@ from pathlib import Path
 from rclpy.task import Future
 
 from tccm_ros.nodes.collision import CollisionObjects
-from tccm_ros.nodes.interfaces import MISSING, has_interfaces
+from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
 from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.label_service import offer_labels
 from tccm_ros.nodes.live_pose import LivePosePublisher
@@ -108,5 +108,5 @@ class ClientApi:
 
     def problems(self) -> Iterator[str]:
         """Yield what is missing."""
-        if not has_interfaces():
-            yield MISSING
+        if missing_interfaces():
+            yield missing_interfaces()

@@ -1,9 +1,12 @@
-"""The types of tccm_interfaces, where that package can be imported."""
+"""The types of tccm_interfaces, where that package can be imported and is of this version."""
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from typing import Any
+
+from tccm_ros.bags.typestore import DEFINITIONS, TypestoreMessages
 
 MISSING = (
     "tccm_interfaces is not installed: no typed messages, events and questions; build it "
@@ -11,15 +14,37 @@ MISSING = (
 )
 """What /diagnostics says without it."""
 
+OLD = (
+    "tccm_interfaces is of another version ({name} has other fields): no typed messages, events "
+    "and questions; build it again (interfaces/README.md) and source the workspace"
+)
 
-def has_interfaces() -> bool:
-    """Return whether the package can be imported."""
+
+def missing_interfaces() -> str:
+    """Return why the package cannot be used, a sentence; empty where it can."""
     try:
-        import_module("tccm_interfaces.msg")
+        installed = import_module("tccm_interfaces.msg")
         import_module("tccm_interfaces.srv")
     except ImportError:
-        return False
-    return True
+        return MISSING
+    return _difference(installed)
+
+
+@cache
+def _difference(installed: Any) -> str:
+    """Return in which message the package is of another version: such messages cannot be read."""
+    types = TypestoreMessages()
+    for path in sorted(DEFINITIONS.glob("*.msg")):
+        kind = getattr(installed, path.stem, None)
+        expected = types.field_names(f"tccm_interfaces/msg/{path.stem}")
+        if kind is None or list(kind.get_fields_and_field_types()) != expected:
+            return OLD.format(name=path.stem)
+    return ""
+
+
+def has_interfaces() -> bool:
+    """Return whether the package can be used."""
+    return not missing_interfaces()
 
 
 def service_class(name: str) -> Any:

@@ -19,7 +19,7 @@ from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.drops import PAUSED
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
-from tccm_ros.nodes.interfaces import MISSING, has_interfaces
+from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.previous_map import keep_previous
 from tccm_ros.nodes.qos import latched, sensor, surface_message
@@ -228,7 +228,7 @@ class TccmNode(SensorNode):
 
     def problems(self) -> Iterable[str]:
         """Return what is wrong with the records, and with the rig as the floor shows it."""
-        missing = () if has_interfaces() else (MISSING,)
+        missing = filter(None, [missing_interfaces()])
         return [*super().problems(), *self._rig_problems, *missing]
 
     def values(self) -> Mapping[str, object]:

@@ -21,7 +21,7 @@ from rclpy.task import Future
 
 from tccm_ros.errors import MissingExtraError, QuestionError, one_line
 from tccm_ros.extras import check_extra
-from tccm_ros.nodes.interfaces import MISSING, has_interfaces
+from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.run import run
 
@@ -71,8 +71,8 @@ class ViewNode(Node):
     def __init__(self, **kwargs: Any):
         super().__init__("view", **kwargs)
         check_extra("view", "aiohttp")
-        if not has_interfaces():
-            raise MissingExtraError(f"the live page: {MISSING}")
+        if missing_interfaces():
+            raise MissingExtraError(f"the live page: {missing_interfaces()}")
         from tccm_ros.nodes.live_entities import entities_of, event_text
         from tccm_ros.nodes.map_client import SurfaceMapClient
         from tccm_ros.view.live_page import LivePage

@@ -118,6 +118,7 @@ def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(of
 
 def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):
     monkeypatch.setattr(client_api, "has_interfaces", lambda: False)
+    monkeypatch.setattr(client_api, "missing_interfaces", lambda: MISSING)
     monkeypatch.setattr("tccm_ros.nodes.surface_events.has_interfaces", lambda: False)
     offering = Offering(monkeypatch)
     offering.receive(2, TABLE)

@@ -340,7 +340,11 @@ class Solver:
                     self._asked = None
             self._changed.notify_all()
         if not isinstance(answer, Began):
-            self._on_answer(answer)
+            try:
+                self._on_answer(answer)
+            except Exception as error:
+                reason = f"{type(error).__name__}: {one_line(error)}"
+                self._on_answer(Failed(answer.session, -1, reason))
 
     @staticmethod
     def _forget(answer: Any) -> None:

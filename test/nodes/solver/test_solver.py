@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 
 import plan
 import pytest
@@ -12,7 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.map_folder import save_archive
-from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.channel import Failed, Placed, PoseStamp, Solved
 from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
@@ -61,6 +62,31 @@ def solved(solver) -> Solved:
     assert solver.newest is not None, solver.answers
     assert solver.newest.number == number
     return solver.newest
+
+
+def test_an_answer_that_cannot_be_used_is_told_and_the_next_one_is_taken(drive):
+    events, _ = drive
+    numbers, told, is_second = [], [], threading.Event()
+
+    def take(answer):
+        if isinstance(answer, Failed):
+            told.append(answer.error)
+        elif isinstance(answer, Solved):
+            numbers.append(answer.number)
+            if len(numbers) == 1:
+                raise ValueError("other fields")
+            is_second.set()
+
+    solver = Solver(Config(), take)
+    try:
+        for event in events:
+            solver.feed(event)
+        for _ in range(2):
+            assert solver.wait(solver.solve(TOPICS), PATIENCE_S)
+        assert is_second.wait(PATIENCE_S)
+        assert told == ["ValueError: other fields"]
+    finally:
+        solver.close()
 
 
 def test_a_stage_that_fails_is_left_out_of_the_map_and_named(drive, tmp_path, monkeypatch):

@@ -147,6 +147,14 @@ class Robot:
         publisher.publish(message)
         self._publishers["robot_description"] = publisher
 
+    def wait_until_described(self, *nodes) -> None:
+        """Wait until nodes have the description, if there is one: scans before it are dropped."""
+        if "robot_description" in self._publishers:
+            for node in nodes:
+                self.ros.spin_until(
+                    lambda n=node: n.robot.robot.frames.model, what="the robot description"
+                )
+
     def message(self, record):
         """Return the message of a record."""
         build = {
@@ -181,11 +189,7 @@ class Robot:
 
         Where `until_done`, it returns when their workers have done what waits.
         """
-        if "robot_description" in self._publishers:
-            for node in nodes:
-                self.ros.spin_until(
-                    lambda n=node: n.robot.robot.frames.model, what="the robot description"
-                )
+        self.wait_until_described(*nodes)
         received = [dict(node.inputs.counts()) for node in nodes]
         base = dict(self.sent)
         records = iter(records)

@@ -61,7 +61,7 @@ def test_swept_boxes_cut_no_solid_and_free_insertions_that_could_be_seen_are_off
     assert tally.offered > 0.6 * tally.free > 0.0
 
 
-def test_placements_through_the_front_have_swept_boxes_that_cut_no_solid(
+def test_what_is_put_through_the_front_has_a_swept_box_that_cuts_no_solid(
     rack,
 ):
     made, outcome, T = rack

@@ -32,9 +32,9 @@ def compartment(unseen=(), hit=()):
     )  # fmt: skip
 
 
-def in_front(placement):
+def in_front(found):
     """Return where a placement is in the frame of the front, (3,)."""
-    return (np.linalg.inv(T_FRONT) @ [*placement.position, 1.0])[:3]
+    return (np.linalg.inv(T_FRONT) @ [*found.position, 1.0])[:3]
 
 
 def footprint(x, y, edge=0.08):
@@ -46,7 +46,7 @@ def footprint(x, y, edge=0.08):
     return affine_transform(middle, [a, b, c, d, *T_FRONT[:2, 3]])
 
 
-def test_an_empty_compartment_is_filled_with_placements_clear_of_edges_and_of_each_other():
+def test_an_empty_compartment_is_filled_clear_of_edges_and_of_each_other():
     found = InsertionSpace(compartment()).insertions(MUG, Hand(0.08, 0.1), 0.02)
     at = np.array([in_front(p) for p in found])
     assert len(at) >= 4

@@ -279,13 +279,13 @@ class InsertionSpace:
 
 
 def without_overlaps(
-    ranked: Sequence[Placement], size: tuple[float, float], clearance: float
+    found: Sequence[Placement], size: tuple[float, float], clearance: float
 ) -> list[Placement]:
     """Return those that leave a clearance between footprints, the first ones.
 
     Parameters
     ----------
-    ranked
+    found
         The best first.
     size
         Of the footprint, along x and y of a placement, m.
@@ -293,7 +293,7 @@ def without_overlaps(
         Between footprints, m.
     """
     kept: list[tuple[Placement, Polygon]] = []
-    for candidate in ranked:
+    for candidate in found:
         corners = rectangle_corners(*size, candidate.yaw) + candidate.position[:2]
         footprint = Polygon(corners)
         if all(footprint.distance(other) >= clearance for _, other in kept):

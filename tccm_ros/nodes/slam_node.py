@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,20 +14,22 @@ from typing import Any
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from tccm_ros.errors import MapError, OutputError, TccmError
+from tccm_ros.errors import MapError, TccmError
 from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, BY_START, NO_MAP, LocalisationPublisher
-from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
+from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.sign_reader import SignReader
+from tccm_ros.nodes.solution_saver import Session, SolutionSaver, Wanted
+from tccm_ros.nodes.solve_schedule import SolveSchedule
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
@@ -38,8 +39,6 @@ from tccm_ros.nodes.solver.channel import (
     Solved,
 )
 from tccm_ros.nodes.solver.solver import Answer, Solver
-from tccm_ros.nodes.view_parts import ViewParts
-from tccm_ros.nodes.worker import Worker, promise
 from tccm_ros.records import (
     Event,
     LabelCorrection,
@@ -60,27 +59,8 @@ from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.reading import missing_extra
 from tccm_ros.slam.tracking import SolvedMap, Tracker
 
-SOLVE_PERIOD_S = 2.0
-"""Shortest time between two solutions, s. Chosen."""
-
-SOLVE_FRACTION = 0.3
-"""Fraction of the time that solving may take: a long solution is made less often. Chosen."""
-
-KEYFRAMES_PER_SOLVE = 5
-"""Without a new view the map is solved anew after so many keyframes. Chosen."""
-
 LOOK_S = 0.5
 """The map is looked at so often while no records come, by the wall clock: time may stand still."""
-
-QUIET_S = 2.0
-"""Where no record has come for so long, all that has come is solved."""
-
-PATIENCE_S = 1.2
-"""A save waits so long for the solution with all that has come; then it takes the newest."""
-
-LOOK_AT_END_S = 0.1
-"""Between two looks whether the last solution is still waited for."""
-
 
 NOT_TOLD = "no map -> odom has come on /tf; start your localisation"
 """Reason where another program localises the robot."""
@@ -107,14 +87,9 @@ class SlamNode(SensorNode):
         self.signs = SignReader(self.config, self._on_signs)
         self.processor = Tracker(self.config)
         self._scans_before = 0
-        self.saver = Worker("saver", partial(self.refuse, "saving"))
-        self._keeper = MapKeeper()
         self.newest_ns = 0
-        self._unsolved: Counter[str] = Counter()
-        self._view_parts = ViewParts()
+        self._schedule = SolveSchedule(time.monotonic())
         self._complete_from = 0
-        self._next_solve_s = 0.0
-        self._last_s = time.monotonic()
         self._shown_ns = -1
         self._has_tilt_scan = False
         self._saved_keyframes = 0
@@ -125,6 +100,13 @@ class SlamNode(SensorNode):
             self.types,
             self.live.map_frame,
             lambda guess: self.worker.call(lambda: self._take_guess(guess), self),
+        )
+        self.saver = SolutionSaver(
+            self.solver,
+            self._session,
+            self.saves,
+            self.localisation.name_map,
+            partial(self.refuse, "saving"),
         )
         self._is_external = self.config.localisation.is_external
         topics = offered(SOLUTION_TOPICS)
@@ -170,7 +152,7 @@ class SlamNode(SensorNode):
 
     def _listen_to_tccm(self) -> None:
         for role in SURFACE_MESSAGE_TOPICS:
-            self.subscribe(
+            self.record_subscriptions.to(
                 role,
                 surface_message(),
                 self.offer_computed,
@@ -229,26 +211,20 @@ class SlamNode(SensorNode):
         before = Counter(self.processor.counts)
         self._solve_with(event)
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
-            self._view_parts.note(event, time.monotonic())
-            self._unsolved["view parts"] += 1
             self._client_api.note_view_part(event.stamp_ns, self.solver.next_number)
-        if isinstance(event, PosedDetections):
-            self._unsolved["detections"] += 1
-        else:
+        if not isinstance(event, PosedDetections):
             self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
             self._forget(is_localised=self.processor.is_localised)
-        for counted in ("clouds", "keyframes"):
-            self._unsolved[counted] += self.processor.counts[counted] - before[counted]
+        self._schedule.note_mapped(before, self.processor.counts)
         self._show_pose()
-        if self.worker.backlog == 0:
-            self._solve_when_due()
+        if self.worker.backlog == 0 and self._schedule.is_due(time.monotonic()):
+            self._solve()
 
     def _solve_with(self, event: Any) -> None:
         """Give an event to the solver."""
-        self._last_s = time.monotonic()
+        self._schedule.note(event, time.monotonic())
         if type(event) is not Odometry:
-            self._unsolved["records"] += 1
             self._complete_from = self.solver.next_number
         self.solver.feed(event)
         is_scan = isinstance(event, PosedScan)
@@ -273,30 +249,21 @@ class SlamNode(SensorNode):
             self.live.show(live, self.processor.current_covariance())
             self.localisation.show(self.processor)
 
-    def _solve_when_due(self) -> None:
-        new = self._unsolved
-        has_seen = any(new[what] for what in ("clouds", "view parts", "detections"))
-        if has_seen or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
-            self._solve_if_due()
-
     def _solve_when_quiet(self) -> None:
-        """Have all solved that has come, finally, once nothing more comes."""
-        self._solve_when_due()
-        has_more = self._unsolved["records"] or not self.solver.is_batch
-        if has_more and time.monotonic() - self._last_s > QUIET_S:
-            self._solve_if_due(is_final=True)
-
-    def _solve_if_due(self, *, is_final: bool = False) -> None:
+        """Solve whatever is due; once input stops, make a final solution of everything."""
         now_s = time.monotonic()
-        is_due = now_s >= self._next_solve_s and not self._waits_for_scan
-        is_whole = not self._view_parts.are_coming(now_s)
-        if is_due and is_whole and not self.solver.is_solving and self.context.ok():
+        if self._schedule.is_due(now_s):
+            self._solve()
+        if self._schedule.is_final_due(now_s, is_batch=self.solver.is_batch):
+            self._solve(is_final=True)
+
+    def _solve(self, *, is_final: bool = False) -> None:
+        if not self._waits_for_scan and not self.solver.is_solving and self.context.ok():
             self._ask_solution(is_final=is_final)
 
     def _ask_solution(self, *, is_final: bool = False) -> int:
         """Ask for a solution with all that has come; return its number."""
-        self._unsolved.clear()
-        self._next_solve_s = time.monotonic() + SOLVE_PERIOD_S
+        self._schedule.note_asked(time.monotonic())
         name = self.localisation.map_name
         return self.solver.solve(self._outputs.listened, is_final=is_final, map_name=name)
 
@@ -318,9 +285,7 @@ class SlamNode(SensorNode):
 
     def _show(self, solved: Solved) -> None:
         """Take over and publish what a solution says; not one from before a clock jump."""
-        self._next_solve_s = time.monotonic() + max(
-            SOLVE_PERIOD_S - solved.duration_s, solved.duration_s * (1.0 / SOLVE_FRACTION - 1.0)
-        )
+        self._schedule.note_solved(solved.duration_s, time.monotonic())
         if not self.solver.is_of_session(solved) or solved.resets != self._resets:
             return
         self._take_map(solved.map)
@@ -334,7 +299,7 @@ class SlamNode(SensorNode):
         self.localisation.note_wait(placed.waits_for)
         if placed.map is None:
             return
-        self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
+        self._schedule.request()
         was_told, self._is_told = self._is_told, False
         self._take_map(placed.map)
         if was_told and not placed.map.is_unjoined:
@@ -352,11 +317,6 @@ class SlamNode(SensorNode):
     def _resets(self) -> int:
         return self.processor.counts["resets"]
 
-    @property
-    def _has_solution(self) -> bool:
-        newest = self.solver.newest
-        return newest is not None and newest.resets == self._resets
-
     def _take_guess(self, guess: PoseGuess) -> str:
         """Look for the robot around a user-supplied pose, from the next scan on.
 
@@ -372,7 +332,7 @@ class SlamNode(SensorNode):
         self._is_told = True
         self.processor.add(guess)
         self._solve_with(guess)
-        self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
+        self._schedule.request()
         return ""
 
     def begin_correction(self, correction: LabelCorrection) -> Future:
@@ -398,8 +358,8 @@ class SlamNode(SensorNode):
         self._saved_keyframes = first[0]
         self._forget(is_localised=False)
         self.localisation.note_search("no scan has fitted one place of the map alone yet", BY_SCAN)
-        self._keeper.adopt(folder)
-        self.localisation.map_name = name
+        self.saver.adopt(folder)
+        self.localisation.name_map(name)
         self._ask_solution()
         return str(folder)
 
@@ -419,53 +379,40 @@ class SlamNode(SensorNode):
         self.live.forget(is_localised=is_localised)
         self._outputs.forget()
         self._client_api.forget(is_map_loaded=not is_localised)
-        self.localisation.map_name = ""
-        self._keeper.forget()
+        self.localisation.name_map("")
+        self.saver.forget()
         self.signs.begin()
         self._shown_ns = -1
         self._has_tilt_scan = self._is_told = False
         self.newest_ns = self._complete_from = 0
-        self._unsolved.clear()
+        self._schedule.forget()
 
     # --- saving ---
 
     def begin_save(self) -> Future:
         """Have the newest solution saved: with all that has come, if that does not take long."""
-        return self._begin_save(self.save_folder(), is_named=False)
+        return self.saver.begin(self, self.save_folder(), self._ask_for_save)
 
     def begin_named_save(self, folder: Path) -> Future:
         """Have it saved into the folder of its name, whatever map is there."""
-        return self._begin_save(folder, is_named=True)
+        return self.saver.begin(self, folder, self._ask_for_save, is_named=True)
 
-    def _begin_save(self, folder: Path, *, is_named: bool) -> Future:
-        def save() -> str:
-            newest = self.solver.newest if self._has_solution else None
-            # Another one may be under way, which is as long.
-            patience_s = None if newest is None else PATIENCE_S + 2.0 * newest.duration_s
-            self.solver.wait(asked[0][1], patience_s)
-            said = self._save_newest(folder, asked[0], is_asked=True, may_replace=is_named)
-            if is_named:
-                self.localisation.map_name = folder.name
-            return said
+    def _ask_for_save(self, note: Callable[[Wanted], None]) -> None:
+        """Ask for a solution with all records and pictures that have come."""
 
         def ask() -> None:
-            asked.append((self.newest_ns, self._ask_solution()))
-            self.saver.post(run)
+            note(Wanted(self.newest_ns, self._ask_solution()))
 
-        asked: list[tuple[int, int]] = []
-        saved, run = promise(save, self)
-        # The pictures that have come are read before.
         self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
-        return saved
 
     def autosave(self) -> None:
         """Have the newest solution saved as it is."""
-        self.saver.post(lambda: self.try_to_save(self._save_unasked))
+        self.saver.autosave(self.save_folder(), self._all_input())
 
     def save_quickly(self, ending: Ending) -> None:
         """Save the newest solution at once."""
-        if self.config.save.on_shutdown and self._has_solution:
-            self.saver.wait(lambda: self.save_last(self._save_as_last, ending))
+        if self.config.save.on_shutdown:
+            self.saver.save_quickly(self.save_folder(), self._all_input(), ending)
 
     def save_at_end(self, ending: Ending) -> None:
         """Save the solution with all that has come, if it comes in time, else the newest."""
@@ -478,68 +425,16 @@ class SlamNode(SensorNode):
         self.worker.wait(lambda: None, is_over)
         self.signs.wait(is_over)
         self.worker.wait(lambda: numbers.append(self._ask_solution(is_final=True)), is_over)
-        while not self.solver.wait(numbers[0], LOOK_AT_END_S):
-            if is_over():
-                ending.left_out[self.get_name()] = f"what came last, {ending.why}"
-                break
-        self.saver.wait(lambda: self.save_last(self._save_as_last, ending))
+        if not self.saver.wait(numbers[0], ending):
+            ending.left_out[self.get_name()] = f"what came last, {ending.why}"
+        self.saver.save_at_end(self.save_folder(), self._all_input(), ending)
 
-    def _save_unasked(self, *, is_last: bool = False) -> str:
-        wanted = self.newest_ns, self._complete_from
-        return self._save_newest(self.save_folder(), wanted, is_asked=False, is_last=is_last)
+    def _all_input(self) -> Wanted:
+        return Wanted(self.newest_ns, self._complete_from)
 
-    def _save_as_last(self) -> str:
-        return self._save_unasked(is_last=True)
-
-    def _save_newest(
-        self,
-        folder: Path,
-        wanted: tuple[int, int],
-        *,
-        is_asked: bool,
-        may_replace: bool = False,
-        is_last: bool = False,
-    ) -> str:
-        """Save the newest solution; return a sentence that names it, and what is not in it.
-
-        Parameters
-        ----------
-        folder, is_asked, is_last
-            As for `MapKeeper.save`.
-        wanted
-            Stamp of the newest record that should be in it, ns, and the number of the first
-            solution that has all that had come by then.
-        may_replace
-            Whether any map may be replaced.
-
-        Raises
-        ------
-        MapError, OutputError
-            Where that is not to be, or cannot be done.
-        """
-        if self._waits_for_scan:
-            raise MapError("no level scan since the map was loaded: there is nothing new to save")
-        newest = self.solver.archive()
-        if newest is None:
-            kind = OutputError if is_last and self.processor.counts["keyframes"] else MapError
-            raise kind(f"{folder}: not written, there is no solution yet")
-        solved, archive = newest
-        try:
-            if solved.resets != self._resets:
-                raise MapError(f"{folder}: not written, no solution since the map began anew")
-            keeper = MapKeeper(may_replace=True) if may_replace else self._keeper
-            folder = keeper.save(
-                archive, solved.content, folder, is_asked=is_asked, is_last=is_last
-            )
-        finally:
-            os.close(archive)
-        late_s = max(wanted[0] - solved.stamp_ns, 0) * 1e-9
-        late = f"; the last {late_s:.1f} s of records are not in it" if late_s else ""
-        if not late and solved.number < wanted[1]:
-            # A view may come last and be older than the scans that were solved.
-            late = "; what came last is not in it"
-        stamp = f"{solved.stamp_ns * 1e-9:.3f}"
-        return f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}{late}"
+    def _session(self) -> Session:
+        counts = self.processor.counts
+        return Session(counts["resets"], counts["keyframes"], self._waits_for_scan)
 
     # --- services ---
 

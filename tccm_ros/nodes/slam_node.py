@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import struct
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,28 +12,26 @@ from typing import Any
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from tccm_ros.errors import MapError, TccmError
+from tccm_ros.errors import TccmError
 from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
-from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, BY_START, NO_MAP, LocalisationPublisher
-from tccm_ros.nodes.map_folder import MAP_FILE
+from tccm_ros.nodes.localisation import BY_START, LocalisationPublisher
+from tccm_ros.nodes.map_session import MapSession
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.sign_reader import SignReader
-from tccm_ros.nodes.solution_saver import Session, SolutionSaver, Wanted
-from tccm_ros.nodes.solve_schedule import SolveSchedule
+from tccm_ros.nodes.solution_saver import SolutionSaver, Wanted
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
     Messages,
     Placed,
-    PoseStamp,
     Solved,
 )
 from tccm_ros.nodes.solver.solver import Answer, Solver
@@ -43,9 +39,6 @@ from tccm_ros.records import (
     Event,
     LabelCorrection,
     ObjectBoxes,
-    Odometry,
-    PosedScan,
-    PoseGuess,
     Scan,
     SurfaceCloud,
     ViewIntervals,
@@ -57,7 +50,7 @@ from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams, stream_for_topic
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.reading import missing_extra
-from tccm_ros.slam.tracking import SolvedMap, Tracker
+from tccm_ros.slam.tracking import Tracker
 
 LOOK_S = 0.5
 """The map is looked at so often while no records come, by the wall clock: time may stand still."""
@@ -85,25 +78,16 @@ class SlamNode(SensorNode):
         super().configure()
         self.solver = Solver(self.config, self._on_answer)
         self.signs = SignReader(self.config, self._on_signs)
-        self.processor = Tracker(self.config)
-        self._scans_before = 0
-        self.newest_ns = 0
-        self._schedule = SolveSchedule(time.monotonic())
-        self._complete_from = 0
-        self._shown_ns = -1
-        self._has_tilt_scan = False
-        self._saved_keyframes = 0
-        self._is_told = False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake, self.robot)
         self.localisation = LocalisationPublisher(
             self,
             self.types,
             self.live.map_frame,
-            lambda guess: self.worker.call(lambda: self._take_guess(guess), self),
+            lambda guess: self.worker.call(lambda: self.session.take_guess(guess), self),
         )
         self.saver = SolutionSaver(
             self.solver,
-            self._session,
+            lambda: self.session.state,
             self.saves,
             self.localisation.name_map,
             partial(self.refuse, "saving"),
@@ -121,9 +105,21 @@ class SlamNode(SensorNode):
         self._client_api = ClientApi(
             self, self.live, self.begin_named_save, self.load_named, self.begin_correction
         )
+        self.session = MapSession(
+            self.config,
+            self.solver,
+            self.live,
+            self.localisation,
+            self._outputs,
+            self._client_api,
+            self._forget,
+            self.context.ok,
+        )
         self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
-        self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
+        self._look = steady_timer(
+            self, LOOK_S, lambda: self.worker.post(self.session.solve_when_quiet)
+        )
 
     def activate(self) -> None:
         """Subscribe."""
@@ -148,7 +144,7 @@ class SlamNode(SensorNode):
         super().release()
 
     def _on_parameters(self, _: object) -> None:
-        self.worker.post(self._note_config)
+        self.worker.post(self.session.take_config)
 
     def _listen_to_tccm(self) -> None:
         for role in SURFACE_MESSAGE_TOPICS:
@@ -176,6 +172,16 @@ class SlamNode(SensorNode):
                 raw=True,
             )
 
+    @property
+    def processor(self) -> Tracker:
+        """Where the base is."""
+        return self.session.tracker
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest event, ns."""
+        return self.session.newest_ns
+
     # --- intake ---
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
@@ -196,9 +202,8 @@ class SlamNode(SensorNode):
 
     def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
-            stamp = PoseStamp(raw_stamp_ns(data))
-            self._has_tilt_scan = True
-            self.worker.offer(lambda: self._solve_with(stamp), is_droppable=True)
+            stamp_ns = raw_stamp_ns(data)
+            self.worker.offer(lambda: self.session.add_tilt_scan(stamp_ns), is_droppable=True)
 
     # --- in the worker ---
 
@@ -207,142 +212,13 @@ class SlamNode(SensorNode):
         if type(event) is PosedPicture:
             self.signs.offer(event)
             return
-        self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
-        before = Counter(self.processor.counts)
-        self._solve_with(event)
-        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
-            self._client_api.note_view_part(event.stamp_ns, self.solver.next_number)
-        if not isinstance(event, PosedDetections):
-            self.processor.add(event)
-        if self.processor.counts["resets"] != before["resets"]:
-            self._forget(is_localised=self.processor.is_localised)
-        self._schedule.note_mapped(before, self.processor.counts)
-        self._show_pose()
-        if self.worker.backlog == 0 and self._schedule.is_due(time.monotonic()):
-            self._solve()
+        self.session.track(event)
+        if self.worker.backlog == 0:
+            self.session.solve_if_due()
 
-    def _solve_with(self, event: Any) -> None:
-        """Give an event to the solver."""
-        self._schedule.note(event, time.monotonic())
-        if type(event) is not Odometry:
-            self._complete_from = self.solver.next_number
-        self.solver.feed(event)
-        is_scan = isinstance(event, PosedScan)
-        if is_scan and (self._is_told or not self.processor.is_localised):
-            self.solver.flush()  # each scan may tell where the robot is
-
-    def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
-        """Give what a picture tells to the solver: it belongs to the picture's stamp."""
-        for event in told:
-            self.worker.post(partial(self._solve_with, event))
-
-    def _note_config(self) -> None:
-        self.solver.feed(self.config.model_copy(deep=True))
-
-    def _show_pose(self) -> None:
-        live = self.processor.current_pose()
-        has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
-        if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
-            self._shown_ns = live.stamp_ns
-            self.live.is_localised = self.processor.is_localised
-            self.live.odom_frame = self.processor.odom_frame
-            self.live.show(live, self.processor.current_covariance())
-            self.localisation.show(self.processor)
-
-    def _solve_when_quiet(self) -> None:
-        """Solve whatever is due; once input stops, make a final solution of everything."""
-        now_s = time.monotonic()
-        if self._schedule.is_due(now_s):
-            self._solve()
-        if self._schedule.is_final_due(now_s, is_batch=self.solver.is_batch):
-            self._solve(is_final=True)
-
-    def _solve(self, *, is_final: bool = False) -> None:
-        if not self._waits_for_scan and not self.solver.is_solving and self.context.ok():
-            self._ask_solution(is_final=is_final)
-
-    def _ask_solution(self, *, is_final: bool = False) -> int:
-        """Ask for a solution with all that has come; return its number."""
-        self._schedule.note_asked(time.monotonic())
-        name = self.localisation.map_name
-        return self.solver.solve(self._outputs.listened, is_final=is_final, map_name=name)
-
-    @property
-    def _waits_for_scan(self) -> bool:
-        """Whether nothing places this session in the map that was loaded yet."""
-        return self._saved_keyframes > 0 and not self.processor.counts["level scans"]
-
-    def _on_answer(self, answer: Answer) -> None:
-        if isinstance(answer, Solved):
-            self._client_api.receive(answer)
-            self.worker.post(lambda: self._show(answer))
-        elif isinstance(answer, Placed):
-            self.worker.post(lambda: self._take_place(answer))
-        elif isinstance(answer, Messages):
-            self.worker.post(lambda: self._outputs.publish(answer.messages))
-        else:
-            self.refuse("solving", TccmError(answer.error))
-
-    def _show(self, solved: Solved) -> None:
-        """Take over and publish what a solution says; not one from before a clock jump."""
-        self._schedule.note_solved(solved.duration_s, time.monotonic())
-        if not self.solver.is_of_session(solved) or solved.resets != self._resets:
-            return
-        self._take_map(solved.map)
-        self._outputs.publish_solution(solved.messages)
-        self._client_api.show(solved.number)
-
-    def _take_place(self, placed: Placed) -> None:
-        """Take over where the robot is, as soon as it is found, or what that waits for."""
-        if not self.solver.is_of_session(placed) or placed.resets != self._resets:
-            return
-        self.localisation.note_wait(placed.waits_for)
-        if placed.map is None:
-            return
-        self._schedule.request()
-        was_told, self._is_told = self._is_told, False
-        self._take_map(placed.map)
-        if was_told and not placed.map.is_unjoined:
-            self.localisation.note_told(self.processor, is_taken=placed.is_told)
-
-    def _take_map(self, solved: SolvedMap) -> None:
-        """Have the live pose take what a solution corrects."""
-        self.processor.take(solved)
-        self.live.is_localised = self.processor.is_localised
-        if self._shown_ns >= 0:
-            self.live.correct(self.processor.current_pose())
-            self.localisation.show(self.processor)
-
-    @property
-    def _resets(self) -> int:
-        return self.processor.counts["resets"]
-
-    def _take_guess(self, guess: PoseGuess) -> str:
-        """Look for the robot around a user-supplied pose, from the next scan on.
-
-        Raises
-        ------
-        MapError
-            Where there is no map yet.
-        """
-        if not (self.processor.counts["keyframes"] or self._saved_keyframes):
-            raise MapError(NO_MAP)
-        guess = replace(guess, stamp_ns=guess.stamp_ns or self.newest_ns)
-        self.localisation.note_search("the pose that was told is compared with scans", BY_REQUEST)
-        self._is_told = True
-        self.processor.add(guess)
-        self._solve_with(guess)
-        self._schedule.request()
-        return ""
-
-    def begin_correction(self, correction: LabelCorrection) -> Future:
-        """Have the label of a surface corrected, and a solution that has it."""
-
-        def correct() -> None:
-            self._solve_with(correction)
-            self._ask_solution()
-
-        return self.worker.call(correct, self)
+    def begin(self) -> None:
+        """Begin an empty map."""
+        self.session.begin()
 
     def load(self, folder: Path) -> str:
         """Go on with a saved map; what was mapped since the start is forgotten."""
@@ -353,39 +229,35 @@ class SlamNode(SensorNode):
         return self._load(folder, folder.name)
 
     def _load(self, folder: Path, name: str) -> str:
-        first = self.solver.begin(folder / MAP_FILE)
-        self._track_with(Tracker(self.config, first, is_localised=False))
-        self._saved_keyframes = first[0]
-        self._forget(is_localised=False)
-        self.localisation.note_search("no scan has fitted one place of the map alone yet", BY_SCAN)
+        self.session.load(folder, name)
         self.saver.adopt(folder)
-        self.localisation.name_map(name)
-        self._ask_solution()
         return str(folder)
 
-    def begin(self) -> None:
-        """Forget everything."""
-        self.solver.begin()
-        self._track_with(Tracker(self.config))
-        self._saved_keyframes = 0
-        self._forget(is_localised=True)
-
-    def _track_with(self, tracker: Tracker) -> None:
-        """Go on with another tracker, which counts from 0 for its own map."""
-        self._scans_before += self.processor.counts["level scans"]
-        self.processor = tracker
-
-    def _forget(self, *, is_localised: bool) -> None:
-        self.live.forget(is_localised=is_localised)
-        self._outputs.forget()
-        self._client_api.forget(is_map_loaded=not is_localised)
-        self.localisation.name_map("")
+    def _forget(self) -> None:
         self.saver.forget()
         self.signs.begin()
-        self._shown_ns = -1
-        self._has_tilt_scan = self._is_told = False
-        self.newest_ns = self._complete_from = 0
-        self._schedule.forget()
+
+    # --- from the solver and the reader of signs ---
+
+    def _on_answer(self, answer: Answer) -> None:
+        if isinstance(answer, Solved):
+            self._client_api.receive(answer)
+            self.worker.post(lambda: self.session.take_solved(answer))
+        elif isinstance(answer, Placed):
+            self.worker.post(lambda: self.session.take_placed(answer))
+        elif isinstance(answer, Messages):
+            self.worker.post(lambda: self._outputs.publish(answer.messages))
+        else:
+            self.refuse("solving", TccmError(answer.error))
+
+    def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
+        """Give what a picture tells to the solver: it belongs to the picture's stamp."""
+        for event in told:
+            self.worker.post(partial(self.session.add, event))
+
+    def begin_correction(self, correction: LabelCorrection) -> Future:
+        """Have the label of a surface corrected, and a solution that has it."""
+        return self.worker.call(lambda: self.session.correct_label(correction), self)
 
     # --- saving ---
 
@@ -401,18 +273,18 @@ class SlamNode(SensorNode):
         """Ask for a solution with all records and pictures that have come."""
 
         def ask() -> None:
-            note(Wanted(self.newest_ns, self._ask_solution()))
+            note(Wanted(self.newest_ns, self.session.ask_solution()))
 
         self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
 
     def autosave(self) -> None:
         """Have the newest solution saved as it is."""
-        self.saver.autosave(self.save_folder(), self._all_input())
+        self.saver.autosave(self.save_folder(), self.session.input)
 
     def save_quickly(self, ending: Ending) -> None:
         """Save the newest solution at once."""
         if self.config.save.on_shutdown:
-            self.saver.save_quickly(self.save_folder(), self._all_input(), ending)
+            self.saver.save_quickly(self.save_folder(), self.session.input, ending)
 
     def save_at_end(self, ending: Ending) -> None:
         """Save the solution with all that has come, if it comes in time, else the newest."""
@@ -424,17 +296,10 @@ class SlamNode(SensorNode):
         self.robot.flush()
         self.worker.wait(lambda: None, is_over)
         self.signs.wait(is_over)
-        self.worker.wait(lambda: numbers.append(self._ask_solution(is_final=True)), is_over)
+        self.worker.wait(lambda: numbers.append(self.session.ask_solution(is_final=True)), is_over)
         if not self.saver.wait(numbers[0], ending):
             ending.left_out[self.get_name()] = f"what came last, {ending.why}"
-        self.saver.save_at_end(self.save_folder(), self._all_input(), ending)
-
-    def _all_input(self) -> Wanted:
-        return Wanted(self.newest_ns, self._complete_from)
-
-    def _session(self) -> Session:
-        counts = self.processor.counts
-        return Session(counts["resets"], counts["keyframes"], self._waits_for_scan)
+        self.saver.save_at_end(self.save_folder(), self.session.input, ending)
 
     # --- services ---
 
@@ -456,8 +321,7 @@ class SlamNode(SensorNode):
     def used(self) -> Mapping[str, int]:
         """Return the level scans that were matched since the start, and the pictures read."""
         pictures = dict.fromkeys(self.config.sensors.camera_images, self.signs.counts["pictures"])
-        scans = self._scans_before + self.processor.counts["level scans"]
-        return {"scan": scans, **pictures}
+        return {"scan": self.session.scans, **pictures}
 
     @property
     def dropped(self) -> Counter[str]:

@@ -1,6 +1,7 @@
 """The SLAM node over DDS: tf and pose, map and grid, save, load and reset."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,17 +61,20 @@ def test_pose_and_map_to_odom_are_published_also_without_tf(ros):
     poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
     odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
     ros.connect(node, viewer.node, "/pose", "/surface_slam/map_to_odom")
-    robot.play(recording(3, speed=0.3), node)
+    # The covariance grows from scan to scan; a solution would know the pose better.
+    node._next_solve_s = math.inf
+    robot.play(recording(3, speed=0.3, tilt=False), node)
     last_ns = node.processor.current_pose().stamp_ns
     ros.spin_until(lambda: poses and stamp_ns_from_message(poses[-1].header.stamp) == last_ns)
     ros.spin_until(
         lambda: odom and stamp_ns_from_message(odom[-1].header.stamp) == last_ns + SECOND // 10
     )
-    first, last = (np.array(p.pose.covariance).reshape(6, 6) for p in (poses[0], poses[-1]))
-    for cov in (first, last):
+    covs = [np.array(p.pose.covariance).reshape(6, 6) for p in poses]
+    for cov in covs:
         assert np.allclose(cov, cov.T)
         assert (np.linalg.eigvalsh(cov) >= -1e-12).all()
-    assert last[0, 0] > first[0, 0] > 0.0
+    # The first scan is where the map begins.
+    assert covs[-1][0, 0] > covs[1][0, 0] > 0.0
     # A metre of driving without noise: matching is as good as its grid.
     assert abs(poses[-1].pose.pose.position.x - 0.3 * 0.05 * 59) < 0.02
     assert poses[-1].header.frame_id == odom[-1].header.frame_id == "map"

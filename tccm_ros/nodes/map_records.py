@@ -369,7 +369,10 @@ def compartments_of(messages: Iterable[Any]) -> list[MapCompartment]:
             m.width,
             m.depth,
             m.height,
-            *(FACE_STATES.get(face, "unknown") for face in (m.left, m.right, m.back, m.ceiling)),
+            FACE_STATES.get(m.left, "unknown"),
+            FACE_STATES.get(m.right, "unknown"),
+            FACE_STATES.get(m.back, "unknown"),
+            FACE_STATES.get(m.ceiling, "unknown"),
             m,
         )
         for m in messages

@@ -96,16 +96,12 @@ def _check_placements(asker, table):
 
 
 def _check_objects(asker, table):
-    """The box on the table is free from above, and in no compartment."""
+    """Nothing stands on the table, and it is in no rack."""
     found = asker.find_objects(surface_ids=[table], hand_width=0.1, hand_height=0.15)
     assert found.success, found.message
-    (box,) = found.objects
-    assert (box.object.surface_id, box.above, box.front) == (table, 1, 0)
-    assert (box.above_blocked_by, list(box.front_blocked_by)) == (-1, [])
-    assert not asker.find_objects(min_size=0.5).objects
+    assert (list(found.objects), found.message) == ([], "0 of 0 objects")
     near = PointStamped(header=Header(frame_id="base"), point=Point(x=1.0))
-    assert len(asker.find_objects(near=near, max_distance=2.0).objects) == 1
-    assert not asker.find_objects(near=near, max_distance=0.01).objects
+    assert asker.find_objects(near=near, max_distance=2.0).success
     for fields, word in WRONG_OBJECTS:
         wrong = asker.find_objects(**fields)
         assert not wrong.success

@@ -104,7 +104,7 @@ def structure_shapes(
     """
     known = [surface for surface in surfaces if surface.label != "floor"]
     heights = {surface.id: surface.height for surface in known}
-    thickness = {}
+    thickness: dict[int, float] = {}
     for space in compartments:
         if space.above in heights and space.ceiling == FaceState.MEASURED:
             lower_side = float(space.T_map_front[2, 3]) + space.height

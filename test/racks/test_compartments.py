@@ -9,10 +9,13 @@ from slam_run import drive, new_slam
 
 from tccm_ros.geometry import transform
 from tccm_ros.racks.compartment import FaceState
+from tccm_ros.racks.compartments import find_compartments
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces import surface_slam
 from tccm_ros.surfaces.planning_shapes import Box, structure_shapes
 from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.scene import surface_pose
+from tccm_ros.surfaces.surface_slam import seen_views
 from tccm_ros.tabletop.placements import Approach, PlacementRequest
 
 HEIGHT, LENGTH = 0.01, 0.02
@@ -53,6 +56,35 @@ def test_a_face_is_not_called_open_where_there_is_a_panel_nor_closed_where_there
         for state, is_closed in zip((found.left, found.right, found.back), true.closed):
             assert state != (FaceState.OPEN if is_closed else FaceState.MEASURED)
         assert found.ceiling == FaceState.MEASURED
+
+
+def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
+    """Its pieces have a gap as wide as an object that hides it, and a whole board below."""
+    _, outcome, _ = rack
+    solution = outcome.solution
+    views = seen_views(outcome.slam.map.views, solution.view_poses.T_map_view)
+    lowest = min(c.board for c in solution.compartments if c.board == c.rack)
+    cut = [p for s in solution.surfaces for p in ([s] if s.id == lowest else pieces(s))]
+    assert len(cut) > len(solution.surfaces)
+    found = find_compartments(cut, views)
+    assert len(found) == len(solution.compartments)
+    for one, other in zip(found, solution.compartments):
+        assert (one.height, one.back) == (other.height, other.back)
+        assert abs(one.width - other.width) < 1e-6
+
+
+def pieces(board):
+    """Return two pieces of a board, the left one with its id; the floor as it is."""
+    if board.label == "floor":
+        return [board]
+    T, (length, width) = surface_pose(board)
+    halves = []
+    for k, (low, high) in enumerate(((-length / 2, length / 9), (length / 9 + 0.08, length / 2))):
+        corners = [[low, -width / 2], [high, -width / 2], [high, width / 2], [low, width / 2]]
+        ring = transform(T, np.column_stack([corners, np.zeros(4)]))
+        area = (high - low) * width
+        halves.append(replace(board, id=board.id + 1000 * k, boundary=ring, area=area))
+    return halves
 
 
 def test_swept_boxes_cut_no_solid_and_free_insertions_that_could_be_seen_are_offered(rack):

@@ -7,8 +7,8 @@ class Timeline:
     """Maps the time of a player to the time of its bag.
 
     Parameters
-    Parameters
     ----------
+    bag_ns
         Bag time at which playing starts.
     rate
         Seconds of the bag per second; > 0.

@@ -68,8 +68,9 @@ def find_compartments(
         of = [views[v] for v in np.unique(near.view).tolist()]
         own = _whole([boards[k] for k in stack])
         spaces = [c for board in own for c in _over(board, own, near, of)]
-        rack = min((c.board for c in spaces), default=-1)
-        found += [replace(c, rack=rack) for c in spaces]
+        if spaces:
+            lowest = min(spaces, key=lambda c: float(c.T_map_front[2, 3]))
+            found += [replace(c, rack=lowest.board) for c in spaces]
     return tuple(sorted(found, key=lambda c: (c.rack, float(c.T_map_front[2, 3]), c.board)))
 
 

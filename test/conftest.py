@@ -17,17 +17,14 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-RERUNS = 1
-"""Discovery between participants is asynchronous: a test over DDS that fails is tried once more."""
 
+@pytest.fixture(scope="session")
+def session_files(tmp_path_factory):
+    """Files that the workers of the session have in common."""
+    from session_files import SessionFiles
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Have the tests over DDS, and these alone, run again where they fail."""
-    if not config.pluginmanager.hasplugin("rerunfailures"):
-        return
-    for item in items:
-        if {"ros", "domain"} & set(getattr(item, "fixturenames", ())):
-            item.add_marker(pytest.mark.flaky(reruns=RERUNS))
+    base = tmp_path_factory.getbasetemp()
+    return SessionFiles((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "common")
 
 
 @pytest.fixture(scope="session")

@@ -380,7 +380,7 @@ def test_a_save_after_a_drive_waits_for_what_had_come_when_it_was_asked_for(ros,
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
     robot.play(recording(2, tilt=False), node)
     asked = node.begin_save()
-    node.worker.wait(lambda: node._solve_with(RollPitch(node.newest_ns, 0.0, 0.0)))
+    node.worker.wait(lambda: node.session.add(RollPitch(node.newest_ns, 0.0, 0.0)))
     ros.spin_until(asked.done, what="the save")
     assert "not in it" not in asked.result()
 

@@ -123,7 +123,7 @@ def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
     node, robot = slam(ros), ros.robot()
     robot.play(recording(3, speed=0.3), node)
     wait_until_done(ros, node)
-    node.worker.wait(node._ask_solution)
+    node.worker.wait(node.session.ask_solution)
     ros.spin_until(lambda: node.solver.newest is not None and not node.solver.is_solving)
     before, solved = node.live._live, node.solver.newest
     shift = np.array([1.0, 2.0, 0.5])
@@ -133,7 +133,7 @@ def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
         keyframe=newest._replace(pose=compose2(shift, newest.pose)),
         walls=solved.map.walls._make(a[:0] for a in solved.map.walls),
     )
-    node.worker.wait(lambda: node._show(solved._replace(map=moved)))
+    node.worker.wait(lambda: node.session.take_solved(solved._replace(map=moved)))
     # At once, and with the next scan.
     assert np.allclose(node.live._live.map_odom, compose2(shift, before.map_odom), atol=0.005)
     robot.play(recording(1, start_ns=later(3.1)), node)

@@ -36,6 +36,7 @@ ROOMS = [
     "slam",
     "rooms",
     "surfaces",
+    "approach",
     "ros",
     "bags",
     "results",

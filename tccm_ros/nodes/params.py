@@ -50,6 +50,7 @@ GROUPS = {
         }
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
+    "approach": frozenset({"frames", "rig", "scan", "qos", "approach"}),
 }
 """Groups of parameters that each node acts on, by `Stream.processor`; both have those of no
 group."""

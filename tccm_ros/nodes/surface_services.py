@@ -1,7 +1,7 @@
-"""Questions about the surface map: ~/find_surfaces and ~/find_placements of slam_node.
+"""Services that query the surface map: ~/find_surfaces and ~/find_placements of slam_node.
 
-They are answered in the node's own process from the newest solution. A wrong request is answered
-with a sentence.
+They answer in the node's own process from the newest solution. An invalid request is answered with
+a sentence.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from tccm_ros.surfaces.scene import Scene
 from tccm_ros.tabletop.placements import Placement, PlacementRequest
 
 BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)
-"""What FindPlacements asks of the base."""
+"""Values of `base` in FindPlacements."""
 
 MAX_PLACEMENTS = 100
-"""Placements in one answer, at most. Chosen: an answer with more takes seconds."""
+"""Maximum number of placements in a response. Chosen: more take seconds."""
 
 MAX_SIZE_M = 10.0
-"""Longest edge of an object, of a reach and of a radius, m. Chosen."""
+"""Maximum edge length of an object, arm range and robot radius, m. Chosen."""
 
 MIN_SIZE_M = 1e-3
-"""Shortest edge of an object, m. Chosen."""
+"""Minimum edge length of an object, m. Chosen."""
 
 MAX_BASE_POSES = 100
-"""Base poses for one placement, at most. Chosen."""
+"""Maximum number of base poses of a placement. Chosen."""
 
 
 class SceneQueries:
-    """Questions about one scene, and the messages of the answers, made before they are asked.
+    """Queries of one scene, with the response messages built in advance.
 
     Parameters
     ----------
     scene
-        One solution.
+        Scene of one solution.
     types
         Message classes.
     """
@@ -76,28 +76,28 @@ class SceneQueries:
         return [self._surfaces[surface.id] for surface in surfaces]
 
     def object_messages(self, surfaces: Sequence[Surface]) -> list[Any]:
-        """Return the tccm_interfaces/SurfaceObject of what stands on surfaces."""
+        """Return the tccm_interfaces/SurfaceObject messages of the objects on surfaces."""
         return [self._objects[item.id] for item in self.queries.objects_on(surfaces)]
 
 
 class SurfaceServices:
-    """Answers questions about the newest solution.
+    """Answers queries from the newest solution.
 
     Parameters
     ----------
     node, types
-        The node that offers them, and its message classes.
+        Node of the services, and its message classes.
     live
-        Where the robot is.
+        Pose of the robot.
     frames
         Poses of the robot's frames.
 
     Attributes
     ----------
     prepared
-        By number of the solution.
+        Prepared queries by solution number.
     number
-        Of the solution that questions are answered from; -1: none.
+        Number of the solution in use; -1 if there is none.
     """
 
     def __init__(
@@ -111,7 +111,9 @@ class SurfaceServices:
         self._offer("FindPlacements", "~/find_placements", self._find_placements)
 
     def _offer(self, kind: str, name: str, answer: Callable[[Any, Any], str]) -> None:
-        """Offer a service: what `answer` returns, or why it cannot, is the answer's sentence."""
+        """Create a service; the sentence or the error of `answer` becomes the response's
+        message.
+        """
 
         def call(request: Any, response: Any) -> Any:
             try:
@@ -123,13 +125,13 @@ class SurfaceServices:
         self._node.create_service(service_class(kind), name, call)
 
     def answer_from(self, number: int) -> None:
-        """Answer from a solution that is prepared; those before it are let go."""
+        """Answer from a prepared solution, and free the older ones."""
         self._newest, self.number = self.prepared[number], number
         for old in [n for n in self.prepared if n <= number]:
             del self.prepared[old]
 
     def forget(self) -> None:
-        """Answer nothing before the next solution."""
+        """Answer no queries until the next solution."""
         self._newest, self.number = None, -1
 
     def _current(self) -> SceneQueries:
@@ -139,12 +141,12 @@ class SurfaceServices:
         return self._newest
 
     def surface(self, identity: int) -> Surface:
-        """Return a surface above the floor by its id, or by one that was merged into it.
+        """Return a surface above the floor by its id, or by the id of a surface merged into it.
 
         Raises
         ------
         FrameError, MessageError
-            Where there is no map yet, or no such surface.
+            If there is no map yet, or no such surface.
         """
         found = self._current().queries.find_surfaces(SurfaceFilter(ids=frozenset({identity})))
         if not found:
@@ -156,12 +158,12 @@ class SurfaceServices:
     # --- frames ---
 
     def T_map_frame(self, frame: str) -> Float64:
-        """Return the pose (4, 4) of a frame in map, now.
+        """Return the current pose (4, 4) of a frame in map.
 
         Raises
         ------
         FrameError
-            Where it is not known.
+            If the frame is unknown.
         """
         if frame.lstrip("/") == self._live.map_frame:
             return np.eye(4)
@@ -177,7 +179,7 @@ class SurfaceServices:
         return T
 
     def _base_xy(self) -> tuple[float, float]:
-        """Return where the base is in map, m."""
+        """Return the position of the base in map, m."""
         x, y, _ = self.T_map_frame(self._frames.base)[:3, 3].tolist()
         return x, y
 
@@ -192,18 +194,18 @@ class SurfaceServices:
         return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
 
     def _fill(self, response: Any, current: SceneQueries, found: Sequence[Surface]) -> None:
-        """Put surfaces, and what stands on them, into an answer."""
+        """Put surfaces and the objects on them into a response."""
         response.surfaces.header = self._header(current)
         response.surfaces.surfaces = current.messages(found)
         response.objects = current.object_messages(found)
 
     def fill_view(self, response: Any, views_ns: Collection[int]) -> str:
-        """Put the surfaces that some views measured into an answer; return a sentence.
+        """Put the surfaces measured by some views into a response and return a sentence.
 
         Parameters
         ----------
         response
-            With fields ``surfaces`` and ``objects``.
+            Message with fields ``surfaces`` and ``objects``.
         views_ns
             Stamps of the views.
         """
@@ -223,7 +225,7 @@ class SurfaceServices:
         Raises
         ------
         MessageError, FrameError
-            For numbers that make no sense, and for a frame that is not known.
+            If a number is invalid, or a frame is unknown.
         """
         for name in ("min_confidence", "min_area", "max_distance"):
             _check(f"filter.{name}", getattr(wanted, name), 0.0, math.inf)
@@ -284,7 +286,7 @@ class SurfaceServices:
     def _with_base_poses(
         self, current: SceneQueries, wanted: SurfaceFilter, search: PlacementRequest, request: Any
     ) -> list[tuple[Placement, list[BasePose]]]:
-        """Return the placements that some free place on the floor reaches, and these places."""
+        """Return the placements within range of a free base pose, with these poses."""
         floor = current.scene.free_floor
         if floor is None:
             raise MessageError("where the base can stand is not known: there is no level laser")
@@ -354,13 +356,13 @@ def _with_count(search: PlacementRequest, count: int) -> PlacementRequest:
 
 
 def _check(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Raise MessageError for a number that is nan or outside its range."""
+    """Raise MessageError if a number is nan or outside its range."""
     if not low <= value <= high:
         raise MessageError(f"{name} is {value:g}{unit}; expected {low:g} to {high:g}{unit}")
 
 
 def _check_placements(request: Any) -> None:
-    """Raise MessageError for a request of FindPlacements that makes no sense."""
+    """Raise MessageError if a FindPlacements request is invalid."""
     for name in ("size_x", "size_y", "height"):
         _check(name, getattr(request, name), MIN_SIZE_M, MAX_SIZE_M, " m")
     for name in ("clearance", "reach", "robot_radius"):

@@ -138,7 +138,7 @@ class RigModel:
         cycle = self._cycles[0]
         chain = cycle.chain
         parts = chain.parts[: cycle.tilt]
-        if cycle.is_image:  # a head pans: its axes are those of pan zero
+        if cycle.is_image:  # a head pans: use its axes at pan zero
             parts = tuple((_at_zero(part), backwards) for part, backwards in parts)
         before = Chain(chain.fixed[: cycle.tilt + 1], parts)
         middle = np.array([(cycle.span_ns[0] + cycle.span_ns[1]) // 2], np.int64)

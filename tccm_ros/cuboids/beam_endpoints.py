@@ -29,14 +29,14 @@ WORK_SIZE = 6 * BLOCK
 
 SETTINGS = np.dtype(
     [
-        ("ticks", np.float64),  # in a metre
+        ("ticks", np.float64),  # per metre
         ("cell_ticks", np.float64),  # edge of a cell
-        ("depth", np.float64),  # least depth of a point's interval, ticks
+        ("depth", np.float64),  # minimum depth of a point's interval, ticks
         ("depth_per_range", np.float64),  # adaptive gap: per metre and rad; 0 = fixed
         ("max_depth", np.float64),  # ticks
         ("region_frame", np.int64),  # `RegionFrame`
         ("region", np.float64, 6),  # x_min x_max y_min y_max z_min z_max, m
-        ("normal", np.float64, 3),  # of the plane of the scan before
+        ("normal", np.float64, 3),  # of the previous scan's plane
         ("has_normal", np.bool_),
     ],
     align=True,

@@ -147,7 +147,7 @@ class _Waiting:
     def add(self, record: CycleRecord) -> None:
         """Append a record; records of one role come in stamp order."""
         queue = self.queues.get(record.posed.role)
-        if queue is None:  # of a processor that is fed by hand
+        if queue is None:  # the role is not configured
             queue = self.queues[record.posed.role] = deque()
         queue.append(record)
         if self._first_ns is None:
@@ -313,7 +313,7 @@ class CycleBuilder:
         for sample in self._angles.pop(self._tilt_role, ()):
             self._tilt_cycles.add(*sample)
         self._angles.clear()
-        self._timed_cycles.finish()  # a laser that begins late: the open span is a cycle
+        self._timed_cycles.finish()  # a laser started late: close the timed cycle
         self._tilt_cycles.closed.extendleft(reversed(self._timed_cycles.closed))
         self._timed_cycles.clear()
         return self._tilt_cycles

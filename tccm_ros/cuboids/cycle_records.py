@@ -114,7 +114,7 @@ class CycleScan:
         ranges = np.minimum(scan.ranges, np.float32(max_length))
         at_laser = np.zeros_like(ranges)
         for array in (ranges, at_laser):
-            array.flags.writeable = False  # as those of a scan: one kernel serves all
+            array.flags.writeable = False  # as in a scan, for the same compiled kernel
         times, T = laser_poses(self.posed, T_frame_odom)
         cosines, sines = directions(scan)
         ends, beams = place_beams(ranges, useful, cosines, sines, 0.0, step, times, T)
@@ -125,9 +125,7 @@ class CycleScan:
         """Return the index of the first beam at or after a stamp."""
         step_ns = self.posed.scan.time_increment * 1e9
         ahead_ns = stamp_ns - self.posed.scan.stamp_ns
-        if (
-            step_ns <= 0.0
-        ):  # Of one time, or the last beam first: the scan goes whole, by its stamp.
+        if step_ns <= 0.0:  # Equal or decreasing times: do not divide the scan.
             return self.last if ahead_ns > 0 else self.first
         stamps = np.rint(np.arange(self.first, self.last) * step_ns).astype(np.int64)
         return self.first + int(np.searchsorted(stamps, ahead_ns))

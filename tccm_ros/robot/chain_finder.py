@@ -27,7 +27,7 @@ from tccm_ros.robot.frames import (
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-#: : Default name of the base.
+#: Default name of the base.
 DEFAULT_BASE = "base_link"
 
 

@@ -39,7 +39,7 @@ class TfEdge:
     track: PoseTrack
 
 
-#: : Edges by child frame.
+#: Edges by child frame.
 Edges = dict[str, Joint | TfEdge]
 
 

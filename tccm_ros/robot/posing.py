@@ -118,7 +118,7 @@ class Posing:
         track = self._gyro.track
         if late or track.latest_ns is None or self._gyro.brackets(stamp_ns):
             return False
-        if stamp_ns - track.latest_ns > self._timeout_ns:  # it has a clock of its own, or is silent
+        if stamp_ns - track.latest_ns > self._timeout_ns:  # it has another clock, or is silent
             return False
         return not self._has_no_more(track, stamp_ns, now_ns or 0)
 

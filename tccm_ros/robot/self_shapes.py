@@ -15,10 +15,10 @@ from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
 from tccm_ros.robot.frames import Edges, build_chain, find_path
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-#: : Shape kinds; the index is used in `SelfShapes.kinds`.
+#: Shape kinds; the index is used in `SelfShapes.kinds`.
 SHAPE_KINDS = ("box", "sphere", "cylinder")
 
-#: : Parent index of shapes that are fixed to the base.
+#: Parent index of shapes that are fixed to the base.
 ROOT = -1
 
 

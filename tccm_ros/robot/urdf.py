@@ -21,7 +21,7 @@ from tccm_ros.geometry import pose_from_rpy
 MAX_URDF_BYTES = 8_000_000
 """Maximum size of a robot description, bytes. Chosen: large real ones have some 200 kB."""
 
-#: : Motion of movable joint types.
+#: Motion of movable joint types.
 MOVING = {"revolute": "turn", "continuous": "turn", "prismatic": "slide"}
 
 

@@ -100,7 +100,7 @@ def compressed_image_from_message(message: Any) -> CameraImage:
     try:
         with Image.open(io.BytesIO(data.tobytes()), formats=FILE_FORMATS) as file:
             size = file.size
-    except Exception as error:  # Pillow raises many kinds for damaged files
+    except Exception as error:  # Pillow raises many exceptions for damaged files
         raise MessageError(
             f"compressed image has format '{str(message.format)[:60]}', expected jpeg or png: "
             f"{one_line(error)}"
@@ -130,7 +130,7 @@ def picture_pixels(image: CameraImage) -> UInt8:
         try:
             with Image.open(io.BytesIO(image.data.tobytes()), formats=FILE_FORMATS) as file:
                 return np.asarray(file.convert("L" if file.mode == "L" else "RGB"))
-        except Exception as error:  # Pillow raises many kinds for damaged files
+        except Exception as error:  # Pillow raises many exceptions for damaged files
             raise MessageError(f"compressed image is damaged: {one_line(error)}") from None
     pixels = image.data.reshape(height, width, 3)
     return pixels if image.encoding == "rgb8" else pixels[:, :, ::-1]

@@ -112,7 +112,7 @@ def _read_png(body: bytes) -> UInt16:
             numbers = np.asarray(image)
     except MessageError:
         raise
-    except Exception as error:  # whatever Pillow finds wrong with bytes of others
+    except Exception as error:  # Pillow raises many exceptions for damaged data
         raise MessageError(f"compressed depth image is damaged ({one_line(error)})") from None
     return np.ascontiguousarray(numbers.astype(np.uint16, copy=False))
 

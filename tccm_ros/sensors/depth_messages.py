@@ -115,7 +115,7 @@ def camera_info_from_message(message: Any) -> CameraInfo:
 IMAGE_READER = MessageReader(
     "sensor_msgs/msg/Image", lambda message: (depth_image_from_message(message),)
 )
-"""Has no reader of raw bytes: conversion of a message of 614 kB takes 0.05 to 0.09 ms."""
+"""Without a reader of raw bytes, as conversion of a message of 614 kB takes 0.05 to 0.09 ms."""
 
 COMPRESSED_READER = MessageReader(
     "sensor_msgs/msg/CompressedImage", lambda message: (compressed_depth_from_message(message),)

@@ -152,7 +152,7 @@ class LiveEstimate:
         start
             float64 (3,), pose in map of the first keyframe of a session, if known.
         """
-        if keyframe.session != self._session:  # the robot was lost: it is somewhere else
+        if keyframe.session != self._session:  # the robot was lost: its place is unknown
             self._since.clear()
             self._session, self._newest, self._solved, self._walls = (
                 keyframe.session, None, None, NO_WALLS,

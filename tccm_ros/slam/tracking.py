@@ -241,13 +241,13 @@ class Tracker:
             self._add_keyframe(level)
         self._front.forget()
         self._stamp_ns, self._odom, self._attitude = level.stamp_ns, level.odom, level.attitude
-        if self._first_odometry is not None:  # a scan's has roll and pitch of the IMU, too
+        if self._first_odometry is not None:  # a scan's also has roll and pitch by the IMU
             self._attitude = level.attitude[0], *self._odometry_attitude[1:]
 
     def _add_keyframe(self, level: LevelScan) -> None:
         self.counts["keyframes"] += 1
         start = None
-        if self._front.session != self._session:  # the robot was lost, or its pose was told
+        if self._front.session != self._session:  # the robot was lost, or given a pose by a user
             before, self._before = self._before, None
             self._session, self._is_localised = self._front.session, before is not None
             if before is None:

@@ -113,7 +113,7 @@ class WallSlam:
         self._expect(level)
         tracked = self._front.add(level, self._start(level.odom))
         self._newest = level
-        if not len(self._odometry):  # tf tells where the base is, or nothing
+        if not len(self._odometry):  # the base pose is from tf, or unknown
             self._attitudes.add(level.stamp_ns, level.attitude)
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:

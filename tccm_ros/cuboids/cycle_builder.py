@@ -29,8 +29,9 @@ SPEED_WINDOW_NS = 250_000_000
 Chosen: 12 samples of 50 Hz odometry."""
 
 PATIENCE_NS = 1_500_000_000
-"""Additional timeout for the sensor with the largest latency, ns, in message time: images arrive
-later than odometry, which defines message time. Chosen: no delay while all sensors are alive."""
+"""Additional timeout for sensors with a larger latency than others, ns, in message time: images
+arrive later than odometry, which advances message time. Chosen: no delay while all sensors are
+alive."""
 
 END_OF_TIME = 2**62
 
@@ -189,16 +190,16 @@ class _Waiting:
         return self.queues[role]
 
     def _until_ns(self, role: str) -> int:
-        """Return the stamp up to which the records of a sensor must be waited for.
+        """Return the stamp before which no further record of a sensor is expected.
 
-        If other sensors wait for it, this is `PATIENCE_NS` earlier than its complete time.
+        With several sensors, this is `PATIENCE_NS` earlier than its complete time.
         """
         until_ns = self.complete_ns.get(role, END_OF_TIME)
         return until_ns - PATIENCE_NS if len(self.complete_ns) > 1 else until_ns
 
     @property
     def complete_all_ns(self) -> int:
-        """Stamp up to which the records of all sensors are complete, including queued ones."""
+        """Stamp before which no sensor has a queued or expected record."""
         until = [
             queue[0].start_ns if queue else self._until_ns(role)
             for role, queue in self.queues.items()

@@ -40,7 +40,7 @@ WALL_SIGMA = 0.02
 
 
 MIN_VIEWS_WITHOUT_WALL = 3
-"""Minimum number of views of a sign on no known wall: any two crossing rays have a near point
+"""Minimum number of views of a sign on no known wall: two rays always meet approximately
 (chosen)."""
 
 

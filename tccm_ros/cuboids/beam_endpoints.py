@@ -160,7 +160,7 @@ def poses_in_beams(
 
 @kernel
 def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
-    """Return the angle between scan lines: between beams, or to the previous scan's plane, rad.
+    """Return the larger of the angles between beams and to the previous scan's plane, rad.
 
     Parameters
     ----------

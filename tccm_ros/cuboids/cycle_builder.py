@@ -107,7 +107,7 @@ class TiltCycleData:
         return float((step / seconds).max()), float((rotation / seconds).max())
 
     def angle_step(self) -> float:
-        """Return the mean angle between scan lines, or the angle between other rays, rad."""
+        """Return the larger of the mean angle of scan lines and the angle of other rays, rad."""
         others = max((record.line_angle for record in self.records), default=0.0)
         steps = self._scan_steps()
         return max(others, float(steps.mean())) if len(steps) else others

@@ -1,4 +1,4 @@
-"""The planning scene as text, which MoveIt reads: "Import" in RViz, or
+"""MoveIt planning scene as text, for "Import" in RViz or
 ``PlanningScene::loadGeometryFromStream``.
 """
 
@@ -16,11 +16,11 @@ from tccm_ros.surfaces.planning_shapes import OBJECT_PREFIX, Box, surface_shape
 
 
 def scene_text(surfaces: Iterable[Surface], name: str = "tccm_ros") -> str:
-    """Return all surfaces but the floor as the text of a MoveIt planning scene (``.scene``).
+    """Return all surfaces except the floor as the text of a MoveIt planning scene (``.scene``).
 
-    The floor is left out because the robot, which stands on it, would always be in collision. The
-    format is the older one of two, which all versions of MoveIt read: for each object its shapes,
-    for each shape its pose (x y z, then the quaternion x y z w) and its colour.
+    The floor is omitted because the robot stands on it and would always be in collision. The format
+    is the older of two, which all versions of MoveIt read: for each object its shapes, for each
+    shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
     lines = [name]
     for surface in surfaces:

@@ -1,7 +1,7 @@
 """Surfaces and the objects on them as moveit_msgs/CollisionObject.
 
-A surface is a thin slab under it: a box, or a mesh where a box would block much more than the
-surface (`surface_shape`). An object is its bounding box.
+A surface is a thin slab below its plane: a box, or a mesh if a box would block a much larger area
+than the surface (`surface_shape`). An object is its bounding box.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from tccm_ros.surfaces.scene_objects import SceneObject
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 
 ITEM_PREFIX = "tccm_object_"
-"""Before the id of an object; that of a surface is `OBJECT_PREFIX`."""
+"""Prefix of an object's id; the prefix of a surface's is `OBJECT_PREFIX`."""
 
 ADD, REMOVE = 0, 1
-"""moveit_msgs/CollisionObject: an object of the same name is replaced; removed."""
+"""Operations of moveit_msgs/CollisionObject; ADD replaces an object of the same id."""
 
 SOLID_BOX = 1
-"""shape_msgs/SolidPrimitive BOX."""
+"""BOX of shape_msgs/SolidPrimitive."""
 
 Shapes = Mapping[str, Box | Mesh]
 """Shapes in map by the name of the collision object."""
 
 
 def collision_shapes(surfaces: Iterable[Surface], objects: Iterable[SceneObject]) -> Shapes:
-    """Return the shapes of all surfaces but the floor, and of what stands on surfaces.
+    """Return the shapes of all surfaces except the floor, and of the objects on surfaces.
 
-    The robot, which stands on the floor, would always be in collision with it.
+    The robot stands on the floor and would always be in collision with it.
     """
     slabs = {f"{OBJECT_PREFIX}{s.id}": surface_shape(s) for s in surfaces if s.label != "floor"}
     return slabs | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
@@ -44,7 +44,7 @@ def collision_shapes(surfaces: Iterable[Surface], objects: Iterable[SceneObject]
 def collision_messages(
     types: MessageTypes, stamp_ns: int, frame_id: str, shapes: Shapes, gone: Iterable[str] = ()
 ) -> Iterator[Any]:
-    """Yield a moveit_msgs/CollisionObject that removes each that is gone, and one for each shape.
+    """Yield a moveit_msgs/CollisionObject for each removed object, then for each shape.
 
     Parameters
     ----------
@@ -53,9 +53,9 @@ def collision_messages(
     stamp_ns, frame_id
         Header; the shapes are in that frame.
     shapes
-        Of those to add or replace.
+        Shapes to add or replace.
     gone
-        Names of those to remove.
+        Names of objects to remove.
     """
     header = header_message(types, stamp_ns, frame_id)
     for name in sorted(gone):

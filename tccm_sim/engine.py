@@ -261,9 +261,7 @@ class Simulation:
     def _imu(
         self, gyro: Gyro, accelerometer: Accelerometer, *random: Generator
     ) -> Iterator[Message]:
-        """Yield the samples of the IMU: mean rates over a period around each, and specific
-        forces.
-        """
+        """Yield the samples of the IMU: mean rates over its period, and specific forces."""
         rig, period_ns = self.rig, round(gyro.period * 1e9)
         for times_ns in _blocks(self.duration_ns, period_ns):
             edges = np.append(times_ns - period_ns // 2, times_ns[-1] + period_ns // 2)

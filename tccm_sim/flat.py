@@ -238,7 +238,7 @@ def shelves(
     Parameters
     ----------
     scene
-        Where it is added.
+        Scene to extend.
     name
         Name of its solids; its surfaces are ``<name> 1`` and so on.
     x, y

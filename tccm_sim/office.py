@@ -169,9 +169,7 @@ def _rectangle(x: tuple[float, float], y: tuple[float, float]) -> Float64:
 
 
 def _route(laps: int, visited: int) -> list[Waypoint]:
-    """Return the route along the corridor and back, through some rooms, with scans in two of
-    them.
-    """
+    """Return the route along the corridor and back, through some rooms, with two scans."""
     start, end = Waypoint(0.6, 0.0, 0.0, 0.5), Waypoint(LENGTH - 0.6, 0.0)
     route = [start]
     for lap in range(laps):

@@ -54,7 +54,7 @@ def wheel_joints(
     radius, distance
         Height of the base frame above the floor, m.
     height
-        Of the base frame over the floor, m.
+        Height of the base frame above the floor, m.
     """
     z = radius - height
     return tuple(

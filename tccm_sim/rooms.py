@@ -32,7 +32,7 @@ def box_room(scene: Scene, x: Point, y: Point, height: float = CEILING) -> None:
     Parameters
     ----------
     scene
-        Where they are added.
+        Scene to extend.
     x, y
         Limits between the walls, m.
     height
@@ -114,8 +114,7 @@ def _clutter(scene: Scene, count: int) -> None:
 
 
 def moved(options: Options) -> World:
-    """Return a room that is scanned twice; in between a table moves, a stool is removed, a crate
-    added.
+    """Return a room that is scanned twice, with changes of its furniture in between.
 
     The robot stops in front of the furniture, turns away, and stops there again. A person then
     hides the cupboard.

@@ -38,9 +38,7 @@ class Motion:
     offsets: Float64
 
     def at(self, time: float) -> Float64:
-        """Return the offset (x, y, z, yaw) at a time, float64 (4,), constant outside the key
-        frames.
-        """
+        """Return the offset (x, y, z, yaw) at a time, float64 (4,), constant outside the keys."""
         return np.array([np.interp(time, self.times, column) for column in self.offsets.T])
 
     @staticmethod

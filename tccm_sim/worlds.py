@@ -58,7 +58,7 @@ def build_world(name: str, options: Options | None = None) -> World:
     Raises
     ------
     ConfigError
-        For a name that no world has.
+        If there is no world of that name.
     """
     if name not in WORLDS:
         raise ConfigError(f"no world '{name}'{suggest(name, WORLDS)}")

@@ -85,7 +85,7 @@ class PlacementFacts:
     Attributes
     ----------
     surface_id
-        Of the surface.
+        Id of the surface.
     position_m, yaw_rad
         Centre of the object's bottom face, and its yaw.
     clearance_m
@@ -115,7 +115,7 @@ class ChangeFacts:
     surface_ids, object_id
         Ids concerned; the object's is -1 if only surfaces are.
     label
-        Of the surface or the object.
+        Label of the surface or the object.
     """
 
     kind: str
@@ -140,7 +140,7 @@ class PlacementQuestion:
     limit
         Maximum number of placements.
     reach_m, robot_radius_m
-        Of the arm and the base; 0 without base poses.
+        Range of the arm and radius of the base; 0 without base poses.
     """
 
     size_m: tuple[float, float, float]
@@ -167,8 +167,7 @@ class MapSource(Protocol):
         """Return the names of the named rooms."""
 
     def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
-        """Return placements, the best first, and a sentence with their number or why there are
-        none.
+        """Return placements, the best first, and a sentence about their number or absence.
 
         Raises
         ------

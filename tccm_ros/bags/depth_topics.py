@@ -1,6 +1,4 @@
-"""Find depth image topics in a bag, their calibrations, and the reasons why others are not
-usable.
-"""
+"""Find depth image topics in a bag and their calibrations; explain unusable ones."""
 
 from __future__ import annotations
 

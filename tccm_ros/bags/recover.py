@@ -269,9 +269,7 @@ def _records_of_database(database: sqlite3.Connection) -> Iterator[McapRecord]:
 
 
 def _rows_from_both_ends(database: sqlite3.Connection) -> Iterator[tuple[int, int, bytes]]:
-    """Yield topic, log time and data of messages, from the first row on, then from the last
-    back.
-    """
+    """Yield topic, log time and data of messages, from the first row on, then backwards."""
     seen = -1
     for order in ("ASC", "DESC"):
         with suppress(sqlite3.Error):

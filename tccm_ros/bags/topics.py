@@ -80,7 +80,7 @@ class TopicChoice:
     unread
         Number of messages that cannot be read, by reason.
     doubts
-        Candidate topics by role, where there are several.
+        Candidate topics by role, if there are several.
     """
 
     topics: dict[str, str]
@@ -306,9 +306,7 @@ class _Search:
             self._take_calibration(camera_info_topic(roles[0]), image)
 
     def _take_calibration(self, role: str, image: DepthTopic) -> None:
-        """Assign the calibration of an image; report it if it is not the topic next to the
-        image.
-        """
+        """Assign the calibration of an image; report it if it is not next to the image."""
         topic, beside = calibration_topic(self._reader, image), camera_info_topic(image.topic)
         if role in self._choice.named or topic is None:
             return

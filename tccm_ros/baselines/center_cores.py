@@ -250,9 +250,7 @@ def _best_trial(
 def _common_plane(
     center: Float64, axis: Float64, length: Float64, chosen: Int64, angle: float, plane: Float64
 ) -> bool:
-    """Write the plane of a few cores by Eq. (6) and (7); return whether they have a common
-    plane.
-    """
+    """Write the plane of a few cores by Eq. (6) and (7); return whether there is one."""
     count = len(chosen)
     total = np.zeros(3)
     first = np.zeros(3)

@@ -85,9 +85,7 @@ def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
 
 @kernel
 def _merge_overlaps(intervals: Any, n: Any) -> Any:
-    """Sort n intervals (bottom, top) by falling top and merge touching ones; return their
-    number.
-    """
+    """Sort n intervals (bottom, top) by falling top, merge touching ones; return their number."""
     for i in range(1, n):
         bottom, top, j = intervals[i, 0], intervals[i, 1], i
         while j > 0 and intervals[j - 1, 1] < top:

@@ -91,8 +91,7 @@ def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any],
 
 
 class _Names:
-    """Reads the names between the stamp and the numbers of a message, with a cache of the last
-    ones.
+    """Reads the names in a message, with a cache of the last ones.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def relation_errors(
     order
         `KUEMMERLE`: inverse(delta*) * delta, the error in the frame of the relation's end.
         `CARTOGRAPHER`: delta * inverse(delta*), as in that project's tool. The rotation errors are
-        equal; the translation errors differ where rotations do.
+        equal; the translation errors differ if delta and delta* have different rotations.
     """
     found = inverse(T_map_from) @ T_map_to
     if order == Order.KUEMMERLE:

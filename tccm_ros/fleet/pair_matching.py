@@ -32,8 +32,8 @@ from tccm_ros.slam.saved_walls import SavedWalls
 from tccm_ros.slam.signs.views import SignView
 
 MIN_OVERLAP = 0.5
-"""Minimum fraction of a surface in the other map's seen area, for it to count, and below that map's
-surfaces, for it to agree. Chosen."""
+"""Minimum fraction of a surface that the other map has seen, for it to count, and that surfaces of
+the other map cover, for it to agree. Chosen."""
 
 MIN_COMPARED_AREA = 0.3
 """Minimum area of furniture seen in both maps for a decision, m2. Chosen."""

@@ -26,8 +26,8 @@ RESULTS = "surfaces.json"
 """A folder with this file has results; bags in it are not recordings."""
 
 NAME_DIGITS = 8
-"""Number of hexadecimal digits of the path's checksum in a name. Chosen: 10^5 paths collide with a
-probability of about 1; a collision is refused."""
+"""Number of hexadecimal digits of the path's checksum in a name. Chosen: about one collision is
+expected among 10^5 paths; it is refused."""
 
 BLOCK = 1 << 20
 """Number of bytes per read."""

@@ -163,9 +163,7 @@ def _matches(a: MapFeatures, b: MapFeatures, guess: Float64) -> tuple[Float64, F
 
 
 def _wall_costs(a: MapFeatures, b: MapFeatures, guess: Float64) -> Float64:
-    """Return the distances across walls (N, M), m; `NO_MATCH_COST` if they are not parallel or
-    far.
-    """
+    """Return the distances across walls (N, M), m; `NO_MATCH_COST` if not parallel or far."""
     angle = _line_angle(a.directions[:, None] - (b.directions + guess[2])[None])
     across = np.stack([-np.sin(a.directions), np.cos(a.directions)], axis=1)
     between = transform2(guess, b.wall_middles)[None] - a.wall_middles[:, None]

@@ -91,7 +91,7 @@ def surfaces_table(results: Results) -> str:
 
 
 def racks_table(results: Results) -> str:
-    """Return the compartments of racks; empty where there are none."""
+    """Return the compartments of racks; empty if there are none."""
     if not results.compartments:
         return ""
     rows = []

@@ -147,9 +147,7 @@ class CycleHistory:
 
 
 def _fill_poses(T_map_odom: Float64, parts: list[Int64]) -> Float64:
-    """Return the poses, with those of empty part maps replaced by the previous or first known
-    one.
-    """
+    """Return the poses, with those of empty part maps replaced by a neighbour."""
     known = np.flatnonzero([part.shape[1] > 0 for part in parts])
     if len(known) == 0:
         return T_map_odom

@@ -66,7 +66,7 @@ class Results:
     objects, free
         Boxes on surfaces, and free places on surfaces, in map.
     compartments
-        Of racks, in map.
+        Compartments of racks, in map.
     planes
         Tracked planes by tilt cycle.
     cuboids

@@ -81,9 +81,7 @@ class MapContent(NamedTuple):
         return not (self.keyframes or self.views)
 
     def is_less_than(self, other: MapContent) -> bool:
-        """Return whether it has fewer keyframes or views; the number of surfaces may vary by
-        merging.
-        """
+        """Return whether it has fewer keyframes or views; surfaces do not count, as they merge."""
         return self.keyframes < other.keyframes or self.views < other.views
 
 

@@ -480,29 +480,28 @@ def _object_entry(item: SceneObject) -> ObjectEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompartmentEntry:
-    """The space over a board, or over a part of it, that something goes into by its front, in map.
+    """The space over a board or a part of it, accessible from its front, in map.
 
     Attributes
     ----------
     rack
         Id of the lowest board of its rack.
     board
-        Id of the surface that it is over.
+        Id of the surface below it.
     above
-        Id of the surface that is its ceiling; null where the ceiling is the lower side of what has
-        no surface.
+        Id of the surface above it; null if its ceiling belongs to no surface of the map.
     front
-        float64 (2, 3), left and right end of its front edge, on the board, m, seen from before it.
+        float64 (2, 3), left and right end of its front edge, on the board, m, from outside.
     insertion
-        float64 (3,), unit vector from its front inward.
+        float64 (3,), unit vector from the front inwards.
     width, depth, height
-        Clear lengths, m. A face that was not measured is taken to be at the edge of the board; a
-        lower side that was not measured, 4 cm below the top of its board.
+        Clear lengths, m. A face that was not measured is assumed at the edge of the board, and an
+        unmeasured lower side of a board 4 cm below its top.
     left, right, back, ceiling
-        ``measured``: beams ended on it; ``open``: beams passed through it; ``unknown``: too few
-        came there to tell.
+        ``measured``: beams ended on it; ``open``: beams passed through it; ``unknown``: there were
+        too few beams.
     front_seen
-        Fraction of its front through which beams passed, 0 to 1.
+        Fraction of the front through which beams passed, 0 to 1.
     """
 
     rack: int
@@ -532,7 +531,7 @@ class RacksFile:
     Attributes
     ----------
     compartments
-        By rack and height.
+        Compartments, by rack and height.
     """
 
     compartments: tuple[CompartmentEntry, ...] = ()
@@ -1008,17 +1007,17 @@ class TruthFile:
     floor_z
         Height of the floor, m.
     surfaces
-        That are there at the end of the recording.
+        Surfaces present at the end of the recording.
     gone
-        That were removed during the recording.
+        Surfaces removed during the recording.
     others
-        Horizontal tops that are too small or too hidden to count as missed.
+        Horizontal tops too small or too hidden to count as missed.
     objects
         Boxes on surfaces.
     signs
         Door signs.
     rooms
-        Rooms, the corridor too.
+        Rooms, including the corridor.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"

@@ -103,9 +103,7 @@ def _keys(kind: type) -> list[tuple[str, str]]:
 
 
 def _array_json(values: NDArray[Any]) -> str:
-    """Return an array on one line, which is faster than value by value; files are mostly
-    outlines.
-    """
+    """Return an array on one line, which is faster than value by value."""
     plain = rounded_list(values) if values.dtype.kind == "f" else values.tolist()
     return json.dumps(plain, ensure_ascii=False)
 

@@ -1,6 +1,4 @@
-"""MoveIt planning scene as text, for "Import" in RViz or
-``PlanningScene::loadGeometryFromStream``.
-"""
+"""MoveIt planning scene as text, for "Import" in RViz."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<
 """A row of ~/view."""
 
 HIT_ROW = np.dtype([*VIEW_ROW.descr, ("is_hit", "<u4")])
-"""A row of ~/view that tells what beams ended on (1) from what they passed (0)."""
+"""A row of ~/view with hits of beams (is_hit = 1) and free intervals (0)."""
 
 OBJECT_ROW = np.dtype(
     [(name, "<f8") for name in ("x", "y", "z", "size_x", "size_y", "size_z", "yaw")]

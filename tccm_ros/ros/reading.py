@@ -143,7 +143,7 @@ def surface_cloud_from_message(message: Any) -> SurfaceCloud:
 def view_from_message(message: Any) -> ViewIntervals:
     """Return the free intervals of a sensor_msgs/PointCloud2 with fields x y z_low z_high.
 
-    Rows whose field is_hit, where there is one, is not 0 are what beams ended on.
+    Rows with a nonzero field is_hit, which is optional, are returned as hits of beams.
 
     Raises
     ------

@@ -36,9 +36,7 @@ def tables_message(
 
 
 def _table(types: MessageTypes, header: Any, surface: Surface) -> Any:
-    """Return a Table: z of its pose is the normal, x along the longer side; the hull is in that
-    pose.
-    """
+    """Return a Table: z of its pose is the normal, x along the longer side."""
     T_map_table, _ = surface_pose(surface)
     return types.make(
         TABLE,

@@ -21,9 +21,7 @@ class MessageTypes(Protocol):
     """Message classes of one family: rosidl's, or those of the rosbags typestore."""
 
     def make(self, msgtype: str, /, **fields: Any) -> Any:
-        """Return a message of a type such as ``std_msgs/msg/Header``; missing fields have
-        defaults.
-        """
+        """Return a message of a type such as ``std_msgs/msg/Header``; other fields are defaults."""
         ...
 
     def array(self, dtype: DTypeLike, values: ArrayLike) -> Any:
@@ -51,9 +49,7 @@ class MessageTypes(Protocol):
 
 
 def stamp_message(types: MessageTypes, stamp_ns: int) -> Any:
-    """Return a builtin_interfaces/Time; MessageError if it does not fit (before 1901, after
-    2038).
-    """
+    """Return a builtin_interfaces/Time; MessageError before 1901 and after 2038."""
     sec, nanosec = divmod(int(stamp_ns), _SECOND_NS)
     if not -(2**31) <= sec < 2**31:
         raise MessageError(f"stamp of {sec} s does not fit a message; expected 32 bits of seconds")

@@ -69,9 +69,7 @@ class Compilation:
         pool.shutdown(wait=False)
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until all child processes have ended or the timeout; return whether they have
-        ended.
-        """
+        """Wait until all child processes have ended, or a timeout; return whether they have."""
         return not wait(self._jobs, timeout_s).not_done
 
     def stop(self) -> None:

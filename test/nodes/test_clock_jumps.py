@@ -159,7 +159,6 @@ def test_a_player_in_a_loop_begins_both_maps_anew_once_a_loop(ros, bag, sim_time
     ros.spin_until(lambda: player.published > 2.3 * once)
     ros.executor.remove_node(player)
     for node in nodes:
-        # Of the description, which is latched, a node may have the newest alone.
         ros.spin_until(lambda n=node: len(said.of(n)) == 2)
         wait_until_done(ros, node)
         assert resets(node) == 2

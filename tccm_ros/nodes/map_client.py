@@ -38,6 +38,7 @@ from tccm_ros.nodes.map_records import (
     box_state_of,
     event_of,
     localisation_of,
+    nanoseconds,
     objects_of,
     placements_of,
     saved_map_of,
@@ -89,6 +90,8 @@ class SurfaceMapClient:
     ----------
     surfaces, objects, walls, signs
         Of the newest map that came; empty before.
+    stamp_ns
+        Of the newest map, ns; None before.
     localisation
         Whether the robot knows where it is; None before the first message of it.
     """
@@ -101,6 +104,7 @@ class SurfaceMapClient:
         self.objects: tuple[MapObject, ...] = ()
         self.walls: tuple[MapWall, ...] = ()
         self.signs: tuple[MapSign, ...] = ()
+        self.stamp_ns: int | None = None
         self.localisation: MapLocalisation | None = None
         self._clients = {
             kind: node.create_client(kind, f"{name}/{service}")
@@ -340,6 +344,7 @@ class SurfaceMapClient:
         self.objects = tuple(objects_of(message.objects))
         self.walls = tuple(walls_of(message.walls))
         self.signs = tuple(signs_of(message.signs))
+        self.stamp_ns = nanoseconds(message.header.stamp)
         for callback in self._on_map:
             callback()
 

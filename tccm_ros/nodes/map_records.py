@@ -98,6 +98,8 @@ class MapObject:
         float64 (4, 4), middle of its box.
     size
         float64 (3,), edges of the box, m.
+    message
+        All that is known: tccm_interfaces/SurfaceObject.
     """
 
     id: int
@@ -106,6 +108,7 @@ class MapObject:
     confidence: float
     T_map_object: Float64
     size: Float64
+    message: Any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +153,8 @@ class MapEvent:
         Of the surface or the object.
     T_before, T_after
         float64 (4, 4) in map; None where there was none.
+    stamp_ns
+        Of the view that shows it, ns.
     """
 
     kind: str
@@ -159,6 +164,7 @@ class MapEvent:
     label: str
     T_before: Float64 | None
     T_after: Float64 | None
+    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,7 +287,7 @@ def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
 def objects_of(messages: Iterable[Any]) -> list[MapObject]:
     """Return tccm_interfaces/SurfaceObject messages as plain objects."""
     return [
-        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size))
+        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size), m)
         for m in messages
     ]
 
@@ -324,6 +330,7 @@ def event_of(message: Any) -> MapEvent:
         message.label,
         before,
         after,
+        nanoseconds(message.header.stamp),
     )
 
 
@@ -335,12 +342,12 @@ def localisation_of(message: Any) -> MapLocalisation:
 
 def box_state_of(answer: Any) -> BoxState:
     """Return an answer of tccm_interfaces/CheckBox as a plain object."""
-    return BoxState(BOX_STATES[answer.state], answer.cycle, _nanoseconds(answer.stamp))
+    return BoxState(BOX_STATES[answer.state], answer.cycle, nanoseconds(answer.stamp))
 
 
 def saved_map_of(message: Any) -> SavedMap:
     """Return a tccm_interfaces/MapInfo as a plain object."""
-    return SavedMap(message.name, _nanoseconds(message.saved), message)
+    return SavedMap(message.name, nanoseconds(message.saved), message)
 
 
 def _vector(message: Any) -> Float64:
@@ -352,5 +359,6 @@ def _pose(message: Any) -> Float64:
     return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
 
 
-def _nanoseconds(stamp: Any) -> int:
+def nanoseconds(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time, ns."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

@@ -140,6 +140,8 @@ class View:
         float64 (3,), position of the sensor in the base frame, m; None where it is not known.
     sensor
         Kind of that sensor.
+    hits
+        float32 (M, 4), as in `ViewIntervals`, in the base frame.
     """
 
     stamp_ns: int
@@ -154,6 +156,7 @@ class View:
     corrected_labels: Mapping[int, str] = field(default_factory=dict)
     viewpoint: Float64 | None = None
     sensor: SensorKind = SensorKind.LASER
+    hits: Float32 = field(default_factory=lambda: np.zeros((0, 4), np.float32))
 
     @property
     def key(self) -> tuple[int, int]:
@@ -344,11 +347,12 @@ def _with_systematic(patch: Patch, eye: Float64, sensor: SensorKind, config: Con
 
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:
-    """Return a view with the free intervals of the same stamp."""
+    """Return a view with the free intervals and the hits of the same stamp."""
     free = FreeColumns.of(intervals, view.free.cell_size)
     xy = intervals.intervals[:, :2].astype(np.float64)
     distance = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
-    return replace(view, free=free, max_range=max(view.max_range, float(distance)))
+    max_range = max(view.max_range, float(distance))
+    return replace(view, free=free, max_range=max_range, hits=intervals.hits)
 
 
 def with_objects(view: View, boxes: ObjectBoxes) -> View:

@@ -114,7 +114,7 @@ class LiveMapSource:
                 max_count=question.limit,
             )
         )
-        return [_placement(place) for place in found], found.message
+        return [_placement(item) for item in found], found.message
 
     def changes(self) -> tuple[list[ChangeFacts], str]:
         """Return the changes that are known, the newest first."""
@@ -202,11 +202,11 @@ def _object(item: MapObject) -> ObjectFacts:
     )
 
 
-def _placement(place: MapPlacement) -> PlacementFacts:
-    bases = [BasePoseFacts(*_rounded(pose)) for pose in planar(place.T_map_bases)]
-    T = place.T_map_object
+def _placement(item: MapPlacement) -> PlacementFacts:
+    bases = [BasePoseFacts(*_rounded(pose)) for pose in planar(item.T_map_bases)]
+    T = item.T_map_object
     yaw = round(float(planar(T)[2]), 3)
-    return PlacementFacts(place.surface_id, _position(T), yaw, round(place.clearance, 3), bases)
+    return PlacementFacts(item.surface_id, _position(T), yaw, round(item.clearance, 3), bases)
 
 
 def _change(event: MapEvent) -> ChangeFacts:

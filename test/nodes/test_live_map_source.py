@@ -69,7 +69,7 @@ def test_surfaces_placements_and_changes_of_a_running_node(ros, server):
     assert overview["map"]["stamp_s"] >= table["last_seen_s"] - 1e-3
     size = {"length_m": 0.1, "width_m": 0.1, "height_m": 0.12}
     places = told(ros, server, "find_placements", surface_id=table["id"], limit=2, **size)
-    assert [place["surface_id"] for place in places["placements"]] == [table["id"]] * 2
+    assert [p["surface_id"] for p in places["placements"]] == [table["id"]] * 2
     assert places["placements"][0]["position_m"][2] == pytest.approx(0.70, abs=0.01)
     way = told(
         ros, server, "how_to_approach", surface_id=table["id"], reach_m=1.5, robot_radius_m=0.1

@@ -32,6 +32,12 @@ MIN_FRONT = 0.3
 FACE_MARGIN = 0.04
 """Faces are looked at this far from the boards, m: one cube of hits."""
 
+SAME_HEIGHT = 0.015
+"""Pieces of one board differ in height by at most this, m; chosen: boards of one rack by more."""
+
+MIN_FILLED = 0.8
+"""They fill at least this fraction of the rectangle around them; chosen: an L fills less."""
+
 SAME_FRONT = 0.1
 """Of faces whose open fractions differ by less, that which the views look at from outside is the
 front; chosen: a tenth of its cells."""
@@ -60,7 +66,7 @@ def find_compartments(
         if not len(near.ends):
             continue
         of = [views[v] for v in np.unique(near.view).tolist()]
-        own = [boards[k] for k in stack]
+        own = _whole([boards[k] for k in stack])
         spaces = [c for board in own for c in _over(board, own, near, of)]
         rack = min((c.board for c in spaces), default=-1)
         found += [replace(c, rack=rack) for c in spaces]
@@ -80,6 +86,28 @@ def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
     for k in range(len(outlines)):
         groups.setdefault(int(find_root(parent, k)), []).append(k)
     return list(groups.values())
+
+
+def _whole(boards: Sequence[Surface]) -> list[Surface]:
+    """Return boards, those that were seen in pieces as one: that with the id of its largest piece.
+
+    Pieces have one height, and fill the rectangle around them.
+    """
+    found: list[Surface] = []
+    for board in sorted(boards, key=lambda b: (-b.area, b.id)):
+        for k, other in enumerate(found):
+            both = np.concatenate([other.boundary, board.boundary])
+            hull = convex_hull(np.ascontiguousarray(both[:, :2]))
+            _, _, length, width, _ = rectangle(hull)
+            area = other.area + board.area
+            is_level = abs(other.height - board.height) <= SAME_HEIGHT
+            if is_level and area >= MIN_FILLED * length * width:
+                z = (other.offset - hull @ other.normal[:2]) / other.normal[2]
+                found[k] = replace(other, boundary=np.column_stack([hull, z]), area=area)
+                break
+        else:
+            found.append(board)
+    return found
 
 
 def _over(

@@ -49,14 +49,14 @@ BEAMS_PER_COLUMN = 2.0
 """
 
 HITS_CUBE = 0.04
-"""Edge of the cubes whose points are one hit, m. Chosen: two cells of the map."""
+"""Edge of the cubes in which hits are combined, m. Chosen: two cells of the map."""
 
 HITS_DISTANCE = 0.4
-"""Hits are kept this near to a surface, seen from above, and up to twice as far, m. Chosen: a door
-of a cupboard that stands open."""
+"""Hits within this horizontal distance of a surface are kept, m; the grid keeps some up to twice as
+far. Chosen: an open door of a cupboard."""
 
 HITS_FROM, HITS_TO = 0.15, 2.2
-"""Range of the heights of hits over the base's z = 0, m. Chosen: what arms work between."""
+"""Range of heights of hits above z = 0 of the base, m. Chosen: the workspace of arms."""
 
 
 def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
@@ -217,14 +217,14 @@ def view_intervals(
 
 
 def hits_near(cycle: TiltCycleData, surfaces: SurfaceCloud, T_odom_base: Float64) -> Float32:
-    """Return what the beams of a tilt cycle ended on near its horizontal surfaces but the floor.
+    """Return the hits of a tilt cycle near its horizontal surfaces, without the floor.
 
     Parameters
     ----------
     cycle
         The tilt cycle.
     surfaces
-        Its surface message.
+        Surface message of the cycle.
     T_odom_base
         float64 (4, 4), the base at the cycle's stamp.
 

@@ -292,7 +292,7 @@ class TccmProcessor:
         still = speed < STILL_SPEED and angular_speed < STILL_ANGULAR_SPEED
         wanted = self.config.views.when == "always" or still or self._view_is_asked
         self._view_is_asked = False
-        # As published, surfaces are segmented in 3D scans: one scan line is in a plane in any case.
+        # As published, segmentation needs a 3D scan: a single scan line always fits a plane.
         is_segmented = (
             self._segmentation is None or cycle.swept_angle() >= self.config.cycle.min_sweep
         )

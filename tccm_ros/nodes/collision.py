@@ -41,7 +41,9 @@ class CollisionObjects:
         """Publish all surfaces except the floor and all objects, unless the node is ending."""
         if self._publisher is None or not self._context.ok():
             return
-        shapes = collision_shapes([known.surface for known in scene.surfaces], scene.objects)
+        shapes = collision_shapes(
+            [known.surface for known in scene.surfaces], scene.objects, scene.compartments
+        )
         gone = self._shown - shapes.keys()
         for message in collision_messages(
             self._types, scene.stamp_ns, scene.frame_id, shapes, gone

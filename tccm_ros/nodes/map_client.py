@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, Vector3
 from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -17,6 +17,7 @@ from rclpy.task import Future
 from tccm_interfaces.msg import Localisation, SurfaceEvent, SurfaceFilter, SurfaceMap
 from tccm_interfaces.srv import (
     CheckBox,
+    FindObjects,
     FindPlacements,
     FindSurfaces,
     ListMaps,
@@ -29,6 +30,7 @@ from tccm_interfaces.srv import (
 from tccm_ros.errors import QuestionError
 from tccm_ros.nodes.map_records import (
     Found,
+    MapCompartment,
     MapEvent,
     MapLocalisation,
     MapObject,
@@ -36,8 +38,11 @@ from tccm_ros.nodes.map_records import (
     MapSurface,
     MapWall,
     box_state_of,
+    compartments_of,
     event_of,
+    found_objects_of,
     localisation_of,
+    nanoseconds,
     objects_of,
     placements_of,
     saved_map_of,
@@ -56,6 +61,7 @@ EVENTS_DEPTH = 100
 MAP_SERVICES = {
     FindSurfaces: "find_surfaces",
     FindPlacements: "find_placements",
+    FindObjects: "find_objects",
     SetLabel: "set_label",
     SetPose: "set_pose",
     SaveMap: "save_named_map",
@@ -65,8 +71,8 @@ MAP_SERVICES = {
 """Services of the node that owns the map."""
 
 
-ANYWHERE = FindPlacements.Request()
-"""Holds the default values of the request."""
+ANYWHERE, ANY_OBJECT = FindPlacements.Request(), FindObjects.Request()
+"""Hold the default values of the requests."""
 
 
 class SurfaceMapClient:
@@ -87,8 +93,10 @@ class SurfaceMapClient:
 
     Attributes
     ----------
-    surfaces, objects, walls, signs
+    surfaces, objects, compartments, walls, signs
         Contents of the newest map received; empty before the first.
+    stamp_ns
+        Of the newest map, ns; None before the first.
     localisation
         Whether the robot is localised; None before the first message.
     """
@@ -99,8 +107,10 @@ class SurfaceMapClient:
         self._on_map: list[Callable[[], object]] = []
         self.surfaces: tuple[MapSurface, ...] = ()
         self.objects: tuple[MapObject, ...] = ()
+        self.compartments: tuple[MapCompartment, ...] = ()
         self.walls: tuple[MapWall, ...] = ()
         self.signs: tuple[MapSign, ...] = ()
+        self.stamp_ns: int | None = None
         self.localisation: MapLocalisation | None = None
         self._clients = {
             kind: node.create_client(kind, f"{name}/{service}")
@@ -179,6 +189,9 @@ class SurfaceMapClient:
         filter: SurfaceFilter | None = None,
         *,
         clearance: float = ANYWHERE.clearance,
+        approach: int = ANYWHERE.approach,
+        hand_width: float = ANYWHERE.hand_width,
+        hand_height: float = ANYWHERE.hand_height,
         base: int = ANYWHERE.base,
         reach: float = ANYWHERE.reach,
         min_reach_height: float = ANYWHERE.min_reach_height,
@@ -196,8 +209,10 @@ class SurfaceMapClient:
             (3,), length, width and height of the object, m.
         filter
             Conditions for surfaces; by default all except the floor, including seats and steps.
-        clearance, base, reach, min_reach_height, max_reach_height, robot_radius
-            As in the request tccm_interfaces/FindPlacements; `base` is one of its constants.
+        clearance, approach, hand_width, hand_height
+            As in the request tccm_interfaces/FindPlacements; `approach` is one of its constants.
+        base, reach, min_reach_height, max_reach_height, robot_radius
+            As there; `base` is one of its constants.
         max_count, max_base_poses
             Maximum numbers.
 
@@ -213,6 +228,9 @@ class SurfaceMapClient:
             size_y=y,
             height=z,
             clearance=float(clearance),
+            approach=approach,
+            hand_width=float(hand_width),
+            hand_height=float(hand_height),
             base=base,
             reach=float(reach),
             min_reach_height=float(min_reach_height),
@@ -225,6 +243,56 @@ class SurfaceMapClient:
             FindPlacements,
             request,
             lambda answer: Found(placements_of(answer.placements), answer.message),
+        )
+
+    def find_objects(
+        self,
+        labels: Sequence[str] = (),
+        *,
+        surface_ids: Sequence[int] = (),
+        min_size: float = ANY_OBJECT.min_size,
+        max_size: float = ANY_OBJECT.max_size,
+        near: PointStamped | None = None,
+        max_distance: float = ANY_OBJECT.max_distance,
+        hand_width: float = ANY_OBJECT.hand_width,
+        hand_height: float = ANY_OBJECT.hand_height,
+        clearance: float = ANY_OBJECT.clearance,
+        max_count: int = ANY_OBJECT.max_count,
+    ) -> Future:
+        """Ask for objects, and from where a hand can take each; `MapFoundObject` as `Found`.
+
+        Parameters
+        ----------
+        labels
+            Classes that detectors gave; any by default.
+        surface_ids, min_size, max_size, max_distance, hand_width, hand_height, clearance, max_count
+            As in the request tccm_interfaces/FindObjects.
+        near
+            A point in any frame that is known.
+
+        Raises
+        ------
+        TypeError
+            For a text where a list of labels is expected.
+        """
+        if isinstance(labels, str):
+            raise TypeError(f"labels is {labels!r}; expected a list of labels")
+        request = FindObjects.Request(
+            labels=list(labels),
+            surface_ids=list(surface_ids),
+            min_size=float(min_size),
+            max_size=float(max_size),
+            near=PointStamped() if near is None else near,
+            max_distance=float(max_distance),
+            hand_width=float(hand_width),
+            hand_height=float(hand_height),
+            clearance=float(clearance),
+            max_count=max_count,
+        )
+        return self._ask_map(
+            FindObjects,
+            request,
+            lambda answer: Found(found_objects_of(answer.objects), answer.message),
         )
 
     def check_box(self, T_frame_box: ArrayLike, size: Sequence[float], frame: str) -> Future:
@@ -339,8 +407,10 @@ class SurfaceMapClient:
     def _take_map(self, message: Any) -> None:
         self.surfaces = tuple(surfaces_of(message.surfaces))
         self.objects = tuple(objects_of(message.objects))
+        self.compartments = tuple(compartments_of(message.compartments))
         self.walls = tuple(walls_of(message.walls))
         self.signs = tuple(signs_of(message.signs))
+        self.stamp_ns = nanoseconds(message.header.stamp)
         for callback in self._on_map:
             callback()
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from tccm_interfaces.msg import Localisation, SurfaceEvent
+from tccm_interfaces.msg import Compartment, FoundObject, Localisation, SurfaceEvent
 from tccm_interfaces.srv import CheckBox
 
 from tccm_ros.arrays import Float64
@@ -24,6 +24,14 @@ EVENT_KINDS = {
 LOCALISATION_STATES = {
     getattr(Localisation, name): name.lower()
     for name in ("UNKNOWN", "TRACKING", "SEARCHING", "LOST")
+}
+
+FACE_STATES = {
+    getattr(Compartment, f"FACE_{name}"): name.lower() for name in ("UNKNOWN", "MEASURED", "OPEN")
+}
+
+ACCESS_STATES = {
+    getattr(FoundObject, f"ACCESS_{name}"): name.lower() for name in ("UNKNOWN", "FREE", "BLOCKED")
 }
 
 BOX_STATES = {
@@ -98,6 +106,8 @@ class MapObject:
         float64 (4, 4), centre of its box.
     size
         float64 (3,), edge lengths of the box, m.
+    message
+        The whole message: tccm_interfaces/SurfaceObject.
     """
 
     id: int
@@ -106,6 +116,59 @@ class MapObject:
     confidence: float
     T_map_object: Float64
     size: Float64
+    message: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapFoundObject:
+    """An object, and from where a hand can take it.
+
+    Attributes
+    ----------
+    item
+        The object.
+    above, front
+        ``free``, ``blocked`` or ``unknown``: from above, and straight through the front of its
+        compartment.
+    message
+        All that is known, what blocks it too: tccm_interfaces/FoundObject.
+    """
+
+    item: MapObject
+    above: str
+    front: str
+    message: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapCompartment:
+    """The space over a board of a rack.
+
+    Attributes
+    ----------
+    rack_id, board_id
+        Id of the lowest board of its rack, and of the surface that it is over.
+    T_map_front
+        float64 (4, 4), middle of its front edge, x in the direction of insertion, z up.
+    width, depth, height
+        Clear lengths, m.
+    left, right, back, ceiling
+        ``measured``, ``open`` or ``unknown``.
+    message
+        All that is known: tccm_interfaces/Compartment.
+    """
+
+    rack_id: int
+    board_id: int
+    T_map_front: Float64
+    width: float
+    depth: float
+    height: float
+    left: str
+    right: str
+    back: str
+    ceiling: str
+    message: Any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +213,8 @@ class MapEvent:
         Label of the surface or the object.
     T_before, T_after
         float64 (4, 4), poses in map; None if there is none.
+    stamp_ns
+        Of the view that shows the change, ns.
     """
 
     kind: str
@@ -159,6 +224,7 @@ class MapEvent:
     label: str
     T_before: Float64 | None
     T_after: Float64 | None
+    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,7 +347,40 @@ def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
 def objects_of(messages: Iterable[Any]) -> list[MapObject]:
     """Return tccm_interfaces/SurfaceObject messages as plain objects."""
     return [
-        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size))
+        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size), m)
+        for m in messages
+    ]
+
+
+def found_objects_of(messages: Iterable[Any]) -> list[MapFoundObject]:
+    """Return tccm_interfaces/FoundObject messages as plain objects."""
+    return [
+        MapFoundObject(
+            objects_of([m.object])[0],
+            ACCESS_STATES.get(m.above, "unknown"),
+            ACCESS_STATES.get(m.front, "unknown"),
+            m,
+        )
+        for m in messages
+    ]
+
+
+def compartments_of(messages: Iterable[Any]) -> list[MapCompartment]:
+    """Return tccm_interfaces/Compartment messages as plain objects."""
+    return [
+        MapCompartment(
+            m.rack_id,
+            m.board_id,
+            _pose(m.front),
+            m.width,
+            m.depth,
+            m.height,
+            FACE_STATES.get(m.left, "unknown"),
+            FACE_STATES.get(m.right, "unknown"),
+            FACE_STATES.get(m.back, "unknown"),
+            FACE_STATES.get(m.ceiling, "unknown"),
+            m,
+        )
         for m in messages
     ]
 
@@ -324,6 +423,7 @@ def event_of(message: Any) -> MapEvent:
         message.label,
         before,
         after,
+        nanoseconds(message.header.stamp),
     )
 
 
@@ -335,12 +435,12 @@ def localisation_of(message: Any) -> MapLocalisation:
 
 def box_state_of(answer: Any) -> BoxState:
     """Return a response of tccm_interfaces/CheckBox as a plain object."""
-    return BoxState(BOX_STATES[answer.state], answer.cycle, _nanoseconds(answer.stamp))
+    return BoxState(BOX_STATES[answer.state], answer.cycle, nanoseconds(answer.stamp))
 
 
 def saved_map_of(message: Any) -> SavedMap:
     """Return a tccm_interfaces/MapInfo as a plain object."""
-    return SavedMap(message.name, _nanoseconds(message.saved), message)
+    return SavedMap(message.name, nanoseconds(message.saved), message)
 
 
 def _vector(message: Any) -> Float64:
@@ -352,5 +452,6 @@ def _pose(message: Any) -> Float64:
     return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
 
 
-def _nanoseconds(stamp: Any) -> int:
+def nanoseconds(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time, ns."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

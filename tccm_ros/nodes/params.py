@@ -50,6 +50,7 @@ GROUPS = {
         }
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
+    "approach": frozenset({"frames", "rig", "scan", "qos", "approach"}),
 }
 """Parameter groups of each node, by `Stream.processor`; parameters without a group belong to
 both."""

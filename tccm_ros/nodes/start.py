@@ -45,6 +45,11 @@ def view_node() -> None:
     _start("view_node")
 
 
+def approach_node() -> None:
+    """Run approach_node."""
+    _start("approach_node")
+
+
 def all_in_one() -> None:
     """Run tccm_node and slam_node in one process."""
     _start("all_in_one")

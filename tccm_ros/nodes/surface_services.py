@@ -1,4 +1,4 @@
-"""Services that query the surface map: ~/find_surfaces and ~/find_placements of slam_node.
+"""Services that query the map: ~/find_surfaces, ~/find_placements and ~/find_objects of slam_node.
 
 They answer in the node's own process from the newest solution. An invalid request is answered with
 a sentence.
@@ -23,15 +23,24 @@ from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import Surface
-from tccm_ros.ros.surface_messages import PACKAGE, SURFACE, object_message
+from tccm_ros.ros.surface_messages import (
+    PACKAGE,
+    SURFACE,
+    found_object_message,
+    object_message,
+)
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 from tccm_ros.surfaces.base_poses import BasePose
-from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene import Scene
-from tccm_ros.tabletop.placements import Placement, PlacementRequest
+from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.tabletop.placements import Approach, Placement, PlacementRequest
 
 BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)
 """Values of `base` in FindPlacements."""
+
+APPROACHES = (Approach.ANY, Approach.ABOVE, Approach.FRONT)
+"""By the number that FindPlacements has for each."""
 
 MAX_PLACEMENTS = 100
 """Maximum number of placements in a response. Chosen: more take seconds."""
@@ -60,7 +69,10 @@ class SceneQueries:
     def __init__(self, scene: Scene, types: MessageTypes):
         self.scene = scene
         self.queries = SurfaceQueries(
-            [known.surface for known in scene.surfaces], scene.objects, scene.floor_z
+            [known.surface for known in scene.surfaces],
+            scene.objects,
+            scene.floor_z,
+            scene.compartments,
         )
         kind = message_class(SURFACE)
         self._surfaces = {
@@ -78,6 +90,10 @@ class SceneQueries:
     def object_messages(self, surfaces: Sequence[Surface]) -> list[Any]:
         """Return the tccm_interfaces/SurfaceObject messages of the objects on surfaces."""
         return [self._objects[item.id] for item in self.queries.objects_on(surfaces)]
+
+    def object_message(self, item: SceneObject) -> Any:
+        """Return the tccm_interfaces/SurfaceObject of an object."""
+        return self._objects[item.id]
 
 
 class SurfaceServices:
@@ -109,6 +125,7 @@ class SurfaceServices:
         self.number = -1
         self._offer("FindSurfaces", "~/find_surfaces", self._find_surfaces)
         self._offer("FindPlacements", "~/find_placements", self._find_placements)
+        self._offer("FindObjects", "~/find_objects", self._find_objects)
 
     def _offer(self, kind: str, name: str, answer: Callable[[Any, Any], str]) -> None:
         """Create a service; the sentence or the error of `answer` becomes the response's
@@ -231,17 +248,7 @@ class SurfaceServices:
             _check(f"filter.{name}", getattr(wanted, name), 0.0, math.inf)
         for name in ("min_height", "max_height"):
             _check(f"filter.{name}", getattr(wanted, name), -math.inf, math.inf)
-        near = None
-        if wanted.near.header.frame_id:
-            point = wanted.near.point
-            xyz = np.array([point.x, point.y, point.z])
-            if not np.isfinite(xyz).all():
-                raise MessageError("filter.near is not finite")
-            T = self.T_map_frame(wanted.near.header.frame_id)
-            x, y, _ = (T[:3, :3] @ xyz + T[:3, 3]).tolist()
-            near = (x, y)
-        elif wanted.max_distance > 0.0:
-            raise MessageError("filter.max_distance needs a point: filter.near has no frame_id")
+        near = self._near(wanted.near, wanted.max_distance, "filter.")
         return SurfaceFilter(
             ids=frozenset(wanted.ids),
             labels=frozenset(wanted.labels),
@@ -254,6 +261,57 @@ class SurfaceServices:
             near_sign=wanted.near_sign,
             words=tuple(wanted.text.split()),
         )
+
+    def _near(
+        self, stamped: Any, max_distance: float, prefix: str = ""
+    ) -> tuple[float, float] | None:
+        """Return a geometry_msgs/PointStamped in map, x and y, m; None where it has no frame.
+
+        Raises
+        ------
+        MessageError, FrameError
+            Where it is not finite, where it is missing for a distance, and for an unknown frame.
+        """
+        if not stamped.header.frame_id:
+            if max_distance > 0.0:
+                raise MessageError(
+                    f"{prefix}max_distance needs a point: {prefix}near has no frame_id"
+                )
+            return None
+        xyz = np.array([stamped.point.x, stamped.point.y, stamped.point.z])
+        if not np.isfinite(xyz).all():
+            raise MessageError(f"{prefix}near is not finite")
+        T = self.T_map_frame(stamped.header.frame_id)
+        x, y, _ = (T[:3, :3] @ xyz + T[:3, 3]).tolist()
+        return x, y
+
+    # --- find_objects ---
+
+    def _find_objects(self, request: Any, response: Any) -> str:
+        for name in ("min_size", "max_size", "max_distance"):
+            _check(name, getattr(request, name), 0.0, math.inf)
+        for name in ("hand_width", "hand_height", "clearance"):
+            _check(name, getattr(request, name), 0.0, MAX_SIZE_M, " m")
+        current = self._current()
+        wanted = ObjectFilter(
+            frozenset(request.labels),
+            frozenset(request.surface_ids),
+            request.min_size,
+            request.max_size,
+            self._near(request.near, request.max_distance),
+            request.max_distance,
+            request.hand_width,
+            request.hand_height,
+            request.clearance,
+        )
+        found = current.queries.find_objects(wanted)
+        if request.max_count:
+            found = found[: request.max_count]
+        response.objects = [
+            found_object_message(self._types, current.object_message(f.item), f.above, f.front)
+            for f in found
+        ]
+        return f"{len(found)} of {len(current.scene.objects)} objects"
 
     # --- find_placements ---
 
@@ -273,6 +331,9 @@ class SurfaceServices:
             count,
             self._base_xy() if request.base == BASE_HERE else None,
             request.reach,
+            APPROACHES[request.approach],
+            request.hand_width,
+            request.hand_height,
         )
         if request.base == BASE_FIND:
             found = self._with_base_poses(current, wanted, search, request)
@@ -290,7 +351,7 @@ class SurfaceServices:
         floor = current.scene.free_floor
         if floor is None:
             raise MessageError("where the base can stand is not known: there is no level laser")
-        every = _with_count(search, MAX_PLACEMENTS)
+        every = replace(search, max_count=MAX_PLACEMENTS)
         found: list[tuple[Placement, list[BasePose]]] = []
         max_bases = min(request.max_base_poses or 1, MAX_BASE_POSES)
         for placement in current.queries.find_placements(wanted, every):
@@ -338,6 +399,8 @@ class SurfaceServices:
             return "no surface meets the conditions"
         size = f"{request.size_x:g} x {request.size_y:g} x {request.height:g} m"
         within = " within reach" if request.base != BASE_ANYWHERE and request.reach else ""
+        if APPROACHES[request.approach] == Approach.FRONT:
+            within += " behind a front"
         return (
             f"none of {len(surfaces)} surfaces has room{within} for {size} with a clearance of "
             f"{request.clearance:g} m"
@@ -346,13 +409,6 @@ class SurfaceServices:
 
 def _with_heights(wanted: SurfaceFilter, low: float, high: float) -> SurfaceFilter:
     return replace(wanted, min_height=low, max_height=high)
-
-
-def _with_count(search: PlacementRequest, count: int) -> PlacementRequest:
-    return PlacementRequest(
-        search.size_x, search.size_y, search.height, search.clearance, count,
-        search.reach_from, search.reach,
-    )  # fmt: skip
 
 
 def _check(name: str, value: float, low: float, high: float, unit: str = "") -> None:
@@ -365,10 +421,14 @@ def _check_placements(request: Any) -> None:
     """Raise MessageError if a FindPlacements request is invalid."""
     for name in ("size_x", "size_y", "height"):
         _check(name, getattr(request, name), MIN_SIZE_M, MAX_SIZE_M, " m")
-    for name in ("clearance", "reach", "robot_radius"):
+    for name in ("clearance", "reach", "robot_radius", "hand_width", "hand_height"):
         _check(name, getattr(request, name), 0.0, MAX_SIZE_M, " m")
     for name in ("min_reach_height", "max_reach_height"):
         _check(name, getattr(request, name), -math.inf, math.inf)
+    if request.approach >= len(APPROACHES):
+        raise MessageError(
+            f"approach is {request.approach}; expected APPROACH_ANY, APPROACH_ABOVE, APPROACH_FRONT"
+        )
     if request.base not in (BASE_ANYWHERE, BASE_HERE, BASE_FIND):
         raise MessageError(f"base is {request.base}; expected BASE_ANYWHERE, BASE_HERE, BASE_FIND")
     if request.base == BASE_FIND and request.reach == 0.0:

@@ -58,8 +58,8 @@ class ViewIntervals:
     intervals
         float32 (N, 4): x y of the column's centre, z_low, z_high; m. A column may have several.
     hits
-        float32 (M, 4): what beams ended on near horizontal surfaces, one row for each small cube:
-        x y of the middle of its points, and their lowest and highest z; m.
+        float32 (M, 4), beam hits near horizontal surfaces, one row per small cube: mean x and y of
+        its points, and their minimum and maximum z; m.
     """
 
     stamp_ns: int

@@ -163,7 +163,7 @@ class SignProcessor:
 
 
 def searched_picture(posed: PosedPicture) -> SearchedPicture:
-    """Return the camera model and pose of a picture, which tell which signs it could have shown."""
+    """Return the camera model and pose of a picture, which determine the signs it could show."""
     camera = posed.image.camera
     assert camera is not None
     has_P = is_rectified_topic(posed.role) and camera.P[0, 0] > 0.0

@@ -19,8 +19,8 @@ REDUCTIONS = (2, 4)
 for large blurred text."""
 
 MIN_GRADIENT = 4.0
-"""Minimum second gradient of a block, over two pixels, of 255. Chosen: a third of that of a plate
-in the dark."""
+"""Minimum gradient of a block perpendicular to its main gradient, over two pixels, of 255. Chosen:
+a third of that of a plate in the dark."""
 
 NOISE_FACTOR, NOISE_PERCENTILE = 2.5, 20.0
 """Minimum multiple of the noise level, and the percentile of blocks that defines the noise level.

@@ -131,7 +131,7 @@ class MapFoundObject:
         ``free``, ``blocked`` or ``unknown``: from above, and straight through the front of its
         compartment.
     message
-        All that is known, what blocks it too: tccm_interfaces/FoundObject.
+        The whole message, with the obstacles: tccm_interfaces/FoundObject.
     """
 
     item: MapObject

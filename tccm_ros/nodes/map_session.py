@@ -37,7 +37,7 @@ from tccm_ros.slam.tracking import SolvedMap, Tracker
 
 
 class MapSession:
-    """Gives events to the tracker and the solver, and what these find to the publishers.
+    """Gives events to the tracker and the solver, and publishes their results.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ class MapSession:
             self._client_api.show(solved.number)
 
     def take_placed(self, placed: Placed) -> None:
-        """Take over where the robot was found, or what the search waits for."""
+        """Take over the pose found by a search, or the reason why it goes on."""
         if not self._is_current(placed):
             return
         self._localisation.note_wait(placed.waits_for)
@@ -227,7 +227,7 @@ class MapSession:
     # --- maps ---
 
     def load(self, folder: Path, name: str) -> None:
-        """Go on with a saved map and its name; what was mapped since the start is forgotten.
+        """Go on with a saved map and its name; the present map is dropped.
 
         Raises
         ------

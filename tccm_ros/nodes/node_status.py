@@ -14,7 +14,7 @@ from tccm_ros.nodes.refusals import Refusals
 
 
 class NodeStatus:
-    """Tells what is wrong with the inputs of a node, and its figures.
+    """Problems and figures of the inputs of a node.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class NodeStatus:
         return InputStatus(entry.topic, tuple(text for text in problems if text), values)
 
     def _lagging(self) -> dict[str, str]:
-        """Return the inputs that come later than the others, and what to do, by topic."""
+        """Return a sentence for each input that lags behind the others, by topic."""
         if self._config.qos.stamp == "receive":
             return {}
         return lagging(self._inputs.latencies(), self._config.sync_timeout)

@@ -73,7 +73,7 @@ class SolutionSaver:
     on_named
         Called with the name of a map that was saved under it.
     on_error
-        Called with what the thread raises.
+        Called with exceptions of the thread.
     """
 
     def __init__(
@@ -90,11 +90,11 @@ class SolutionSaver:
         self._worker = Worker("saver", on_error)
 
     def close(self) -> None:
-        """Finish what waits and end the thread."""
+        """Finish the queued saves and end the thread."""
         self._worker.close()
 
     def forget(self) -> None:
-        """Begin another map: what was saved belongs to another session."""
+        """Begin another map: saved ones belong to another session from now on."""
         self._keeper.forget()
 
     def adopt(self, folder: Path) -> None:
@@ -118,7 +118,7 @@ class SolutionSaver:
         folder
             Files of the same names are replaced.
         ask
-            Asks for a solution, and passes on what it will contain.
+            Requests a solution, and passes on the input that it will contain.
         is_named
             Whether the folder's name is the map's: then any map in it is replaced.
         """

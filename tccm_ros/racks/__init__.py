@@ -1,1 +1,1 @@
-"""Racks: the compartments between boards above each other, and what goes into them by the front."""
+"""Racks: compartments between boards above each other, and insertions through their fronts."""

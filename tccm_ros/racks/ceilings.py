@@ -1,4 +1,4 @@
-"""What is above a board: other boards, and lower sides that no surface of the map has."""
+"""Ceilings over a board: other boards, and lower sides that belong to no mapped surface."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MIN_HEIGHT = 0.10
 """Lowest space that is a compartment, m; chosen: a hand."""
 
 MAX_HEIGHT = 1.0
-"""Highest, m; chosen: what is higher is put down from above."""
+"""Highest, m. Chosen: an object is put into a higher space from above."""
 
 MIN_EXTENT = 0.2
 """Shortest side of a compartment, m; chosen: boards of shelves are deeper, the tops of objects on
@@ -54,7 +54,7 @@ CUBE = 0.04
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ceiling:
-    """What is above a part of a board, in the frame of the board.
+    """The ceiling over a part of a board, in the frame of the board.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class BoardAbove:
 def ceilings(
     size: Float64, boards: Sequence[BoardAbove], ends: Float64, half: Float64, is_from_below: Bool
 ) -> Iterator[Ceiling]:
-    """Yield what is above the parts of a board, the lowest first.
+    """Yield the ceilings over the parts of a board, the lowest first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A compartment: the space over a board and below what is above it, open at least at its front."""
+"""A compartment: the space between a board and its ceiling, open at least at its front."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 
 
 class FaceState(StrEnum):
-    """What is known of a side, the back or the ceiling of a compartment."""
+    """Observation state of a side, the back or the ceiling of a compartment."""
 
     MEASURED = "measured"
     """Beams ended on it."""
@@ -25,7 +25,7 @@ class FaceState(StrEnum):
 
 
 class SeenView(NamedTuple):
-    """What one view saw of the space near its surfaces.
+    """Measurements of one view in the space near its surfaces.
 
     Attributes
     ----------
@@ -78,8 +78,8 @@ class Compartment:
     board
         Id of the surface that it stands on.
     above
-        Id of the surface that is its ceiling; None where the ceiling is the lower side of what has
-        no surface in the map.
+        Id of the surface that is its ceiling; None where no mapped surface
+        has this lower side.
     T_map_front
         float64 (4, 4): the middle of the front edge, on the board; x is the direction of insertion,
         y is to the left, z is up.
@@ -87,11 +87,11 @@ class Compartment:
         Clear lengths along y, x and z, m. A face that was not measured is taken to be at the edge
         of the board, a lower side of a board that was not measured `MAX_BOARD` below its top.
     left, right, back, ceiling
-        What is known of its faces.
+        Observation states of its faces.
     front_seen
         Fraction of its front through which beams passed, 0 to 1.
     space
-        What was seen in it.
+        Free, occupied and unseen space in it.
     """
 
     rack: int

@@ -1,4 +1,4 @@
-"""Find the compartments of racks: from surfaces, what beams ended on, and what they passed."""
+"""Find the compartments of racks from surfaces, ends of beams, and the space that beams passed."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _over(
 
 
 def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[Ceiling]:
-    """Yield what is above the parts of a board, in its frame."""
+    """Yield the ceilings over the parts of a board, in its frame."""
     T_map_board, size = _frame(board)
     T_board = inverse(T_map_board)
     above = [

@@ -20,7 +20,7 @@ ON_FACE = 0.06
 stand off by the rest."""
 
 PASSED = 0.06
-"""A beam that ended so far beyond a face passed it, m: further than what is on it."""
+"""A beam that ended this far beyond a face passed through it, m: further than any fitting on it."""
 
 STATE_FRACTION = 0.5
 """A face is measured, or open, where more than this fraction of it is; chosen: most of it."""
@@ -48,7 +48,7 @@ class Face:
 
 @dataclass(frozen=True, slots=True)
 class SeenFace:
-    """What was seen of a face.
+    """Measurements of a face.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class SeenFace:
 
     @property
     def state(self) -> FaceState:
-        """What is known of it."""
+        """Observation state of the face."""
         if self.measured >= STATE_FRACTION * (self.measured + self.passed) and (
             self.measured >= 0.5 * STATE_FRACTION
         ):
@@ -73,7 +73,7 @@ class SeenFace:
 
 
 def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
-    """Return what was seen of a face.
+    """Return the measurements of a face.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the beams of several views ended on, in map, without what has gone since."""
+"""Ends of the beams of several views, in map, without those on objects that have gone since."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Hits:
         return Hits(self.ends[keep], self.origins[keep], self.half[keep], self.view[keep])
 
     def still_there(self) -> Hits:
-        """Return those of the views that saw most, without what a newer view looked through."""
+        """Return the hits of the best views, without those that a newer view looked through."""
         views, counts = np.unique(self.view, return_counts=True)
         views = np.sort(views[np.argsort(-counts, kind="stable")[:MAX_VIEWS]])
         keep = np.isin(self.view, views)

@@ -1,4 +1,4 @@
-"""Insertions: what goes into a compartment straight through its front.
+"""Insertions of an object into a compartment, straight through its front.
 
 The swept box is as wide and high as the object or the hand, whichever is larger. It begins
 `APPROACH` before the front and ends behind the object. It is free if beams passed each of its
@@ -30,8 +30,8 @@ ON_BOARD = 0.03
 """Hits so low over a board are of the board, m: a cell; lower objects have boxes."""
 
 LOW = 0.06
-"""Of objects lower than this, m, hits may tell nothing: two cells. Those that are higher show by
-what beams ended on, closer than their boxes do."""
+"""Objects lower than this, m, may have no hits: two cells. The hits on higher ones bound them more
+tightly than their boxes do."""
 
 FRONT_EDGE = 0.06
 """They are so near before the front, m: the board's edge errs by 2 cm, and hits by one cube."""
@@ -136,9 +136,9 @@ class InsertionSpace:
         Parameters
         ----------
         height
-            Of what goes in, over the board, m.
+            Height of the inserted object over the board, m.
         without
-            Id of an object that is no obstacle: what is taken out, and its hits.
+            Id of the object that is taken out; it and its hits are no obstacle.
         """
         low = self._z < height
         blocked = self._blocked[:, :, low].any(axis=2)

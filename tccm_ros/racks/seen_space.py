@@ -1,7 +1,8 @@
 """The space in a compartment and before it: cells that beams passed, and cells in which they ended.
 
-Each hit is the end of a beam that starts at its sensor, so that free space is known up to what was
-hit, finer than the columns that a view looked through. These tell of beams that ended further away.
+Each hit is the end of a beam that starts at its sensor, so that free space is known up to the hit,
+in finer cells than the columns that a view looked through. Those tell of beams that ended further
+away.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ END = 0.03
 def seen_space(
     T_map_front: Float64, size: Float64, hits: Hits, views: Sequence[SeenView]
 ) -> SpaceGrid:
-    """Return what was seen in a compartment and before it.
+    """Return free, occupied and unseen space in a compartment and in front of it.
 
     Parameters
     ----------

@@ -177,3 +177,19 @@ class MapSource(Protocol):
 
     def changes(self) -> tuple[list[ChangeFacts], str]:
         """Return the changes that are known, the newest first, and which are not, in a sentence."""
+
+
+def appearances(
+    surfaces: Sequence[SurfaceFacts], objects: Sequence[ObjectFacts]
+) -> list[ChangeFacts]:
+    """Return when surfaces and objects were first seen."""
+    came = [ChangeFacts("appeared", s.first_seen_s, [s.id], -1, s.label) for s in surfaces]
+    return came + [
+        ChangeFacts("object_appeared", o.first_seen_s, [o.surface_id], o.id, o.label)
+        for o in objects
+    ]
+
+
+def newest_first(changes: Sequence[ChangeFacts]) -> list[ChangeFacts]:
+    """Return changes ordered by stamp, the newest first."""
+    return sorted(changes, key=lambda change: -change.stamp_s)

@@ -12,6 +12,8 @@ from tccm_ros.agents.facts import (
     PlacementFacts,
     PlacementQuestion,
     SurfaceFacts,
+    appearances,
+    newest_first,
 )
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -125,23 +127,15 @@ class SavedMapSource:
         return [BasePoseFacts(round(p.x, 3), round(p.y, 3), round(p.yaw, 3)) for p in poses]
 
     def changes(self) -> tuple[list[ChangeFacts], str]:
-        """Return what came and what was carried elsewhere, the newest first."""
-        found = []
-        for surface in self._solution.surfaces:
-            if surface.label == "floor":
-                continue
-            ids, label = [surface.id], surface.label
-            first_s = _seconds(surface.first_seen_ns)
-            found.append(ChangeFacts("appeared", first_s, ids, -1, label))
-            if surface.previous_pose is not None:
-                placed_s = _seconds(surface.placed_ns)
-                found.append(ChangeFacts("moved", placed_s, ids, -1, label))
+        """Return which surfaces and objects appeared or were moved, the newest first."""
+        found = appearances(self.surfaces(), self.objects())
         found += [
-            ChangeFacts("object_appeared", o.first_seen_s, [o.surface_id], o.id, o.label)
-            for o in self.objects()
+            ChangeFacts("moved", _seconds(surface.placed_ns), [surface.id], -1, surface.label)
+            for surface in self._solution.surfaces
+            if surface.label != "floor" and surface.previous_pose is not None
         ]
-        found.sort(key=lambda change: -change.stamp_s)
-        return found, "a saved map does not tell what has gone; compare two maps: tccm compare"
+        note = "a saved map does not tell what has gone; compare two maps: tccm compare"
+        return newest_first(found), note
 
 
 def _surface(surface: Surface, ground: float) -> SurfaceFacts:

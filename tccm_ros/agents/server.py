@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Annotated
+from functools import wraps
+from typing import Annotated, Any
 
 from mcp.server.mcpserver import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
@@ -260,10 +262,7 @@ class MapTools:
         raise ToolError(f"there is no surface {surface_id}; find_surfaces tells the ids")
 
     def _placements(self, question: PlacementQuestion) -> Placements:
-        try:
-            found, note = self._source.placements(question)
-        except TccmError as error:
-            raise ToolError(one_line(error)) from None
+        found, note = self._source.placements(question)
         return Placements(map=self._stamp(), placements=found, note=note)
 
 
@@ -283,8 +282,21 @@ def make_server(source: MapSource) -> MCPServer:
         tools.how_to_approach,
         tools.changes_since,
     ):
-        server.tool(annotations=read_only, structured_output=True)(tool)
+        server.tool(annotations=read_only, structured_output=True)(_with_reasons(tool))
     return server
+
+
+def _with_reasons(tool: Callable[..., Answer]) -> Callable[..., Answer]:
+    """Return a tool whose errors are one sentence for the agent."""
+
+    @wraps(tool)
+    def answer(*args: Any, **kwargs: Any) -> Answer:
+        try:
+            return tool(*args, **kwargs)
+        except TccmError as error:
+            raise ToolError(one_line(error)) from None
+
+    return answer
 
 
 def _parts(text: str) -> list[str]:

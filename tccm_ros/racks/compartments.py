@@ -17,7 +17,7 @@ from tccm_ros.geometry import inverse, pose, transform
 from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
 from tccm_ros.racks.faces import Face, SeenFace, look_at
-from tccm_ros.racks.hits import Hits, hits_in_map
+from tccm_ros.racks.hits import Hits, HitsInMap
 from tccm_ros.racks.seen_space import seen_space
 from tccm_ros.records import Surface
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -59,17 +59,18 @@ def find_compartments(
     if not boards or not views:
         return ()
     outlines = np.array([_outline(board) for board in boards], dtype=object)
-    hits, found = hits_in_map(views), []
+    hits, found = HitsInMap(views), []
     for stack in _stacks(outlines):
         around = shapely.union_all(outlines[stack])
-        near = hits.near(around, NEAR_RACK).still_there()
-        if not len(near.ends):
-            continue
+        own, near = _whole([boards[k] for k in stack]), hits.near(around, NEAR_RACK)
+        if not any(True for board in own for _ in _ceilings(board, own, near)):
+            continue  # as of tables: nothing is above
+        near = near.still_there()
         of = [views[v] for v in np.unique(near.view).tolist()]
-        own = _whole([boards[k] for k in stack])
         spaces = [c for board in own for c in _over(board, own, near, of)]
-        rack = min((c.board for c in spaces), default=-1)
-        found += [replace(c, rack=rack) for c in spaces]
+        if spaces:
+            lowest = min(spaces, key=lambda c: float(c.T_map_front[2, 3]))
+            found += [replace(c, rack=lowest.board) for c in spaces]
     return tuple(sorted(found, key=lambda c: (c.rack, float(c.T_map_front[2, 3]), c.board)))
 
 
@@ -114,6 +115,16 @@ def _over(
     board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
 ) -> Iterator[Compartment]:
     """Yield the compartments over a board."""
+    T_map_board, _ = _frame(board)
+    for ceiling in _ceilings(board, stack, hits):
+        other = None if ceiling.above < 0 else stack[ceiling.above].id
+        found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
+        if found is not None:
+            yield found
+
+
+def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[Ceiling]:
+    """Yield what is above the parts of a board, in its frame."""
     T_map_board, size = _frame(board)
     T_board = inverse(T_map_board)
     above = [
@@ -123,11 +134,7 @@ def _over(
     ]
     ends = transform(T_board, hits.ends)
     is_from_below = hits.origins[:, 2] < hits.ends[:, 2]
-    for ceiling in ceilings(size, above, ends, hits.half, is_from_below):
-        other = None if ceiling.above < 0 else stack[ceiling.above].id
-        found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
-        if found is not None:
-            yield found
+    yield from ceilings(size, above, ends, hits.half, is_from_below)
 
 
 def _frame(surface: Surface) -> tuple[Float64, Float64]:

@@ -35,6 +35,10 @@ def test_every_compartment_that_was_looked_into_is_found_and_no_other(rack):
     assert None not in pairs
     assert sorted({id(true) for true in pairs}) == sorted(map(id, made.spaces))
     assert len(pairs) == len(made.spaces)
+    heights = [float(found.T_map_front[2, 3]) for found in outcome.solution.compartments]
+    assert heights == sorted(heights)
+    lowest = outcome.solution.compartments[0].board
+    assert {found.rack for found in outcome.solution.compartments} == {lowest}
 
 
 def test_compartments_have_their_clear_lengths(rack):

@@ -74,12 +74,6 @@ class Saved(NamedTuple):
     truth: dict[str, Any]
 
 
-FACTORS = {"half": 0.5, "double": 2.0, "zero": 0.0}
-
-RULES: dict[str, tuple[str, Callable[..., Any]]] = {}
-"""Rules that are switched off: name of a function, and what stands in for it."""
-
-
 def load(result: Path, bag: Path) -> Saved:
     """Return what a replay has saved, and the truth."""
     saved = load_map(result / "map.mcap").views

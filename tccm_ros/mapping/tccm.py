@@ -309,7 +309,7 @@ class TccmProcessor:
                 viewpoint,
                 base,
                 wanted and is_segmented,
-                self.config.views.voxel_size,
+                self.config,
                 self._segmentation,
             ),
             view=view if wanted else replace(view, intervals=view.intervals[:0]),

@@ -35,6 +35,7 @@ ROOMS = [
     "signs",
     "slam",
     "rooms",
+    "racks",
     "surfaces",
     "ros",
     "bags",

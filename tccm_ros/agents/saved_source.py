@@ -42,7 +42,9 @@ class SavedMapSource:
 
     def __init__(self, solution: SurfaceSolution):
         self._solution = solution
-        self._queries = SurfaceQueries(solution.surfaces, solution.objects, solution.floor_z)
+        self._queries = SurfaceQueries(
+            solution.surfaces, solution.objects, solution.floor_z, solution.compartments
+        )
         grid = solution.grid
         self._floor = None if grid is None else FreeFloor(grid, solution.surfaces)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 
 import numpy as np
 
-from tccm_ros.arrays import Bool, Float64, Int32, Int64
+from tccm_ros.arrays import Bool, Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cycle_builder import TiltCycleData
 from tccm_ros.cuboids.free_intervals import FreeIntervalTracer
@@ -46,6 +47,16 @@ flat."""
 BEAMS_PER_COLUMN = 2.0
 """So many beams of a scan pass a column at the distance `views.reach`; the others are not
 followed. Chosen."""
+
+HITS_CUBE = 0.04
+"""Edge of the cubes whose points are one hit, m. Chosen: two cells of the map."""
+
+HITS_DISTANCE = 0.4
+"""Hits are kept this near to a surface, seen from above, and up to twice as far, m. Chosen: a door
+of a cupboard that stands open."""
+
+HITS_FROM, HITS_TO = 0.15, 2.2
+"""Range of the heights of hits over the base's z = 0, m. Chosen: what arms work between."""
 
 
 def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
@@ -220,6 +231,54 @@ def view_intervals(
     for record in cycle.records:
         columns.add(*record.rays(longest, enough, T_base_odom))
     return ViewIntervals(cycle.stamp_ns, frame_id, columns.intervals(cycle.angle_step()))
+
+
+def hits_near(cycle: TiltCycleData, surfaces: SurfaceCloud, T_odom_base: Float64) -> Float32:
+    """Return what the beams of a tilt cycle ended on near its horizontal surfaces but the floor.
+
+    Parameters
+    ----------
+    cycle
+        The tilt cycle.
+    surfaces
+        Its surface message.
+    T_odom_base
+        float64 (4, 4), the base at the cycle's stamp.
+
+    Returns
+    -------
+    float32 (M, 4)
+        Rows of `ViewIntervals.hits`, in the base frame, in the order of their cubes.
+    """
+    tops = surfaces.points[surfaces.points[:, 2] > HITS_FROM].astype(np.float64)
+    if not len(tops) or cycle.part.points is None:
+        return np.zeros((0, 4), np.float32)
+    points = transform(inverse(T_odom_base), cycle.part.positions())
+    points = points[(points[:, 2] > HITS_FROM) & (points[:, 2] < HITS_TO)]
+    corner = np.floor(tops[:, :2].min(axis=0) / HITS_DISTANCE).astype(np.int64) - 1
+    cells = np.floor(tops[:, :2] / HITS_DISTANCE).astype(np.int64) - corner
+    near = np.zeros(cells.max(axis=0) + 3, np.bool_)  # a border of cells all around
+    for x, y in product((-1, 0, 1), repeat=2):
+        near[cells[:, 0] + 1 + x, cells[:, 1] + 1 + y] = True
+    of = np.floor(points[:, :2] / HITS_DISTANCE).astype(np.int64) - corner + 1
+    inside = ((of >= 0) & (of < near.shape)).all(axis=1)
+    points = points[inside][near[tuple(of[inside].T)]]
+    return _cubes(points)
+
+
+def _cubes(points: Float64) -> Float32:
+    """Return the middle x and y and the lowest and highest z of points (N, 3) in each cube."""
+    if not len(points):
+        return np.zeros((0, 4), np.float32)
+    cubes = np.floor(points / HITS_CUBE).astype(np.int64) + (1 << 19)
+    keys = (cubes[:, 0] << 40) | (cubes[:, 1] << 20) | cubes[:, 2]
+    order = np.argsort(keys, kind="stable")
+    first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    sums = np.add.reduceat(points[order, :2], first)
+    count = np.diff(np.append(first, len(order)))
+    z = points[order, 2]
+    low, high = np.minimum.reduceat(z, first), np.maximum.reduceat(z, first)
+    return np.column_stack([sums / count[:, None], low, high]).astype(np.float32)
 
 
 def object_boxes(

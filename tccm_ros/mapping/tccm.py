@@ -24,7 +24,12 @@ from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.cuboids.queries import MapQuery
 from tccm_ros.cuboids.union import UNION
-from tccm_ros.mapping.surface_message import object_boxes, surface_cloud, view_intervals
+from tccm_ros.mapping.surface_message import (
+    hits_near,
+    object_boxes,
+    surface_cloud,
+    view_intervals,
+)
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.records import (
@@ -292,6 +297,21 @@ class TccmProcessor:
         )
         view = view_intervals(cycle, self.config, T_odom_base, base)
         self.seen_free.add(part.cycle, T_odom_base, view)
+        surfaces = surface_cloud(
+            cycle,
+            fits,
+            T_odom_base,
+            viewpoint,
+            base,
+            wanted and is_segmented,
+            self.config,
+            self._segmentation,
+        )
+        view = (
+            replace(view, hits=hits_near(cycle, surfaces, T_odom_base))
+            if wanted
+            else replace(view, intervals=view.intervals[:0])
+        )
         return CycleResult(
             cycle=part.cycle,
             stamp_ns=cycle.stamp_ns,
@@ -302,17 +322,8 @@ class TccmProcessor:
             T_odom_base=T_odom_base,
             planes=planes,
             objects=objects,
-            surfaces=surface_cloud(
-                cycle,
-                fits,
-                T_odom_base,
-                viewpoint,
-                base,
-                wanted and is_segmented,
-                self.config,
-                self._segmentation,
-            ),
-            view=view if wanted else replace(view, intervals=view.intervals[:0]),
+            surfaces=surfaces,
+            view=view,
             boxes=object_boxes(cycle, fits, planes, self.config, T_odom_base, base, wanted),
             part=part,
             scans=len(cycle.records),

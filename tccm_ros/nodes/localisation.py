@@ -131,6 +131,10 @@ class LocalisationPublisher:
         except FrameError as error:
             self._logger.error(f"initialpose: {error}")
 
+    def name_map(self, name: str) -> None:
+        """Give the map the name of its folder; empty for a new map."""
+        self.map_name = name
+
     def note_search(self, reason: str, placed_by: int) -> None:
         """Note why the place of a session is looked for, and what will have placed it."""
         self._searching, self._next_by = reason, placed_by

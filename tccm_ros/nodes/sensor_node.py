@@ -12,40 +12,35 @@ import sys
 import time
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.cdr.message_reader import MessageReader
-from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.errors import one_line
 from tccm_ros.nodes.clock import (
     ClockWatch,
     is_clock_missing,
-    stamp_on_receipt,
     steady_timer,
 )
 from tccm_ros.nodes.diagnostics import Diagnostics, InputStatus
-from tccm_ros.nodes.drops import DropWatch
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.latencies import lagging
+from tccm_ros.nodes.node_status import NodeStatus
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
-from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
-from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ready import found_on
+from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
 from tccm_ros.nodes.refusals import Refusals
-from tccm_ros.nodes.ros_types import RosidlMessages, is_installed
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.nodes.saves import Saves
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.nodes.warming import Warming
 from tccm_ros.nodes.worker import BACKLOG, Worker
 from tccm_ros.records import (
@@ -61,9 +56,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.base_motion import MotionSource
-from tccm_ros.ros.reading import READERS
-from tccm_ros.sensors.depth_image import camera_info_topic
-from tccm_ros.sensors.registry import default_streams, stream_for_topic
+from tccm_ros.sensors.registry import default_streams
 
 NOT_DROPPED = (
     MapReset, ObjectBoxes, Odometry, RollPitch, StreamComplete, SurfaceCloud, TiltAngle,
@@ -134,7 +127,7 @@ class SensorNode(Node):
         self.refusals = Refusals(self.get_logger().error)
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
-        self._unsaved = ""
+        self.saves = Saves(name, self.get_logger().warning)
         self.worker = Worker(name, partial(self.refuse, "processing"))
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
@@ -142,7 +135,10 @@ class SensorNode(Node):
         self._streams = {s.role: s for s in self.wanted_streams(processor_name)}
         self.roles = frozenset(self._streams)
         self.measured_roles = frozenset(r for r, s in self._streams.items() if not s.is_occasional)
-        self._drops = DropWatch()
+        self.record_subscriptions = RecordSubscriptions(
+            self, self.config, self.inputs, self.refusals, self._streams
+        )
+        self._status = NodeStatus(self.config, self.inputs, self.refusals)
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
         self.warming = Warming(processor_name, self.config, self._say_progress, self._become_ready)
         self.robot.hold()
@@ -220,108 +216,9 @@ class SensorNode(Node):
 
         `watch` says how the silence of the sensors is rated.
         """
-        measured = sensor(self.config.qos.reliability)
-        for stream in self._streams.values():
-            self._listen_to(stream, watch)
+        self.record_subscriptions.to_sensors(self.take, watch=watch)
         if self.owns_robot:
-            self.subscribe("odom", measured, self.take)
-            self.subscribe("joint_states", measured, self.take)
-            self.subscribe("imu", measured, self.take, watch="event")
-            self.subscribe("robot_description", latched(), self.take, watch="event")
-            if has_tf2_msgs():
-                self.subscribe("tf", measured, self.take, topic="/tf", watch="event")
-                fixed = static_transforms()
-                self.subscribe("tf_static", fixed, self.take, topic="/tf_static", watch="event")
-
-    def _listen_to(self, stream: Stream, watch: Watch) -> None:
-        """Subscribe to a sensor, and to what comes beside its records."""
-        role, reliability = stream.role, self.config.qos.reliability
-        if stream.is_occasional:
-            if is_installed(stream.reader.message_type):
-                qos = sensor(reliability, depth=LARGE_DEPTH)
-                self.subscribe(role, qos, self.take, watch="event", reader=stream.reader)
-            return
-        if stream.mount is not MountKind.ANY:
-            others = [self.resolve_topic_name(r) for r in self.measured_roles - {role}]
-            self.subscribe(
-                role, sensor(reliability), self.take, watch=watch, reader=stream.reader,
-                instead=others,
-            )  # fmt: skip
-            return
-        large = sensor(reliability, depth=LARGE_DEPTH)
-        reader = stream.reader
-        if stream.companion is not None:
-            reader = stream_for_topic(stream, self.resolve_topic_name(role)).reader
-            beside = stream.companion.role
-            topic = self._topic_beside(role, beside)
-            if not self.inputs.has(topic):  # images of one camera share it
-                self.subscribe(
-                    beside, large, self.take, topic=topic, watch="event",
-                    reader=stream.companion.reader,
-                )  # fmt: skip
-        self.subscribe(role, large, self.take, reader=reader)
-
-    def _topic_beside(self, role: str, beside: str) -> str:
-        """Return the topic of a calibration: beside the image where that is remapped alone."""
-        image, info = self.resolve_topic_name(role), self.resolve_topic_name(beside)
-        is_image_remapped = image != self.resolve_topic_name(role, only_expand=True)
-        is_info_remapped = info != self.resolve_topic_name(beside, only_expand=True)
-        return camera_info_topic(image) if is_image_remapped and not is_info_remapped else info
-
-    def subscribe(
-        self,
-        role: str,
-        qos: QoSProfile,
-        take: Callable[[str, Any], None],
-        *,
-        topic: str = "",
-        watch: Watch = "stream",
-        is_measured: bool = True,
-        reader: MessageReader | None = None,
-        instead: Sequence[str] = (),
-    ) -> None:
-        """Subscribe to the messages of a role, whose records are taken.
-
-        Parameters
-        ----------
-        role
-            What the messages are: a key of `ros.READERS` or the role of a stream.
-        qos
-            Of the subscription.
-        take
-            Called with the role and each record.
-        topic
-            By default the role's name.
-        watch
-            How the topic's silence is rated in /diagnostics.
-        is_measured
-            Whether a sensor measured it, so that `qos.stamp: receive` replaces its stamp. What is
-            computed from measurements keeps its stamp.
-        reader
-            Of the messages; that of `READERS` by default.
-        instead
-            Resolved names of topics: where one of them is heard, this one is not needed.
-        """
-        reader = reader or READERS[role]
-        type_name, read = reader.message_type, record_reader(reader)
-        on_receipt = is_measured and self.config.qos.stamp == "receive"
-        spans = {name: stream.time_span for name, stream in self._streams.items()}
-
-        def callback(data: bytes) -> None:
-            try:
-                for record in read(data):
-                    if entry.last_ns is not None and hasattr(record, "stamp_ns"):
-                        entry.note(entry.last_ns, record.stamp_ns)
-                    now = stamp_on_receipt(self, record, spans.get(role)) if on_receipt else record
-                    take(role, now)
-                self.refusals.note_used(entry.name)
-            except TccmError as error:
-                entry.refused += 1
-                self.refuse(entry.name, error)
-
-        entry = self.inputs.subscribe(
-            type_name, topic or role, callback, qos, watch=watch, raw=True, instead=instead
-        )
+            self.record_subscriptions.to_robot(self.take)
 
     def take(self, role: str, record: Any) -> None:
         """Give a record to the robot."""
@@ -443,29 +340,6 @@ class SensorNode(Node):
         waits = f"; waits for {', '.join(silent)}" if silent else ""
         self.get_logger().info(f"ready: {known}{waits}")
 
-    def try_to_save(self, save: Callable[[], str]) -> None:
-        """Save without being asked; why that is not possible is said once in a row."""
-        try:
-            save()
-            self._unsaved = ""
-        except TccmError as error:
-            if one_line(error) != self._unsaved:
-                self._unsaved = one_line(error)
-                self.get_logger().warning(f"not saved: {self._unsaved}")
-
-    def save_last(self, save: Callable[[], str], ending: Ending) -> None:
-        """Save as the node ends; nothing to save is no failure, all else is."""
-        name = self.get_name()
-        try:
-            ending.saved[name] = save()
-            ending.failed.pop(name, None)
-        except MapError as error:
-            if one_line(error) != self._unsaved:
-                self._unsaved = one_line(error)
-                self.get_logger().warning(f"not saved: {self._unsaved}")
-        except Exception as error:
-            ending.failed[name] = one_line(error)
-
     def close(self, ending: Ending | None = None) -> None:
         """Finish what waits; save, if asked to.
 
@@ -500,14 +374,8 @@ class SensorNode(Node):
         """Return what is wrong now, one line each; nothing is, where the node is not to work."""
         if not self.is_active:
             return []
-        found = [*self.inputs.problems(), *self._lagging().values(), *self._problems()]
-        return [*found, *self._drops.problems(self.dropped + self.overload)]
-
-    def _lagging(self) -> dict[str, str]:
-        """Return the inputs that come later than the others, and what to do, by topic."""
-        if self.config.qos.stamp == "receive":
-            return {}
-        return lagging(self.inputs.latencies(), self.config.sync_timeout)
+        drops = self._status.problems_of_drops(self.dropped + self.overload)
+        return [*self._status.problems_of_inputs(), *self._problems(), *drops]
 
     def _problems(self) -> Iterable[str]:
         if is_clock_missing(self):
@@ -528,36 +396,14 @@ class SensorNode(Node):
 
     def _input_states(self) -> list[InputStatus]:
         used = {self.resolve_topic_name(role): n for role, n in self.used().items()}
-        states, late = [], self._lagging()
-        for entry in self.inputs:
-            received, latency_s = entry.count, entry.latency_s
-            taken = min(used.get(entry.topic, received - entry.refused), received)
-            values: dict[str, object] = {
-                "needed": entry.watch,
-                "expected": received + entry.lost,
-                "received": received,
-                "used": taken,
-                "latency [s]": "" if latency_s is None else f"{latency_s:.3f}",
-            }
-            found = (
-                self.refusals.problem(entry.name), self.inputs.problem(entry),
-                late.get(entry.topic),
-            )  # fmt: skip
-            problems = tuple(text for text in found if text)
-            states.append(InputStatus(entry.topic, problems, values))
-        return states
+        return self._status.input_states(used)
 
     def _all_values(self) -> dict[str, object]:
-        received = {f"received {topic}": n for topic, n in self.inputs.counts().items()}
-        lost = {f"lost {topic}": n for topic, n in self.inputs.lost().items()}
-        refused = {f"refused {topic}": n for topic, n in sorted(self.refusals.counts.items())}
-        dropped = {
-            f"dropped: {why}": n for why, n in sorted((self.dropped + self.overload).items())
-        }
-        steps = {
+        return {
+            **self._status.values(self.dropped + self.overload),
+            **self.values(),
             "active": self.is_active,
             "ready": self.warming.is_done,
             "waiting": self.worker.backlog,
             "longest step [s]": f"{self.longest_step_s:.3f}",
         }
-        return {**received, **lost, **refused, **dropped, **self.values(), **steps}

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,38 +12,33 @@ from typing import Any
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from tccm_ros.errors import MapError, OutputError, TccmError
+from tccm_ros.errors import TccmError
 from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
-from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, BY_START, NO_MAP, LocalisationPublisher
-from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
+from tccm_ros.nodes.localisation import BY_START, LocalisationPublisher
+from tccm_ros.nodes.map_session import MapSession
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.sign_reader import SignReader
+from tccm_ros.nodes.solution_saver import SolutionSaver, Wanted
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
     Messages,
     Placed,
-    PoseStamp,
     Solved,
 )
 from tccm_ros.nodes.solver.solver import Answer, Solver
-from tccm_ros.nodes.view_parts import ViewParts
-from tccm_ros.nodes.worker import Worker, promise
 from tccm_ros.records import (
     Event,
     LabelCorrection,
     ObjectBoxes,
-    Odometry,
-    PosedScan,
-    PoseGuess,
     Scan,
     SurfaceCloud,
     ViewIntervals,
@@ -58,29 +50,10 @@ from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams, stream_for_topic
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.reading import missing_extra
-from tccm_ros.slam.tracking import SolvedMap, Tracker
-
-SOLVE_PERIOD_S = 2.0
-"""Shortest time between two solutions, s. Chosen."""
-
-SOLVE_FRACTION = 0.3
-"""Fraction of the time that solving may take: a long solution is made less often. Chosen."""
-
-KEYFRAMES_PER_SOLVE = 5
-"""Without a new view the map is solved anew after so many keyframes. Chosen."""
+from tccm_ros.slam.tracking import Tracker
 
 LOOK_S = 0.5
 """The map is looked at so often while no records come, by the wall clock: time may stand still."""
-
-QUIET_S = 2.0
-"""Where no record has come for so long, all that has come is solved."""
-
-PATIENCE_S = 1.2
-"""A save waits so long for the solution with all that has come; then it takes the newest."""
-
-LOOK_AT_END_S = 0.1
-"""Between two looks whether the last solution is still waited for."""
-
 
 NOT_TOLD = "no map -> odom has come on /tf; start your localisation"
 """Reason where another program localises the robot."""
@@ -105,26 +78,19 @@ class SlamNode(SensorNode):
         super().configure()
         self.solver = Solver(self.config, self._on_answer)
         self.signs = SignReader(self.config, self._on_signs)
-        self.processor = Tracker(self.config)
-        self._scans_before = 0
-        self.saver = Worker("saver", partial(self.refuse, "saving"))
-        self._keeper = MapKeeper()
-        self.newest_ns = 0
-        self._unsolved: Counter[str] = Counter()
-        self._view_parts = ViewParts()
-        self._complete_from = 0
-        self._next_solve_s = 0.0
-        self._last_s = time.monotonic()
-        self._shown_ns = -1
-        self._has_tilt_scan = False
-        self._saved_keyframes = 0
-        self._is_told = False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake, self.robot)
         self.localisation = LocalisationPublisher(
             self,
             self.types,
             self.live.map_frame,
-            lambda guess: self.worker.call(lambda: self._take_guess(guess), self),
+            lambda guess: self.worker.call(lambda: self.session.take_guess(guess), self),
+        )
+        self.saver = SolutionSaver(
+            self.solver,
+            lambda: self.session.state,
+            self.saves,
+            self.localisation.name_map,
+            partial(self.refuse, "saving"),
         )
         self._is_external = self.config.localisation.is_external
         topics = offered(SOLUTION_TOPICS)
@@ -139,9 +105,21 @@ class SlamNode(SensorNode):
         self._client_api = ClientApi(
             self, self.live, self.begin_named_save, self.load_named, self.begin_correction
         )
+        self.session = MapSession(
+            self.config,
+            self.solver,
+            self.live,
+            self.localisation,
+            self._outputs,
+            self._client_api,
+            self._forget,
+            self.context.ok,
+        )
         self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
-        self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
+        self._look = steady_timer(
+            self, LOOK_S, lambda: self.worker.post(self.session.solve_when_quiet)
+        )
 
     def activate(self) -> None:
         """Subscribe."""
@@ -166,11 +144,11 @@ class SlamNode(SensorNode):
         super().release()
 
     def _on_parameters(self, _: object) -> None:
-        self.worker.post(self._note_config)
+        self.worker.post(self.session.take_config)
 
     def _listen_to_tccm(self) -> None:
         for role in SURFACE_MESSAGE_TOPICS:
-            self.subscribe(
+            self.record_subscriptions.to(
                 role,
                 surface_message(),
                 self.offer_computed,
@@ -194,6 +172,16 @@ class SlamNode(SensorNode):
                 raw=True,
             )
 
+    @property
+    def processor(self) -> Tracker:
+        """Where the base is."""
+        return self.session.tracker
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest event, ns."""
+        return self.session.newest_ns
+
     # --- intake ---
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
@@ -214,9 +202,8 @@ class SlamNode(SensorNode):
 
     def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
-            stamp = PoseStamp(raw_stamp_ns(data))
-            self._has_tilt_scan = True
-            self.worker.offer(lambda: self._solve_with(stamp), is_droppable=True)
+            stamp_ns = raw_stamp_ns(data)
+            self.worker.offer(lambda: self.session.add_tilt_scan(stamp_ns), is_droppable=True)
 
     # --- in the worker ---
 
@@ -225,164 +212,13 @@ class SlamNode(SensorNode):
         if type(event) is PosedPicture:
             self.signs.offer(event)
             return
-        self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
-        before = Counter(self.processor.counts)
-        self._solve_with(event)
-        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
-            self._view_parts.note(event, time.monotonic())
-            self._unsolved["view parts"] += 1
-            self._client_api.note_view_part(event.stamp_ns, self.solver.next_number)
-        if isinstance(event, PosedDetections):
-            self._unsolved["detections"] += 1
-        else:
-            self.processor.add(event)
-        if self.processor.counts["resets"] != before["resets"]:
-            self._forget(is_localised=self.processor.is_localised)
-        for counted in ("clouds", "keyframes"):
-            self._unsolved[counted] += self.processor.counts[counted] - before[counted]
-        self._show_pose()
+        self.session.track(event)
         if self.worker.backlog == 0:
-            self._solve_when_due()
+            self.session.solve_if_due()
 
-    def _solve_with(self, event: Any) -> None:
-        """Give an event to the solver."""
-        self._last_s = time.monotonic()
-        if type(event) is not Odometry:
-            self._unsolved["records"] += 1
-            self._complete_from = self.solver.next_number
-        self.solver.feed(event)
-        is_scan = isinstance(event, PosedScan)
-        if is_scan and (self._is_told or not self.processor.is_localised):
-            self.solver.flush()  # each scan may tell where the robot is
-
-    def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
-        """Give what a picture tells to the solver: it belongs to the picture's stamp."""
-        for event in told:
-            self.worker.post(partial(self._solve_with, event))
-
-    def _note_config(self) -> None:
-        self.solver.feed(self.config.model_copy(deep=True))
-
-    def _show_pose(self) -> None:
-        live = self.processor.current_pose()
-        has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
-        if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
-            self._shown_ns = live.stamp_ns
-            self.live.is_localised = self.processor.is_localised
-            self.live.odom_frame = self.processor.odom_frame
-            self.live.show(live, self.processor.current_covariance())
-            self.localisation.show(self.processor)
-
-    def _solve_when_due(self) -> None:
-        new = self._unsolved
-        has_seen = any(new[what] for what in ("clouds", "view parts", "detections"))
-        if has_seen or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
-            self._solve_if_due()
-
-    def _solve_when_quiet(self) -> None:
-        """Have all solved that has come, finally, once nothing more comes."""
-        self._solve_when_due()
-        has_more = self._unsolved["records"] or not self.solver.is_batch
-        if has_more and time.monotonic() - self._last_s > QUIET_S:
-            self._solve_if_due(is_final=True)
-
-    def _solve_if_due(self, *, is_final: bool = False) -> None:
-        now_s = time.monotonic()
-        is_due = now_s >= self._next_solve_s and not self._waits_for_scan
-        is_whole = not self._view_parts.are_coming(now_s)
-        if is_due and is_whole and not self.solver.is_solving and self.context.ok():
-            self._ask_solution(is_final=is_final)
-
-    def _ask_solution(self, *, is_final: bool = False) -> int:
-        """Ask for a solution with all that has come; return its number."""
-        self._unsolved.clear()
-        self._next_solve_s = time.monotonic() + SOLVE_PERIOD_S
-        name = self.localisation.map_name
-        return self.solver.solve(self._outputs.listened, is_final=is_final, map_name=name)
-
-    @property
-    def _waits_for_scan(self) -> bool:
-        """Whether nothing places this session in the map that was loaded yet."""
-        return self._saved_keyframes > 0 and not self.processor.counts["level scans"]
-
-    def _on_answer(self, answer: Answer) -> None:
-        if isinstance(answer, Solved):
-            self._client_api.receive(answer)
-            self.worker.post(lambda: self._show(answer))
-        elif isinstance(answer, Placed):
-            self.worker.post(lambda: self._take_place(answer))
-        elif isinstance(answer, Messages):
-            self.worker.post(lambda: self._outputs.publish(answer.messages))
-        else:
-            self.refuse("solving", TccmError(answer.error))
-
-    def _show(self, solved: Solved) -> None:
-        """Take over and publish what a solution says; not one from before a clock jump."""
-        self._next_solve_s = time.monotonic() + max(
-            SOLVE_PERIOD_S - solved.duration_s, solved.duration_s * (1.0 / SOLVE_FRACTION - 1.0)
-        )
-        if not self.solver.is_of_session(solved) or solved.resets != self._resets:
-            return
-        self._take_map(solved.map)
-        self._outputs.publish_solution(solved.messages)
-        self._client_api.show(solved.number)
-
-    def _take_place(self, placed: Placed) -> None:
-        """Take over where the robot is, as soon as it is found, or what that waits for."""
-        if not self.solver.is_of_session(placed) or placed.resets != self._resets:
-            return
-        self.localisation.note_wait(placed.waits_for)
-        if placed.map is None:
-            return
-        self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
-        was_told, self._is_told = self._is_told, False
-        self._take_map(placed.map)
-        if was_told and not placed.map.is_unjoined:
-            self.localisation.note_told(self.processor, is_taken=placed.is_told)
-
-    def _take_map(self, solved: SolvedMap) -> None:
-        """Have the live pose take what a solution corrects."""
-        self.processor.take(solved)
-        self.live.is_localised = self.processor.is_localised
-        if self._shown_ns >= 0:
-            self.live.correct(self.processor.current_pose())
-            self.localisation.show(self.processor)
-
-    @property
-    def _resets(self) -> int:
-        return self.processor.counts["resets"]
-
-    @property
-    def _has_solution(self) -> bool:
-        newest = self.solver.newest
-        return newest is not None and newest.resets == self._resets
-
-    def _take_guess(self, guess: PoseGuess) -> str:
-        """Look for the robot around a user-supplied pose, from the next scan on.
-
-        Raises
-        ------
-        MapError
-            Where there is no map yet.
-        """
-        if not (self.processor.counts["keyframes"] or self._saved_keyframes):
-            raise MapError(NO_MAP)
-        guess = replace(guess, stamp_ns=guess.stamp_ns or self.newest_ns)
-        self.localisation.note_search("the pose that was told is compared with scans", BY_REQUEST)
-        self._is_told = True
-        self.processor.add(guess)
-        self._solve_with(guess)
-        self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
-        return ""
-
-    def begin_correction(self, correction: LabelCorrection) -> Future:
-        """Have the label of a surface corrected, and a solution that has it."""
-
-        def correct() -> None:
-            self._solve_with(correction)
-            self._ask_solution()
-
-        return self.worker.call(correct, self)
+    def begin(self) -> None:
+        """Begin an empty map."""
+        self.session.begin()
 
     def load(self, folder: Path) -> str:
         """Go on with a saved map; what was mapped since the start is forgotten."""
@@ -393,79 +229,62 @@ class SlamNode(SensorNode):
         return self._load(folder, folder.name)
 
     def _load(self, folder: Path, name: str) -> str:
-        first = self.solver.begin(folder / MAP_FILE)
-        self._track_with(Tracker(self.config, first, is_localised=False))
-        self._saved_keyframes = first[0]
-        self._forget(is_localised=False)
-        self.localisation.note_search("no scan has fitted one place of the map alone yet", BY_SCAN)
-        self._keeper.adopt(folder)
-        self.localisation.map_name = name
-        self._ask_solution()
+        self.session.load(folder, name)
+        self.saver.adopt(folder)
         return str(folder)
 
-    def begin(self) -> None:
-        """Forget everything."""
-        self.solver.begin()
-        self._track_with(Tracker(self.config))
-        self._saved_keyframes = 0
-        self._forget(is_localised=True)
-
-    def _track_with(self, tracker: Tracker) -> None:
-        """Go on with another tracker, which counts from 0 for its own map."""
-        self._scans_before += self.processor.counts["level scans"]
-        self.processor = tracker
-
-    def _forget(self, *, is_localised: bool) -> None:
-        self.live.forget(is_localised=is_localised)
-        self._outputs.forget()
-        self._client_api.forget(is_map_loaded=not is_localised)
-        self.localisation.map_name = ""
-        self._keeper.forget()
+    def _forget(self) -> None:
+        self.saver.forget()
         self.signs.begin()
-        self._shown_ns = -1
-        self._has_tilt_scan = self._is_told = False
-        self.newest_ns = self._complete_from = 0
-        self._unsolved.clear()
+
+    # --- from the solver and the reader of signs ---
+
+    def _on_answer(self, answer: Answer) -> None:
+        if isinstance(answer, Solved):
+            self._client_api.receive(answer)
+            self.worker.post(lambda: self.session.take_solved(answer))
+        elif isinstance(answer, Placed):
+            self.worker.post(lambda: self.session.take_placed(answer))
+        elif isinstance(answer, Messages):
+            self.worker.post(lambda: self._outputs.publish(answer.messages))
+        else:
+            self.refuse("solving", TccmError(answer.error))
+
+    def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
+        """Give what a picture tells to the solver: it belongs to the picture's stamp."""
+        for event in told:
+            self.worker.post(partial(self.session.add, event))
+
+    def begin_correction(self, correction: LabelCorrection) -> Future:
+        """Have the label of a surface corrected, and a solution that has it."""
+        return self.worker.call(lambda: self.session.correct_label(correction), self)
 
     # --- saving ---
 
     def begin_save(self) -> Future:
         """Have the newest solution saved: with all that has come, if that does not take long."""
-        return self._begin_save(self.save_folder(), is_named=False)
+        return self.saver.begin(self, self.save_folder(), self._ask_for_save)
 
     def begin_named_save(self, folder: Path) -> Future:
         """Have it saved into the folder of its name, whatever map is there."""
-        return self._begin_save(folder, is_named=True)
+        return self.saver.begin(self, folder, self._ask_for_save, is_named=True)
 
-    def _begin_save(self, folder: Path, *, is_named: bool) -> Future:
-        def save() -> str:
-            newest = self.solver.newest if self._has_solution else None
-            # Another one may be under way, which is as long.
-            patience_s = None if newest is None else PATIENCE_S + 2.0 * newest.duration_s
-            self.solver.wait(asked[0][1], patience_s)
-            said = self._save_newest(folder, asked[0], is_asked=True, may_replace=is_named)
-            if is_named:
-                self.localisation.map_name = folder.name
-            return said
+    def _ask_for_save(self, note: Callable[[Wanted], None]) -> None:
+        """Ask for a solution with all records and pictures that have come."""
 
         def ask() -> None:
-            asked.append((self.newest_ns, self._ask_solution()))
-            self.saver.post(run)
+            note(Wanted(self.newest_ns, self.session.ask_solution()))
 
-        asked: list[tuple[int, int]] = []
-        saved, run = promise(save, self)
-        # The pictures that have come are read before.
         self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
-        return saved
 
     def autosave(self) -> None:
         """Have the newest solution saved as it is."""
-        self.saver.post(lambda: self.try_to_save(self._save_unasked))
+        self.saver.autosave(self.save_folder(), self.session.input)
 
     def save_quickly(self, ending: Ending) -> None:
         """Save the newest solution at once."""
-        if self.config.save.on_shutdown and self._has_solution:
-            self.saver.wait(lambda: self.save_last(self._save_as_last, ending))
+        if self.config.save.on_shutdown:
+            self.saver.save_quickly(self.save_folder(), self.session.input, ending)
 
     def save_at_end(self, ending: Ending) -> None:
         """Save the solution with all that has come, if it comes in time, else the newest."""
@@ -477,69 +296,10 @@ class SlamNode(SensorNode):
         self.robot.flush()
         self.worker.wait(lambda: None, is_over)
         self.signs.wait(is_over)
-        self.worker.wait(lambda: numbers.append(self._ask_solution(is_final=True)), is_over)
-        while not self.solver.wait(numbers[0], LOOK_AT_END_S):
-            if is_over():
-                ending.left_out[self.get_name()] = f"what came last, {ending.why}"
-                break
-        self.saver.wait(lambda: self.save_last(self._save_as_last, ending))
-
-    def _save_unasked(self, *, is_last: bool = False) -> str:
-        wanted = self.newest_ns, self._complete_from
-        return self._save_newest(self.save_folder(), wanted, is_asked=False, is_last=is_last)
-
-    def _save_as_last(self) -> str:
-        return self._save_unasked(is_last=True)
-
-    def _save_newest(
-        self,
-        folder: Path,
-        wanted: tuple[int, int],
-        *,
-        is_asked: bool,
-        may_replace: bool = False,
-        is_last: bool = False,
-    ) -> str:
-        """Save the newest solution; return a sentence that names it, and what is not in it.
-
-        Parameters
-        ----------
-        folder, is_asked, is_last
-            As for `MapKeeper.save`.
-        wanted
-            Stamp of the newest record that should be in it, ns, and the number of the first
-            solution that has all that had come by then.
-        may_replace
-            Whether any map may be replaced.
-
-        Raises
-        ------
-        MapError, OutputError
-            Where that is not to be, or cannot be done.
-        """
-        if self._waits_for_scan:
-            raise MapError("no level scan since the map was loaded: there is nothing new to save")
-        newest = self.solver.archive()
-        if newest is None:
-            kind = OutputError if is_last and self.processor.counts["keyframes"] else MapError
-            raise kind(f"{folder}: not written, there is no solution yet")
-        solved, archive = newest
-        try:
-            if solved.resets != self._resets:
-                raise MapError(f"{folder}: not written, no solution since the map began anew")
-            keeper = MapKeeper(may_replace=True) if may_replace else self._keeper
-            folder = keeper.save(
-                archive, solved.content, folder, is_asked=is_asked, is_last=is_last
-            )
-        finally:
-            os.close(archive)
-        late_s = max(wanted[0] - solved.stamp_ns, 0) * 1e-9
-        late = f"; the last {late_s:.1f} s of records are not in it" if late_s else ""
-        if not late and solved.number < wanted[1]:
-            # A view may come last and be older than the scans that were solved.
-            late = "; what came last is not in it"
-        stamp = f"{solved.stamp_ns * 1e-9:.3f}"
-        return f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}{late}"
+        self.worker.wait(lambda: numbers.append(self.session.ask_solution(is_final=True)), is_over)
+        if not self.saver.wait(numbers[0], ending):
+            ending.left_out[self.get_name()] = f"what came last, {ending.why}"
+        self.saver.save_at_end(self.save_folder(), self.session.input, ending)
 
     # --- services ---
 
@@ -561,8 +321,7 @@ class SlamNode(SensorNode):
     def used(self) -> Mapping[str, int]:
         """Return the level scans that were matched since the start, and the pictures read."""
         pictures = dict.fromkeys(self.config.sensors.camera_images, self.signs.counts["pictures"])
-        scans = self._scans_before + self.processor.counts["level scans"]
-        return {"scan": scans, **pictures}
+        return {"scan": self.session.scans, **pictures}
 
     @property
     def dropped(self) -> Counter[str]:

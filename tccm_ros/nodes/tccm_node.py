@@ -182,13 +182,13 @@ class TccmNode(SensorNode):
 
     def autosave(self) -> None:
         """Have cuboids.npz written, without the open tilt cycle."""
-        self.worker.post(lambda: self.try_to_save(lambda: self._write(is_asked=False)))
+        self.worker.post(lambda: self.saves.attempt(lambda: self._write(is_asked=False)))
 
     def save_at_end(self, ending: Ending) -> None:
         """Write cuboids.npz with the open tilt cycle: that takes less than a moment."""
         self.robot.flush()
         self.worker.wait(self.end_input, lambda: ending.is_over)
-        self.worker.wait(lambda: self.save_last(lambda: self._write(is_asked=False), ending))
+        self.worker.wait(lambda: self.saves.at_end(lambda: self._write(is_asked=False), ending))
 
     def _publish_planes(self, found: CyclePlanes) -> None:
         self._outputs.publish([self._message_builder.planes(found)])

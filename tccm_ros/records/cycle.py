@@ -57,11 +57,15 @@ class ViewIntervals:
         As in the SurfaceCloud of the same cycle.
     intervals
         float32 (N, 4): x y of the column's centre, z_low, z_high; m. A column may have several.
+    hits
+        float32 (M, 4): what beams ended on near horizontal surfaces, one row for each small cube:
+        x y of the middle of its points, and their lowest and highest z; m.
     """
 
     stamp_ns: int
     frame_id: str
     intervals: Float32
+    hits: Float32 = field(default_factory=lambda: np.zeros((0, 4), np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -187,5 +187,5 @@ def _without_points(cycle: CycleResult) -> CycleResult:
         surfaces=replace(
             cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
         ),
-        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
+        view=replace(cycle.view, intervals=cycle.view.intervals[:0], hits=cycle.view.hits[:0]),
     )

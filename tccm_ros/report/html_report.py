@@ -20,6 +20,7 @@ from tccm_ros.report.tables import (
     drops_table,
     headline,
     loops_table,
+    racks_table,
     signs_table,
     surfaces_table,
     timing_table,
@@ -129,6 +130,7 @@ def _sections(results: Results, pictures: Pictures) -> Iterator[str]:
     summary = results.summary
     yield _section("above", "From above", _picture(pictures.above, "the map from above"))
     yield _section("surfaces", "Surfaces", f'<div class="wide">{surfaces_table(results)}</div>')
+    yield _section("racks", "Racks", racks_table(results))
     yield '<div class="tables">'
     if summary is not None:
         yield _section("counts", "Counts", counts_table(summary))

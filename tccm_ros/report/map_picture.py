@@ -24,7 +24,7 @@ from tccm_ros.report.drawing import (
 )
 from tccm_ros.report.label_layout import label_point
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import ObjectEntry, RoomEntry, SurfaceEntry
+from tccm_ros.results.models import CompartmentEntry, ObjectEntry, RoomEntry, SurfaceEntry
 
 WIDTH_IN = 9.0
 """Width of the picture, inches; the height follows the map."""
@@ -42,7 +42,7 @@ SCALE_BARS_M = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 """Lengths of the scale bar, m."""
 
 YAW_ARROW_M = 0.16
-"""Length of the arrow of a view's yaw, m."""
+"""Length of the arrow of a view's yaw, and of that into a compartment, m."""
 
 
 def map_png(results: Results) -> bytes:
@@ -103,6 +103,8 @@ def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
                                lw=0.9, ls=(0, (4, 3)), zorder=6))  # fmt: skip
     for box in results.tabletop:
         _draw_object(axes, box)
+    for space in results.compartments:
+        _draw_front(axes, space)
     for wall in results.walls:
         axes.plot(*wall.endpoints.T, color=palette.WALL, lw=4.0, solid_capstyle="round", zorder=8)
     _draw_path(axes, results)
@@ -120,6 +122,15 @@ def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
         [colors[s.id] for s in standing],
         _obstacles(axes, results),
     )
+
+
+def _draw_front(axes: Axes, space: CompartmentEntry) -> None:
+    """Draw the front edge of a compartment, with an arrow inward from before it."""
+    axes.plot(*space.front[:, :2].T, color=palette.OBJECT, lw=1.2, zorder=7)
+    end = space.front[:, :2].mean(axis=0)
+    start = end - YAW_ARROW_M * space.insertion[:2]
+    arrow = {"arrowstyle": "-|>", "color": palette.OBJECT, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, start, arrowprops=arrow, zorder=7)
 
 
 def box_corners(box: ObjectEntry) -> Float64:

@@ -90,6 +90,35 @@ def surfaces_table(results: Results) -> str:
     return table(head, rows, numbers=(0, 2, 3, 4, 5, 6))
 
 
+def racks_table(results: Results) -> str:
+    """Return the compartments of racks; empty where there are none."""
+    if not results.compartments:
+        return ""
+    rows = []
+    for space in results.compartments:
+        above = "" if space.above is None else space.above
+        bottom = f"{space.front[:, 2].mean() - results.ground:z.3f}"
+        lengths = [f"{length:.3f}" for length in (space.height, space.width, space.depth)]
+        faces = [f.value for f in (space.left, space.right, space.back, space.ceiling)]
+        front = f"{space.front_seen:.0%}"
+        rows.append((space.rack, space.board, above, bottom, *lengths, *faces, front))
+    head = (
+        "rack",
+        "board",
+        "below",
+        "height over floor, m",
+        "clear height, m",
+        "width, m",
+        "depth, m",
+        "left",
+        "right",
+        "back",
+        "ceiling",
+        "front seen",
+    )
+    return table(head, rows, numbers=(0, 1, 2, 3, 4, 5, 6, 11))
+
+
 def signs_table(results: Results) -> str:
     """Return the door signs with their places; empty where there are none."""
     if not results.signs:

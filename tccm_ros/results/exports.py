@@ -18,6 +18,7 @@ from tccm_ros.results.models import (
     ObjectsFile,
     PlacementsEntry,
     PlanesFile,
+    RacksFile,
     SummaryFile,
     SurfacesFile,
     TimingFile,
@@ -106,6 +107,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "labels.json": LabelsFile.of(solution.corrected_labels),
         "walls.json": WallsFile.of(slam.walls),
         "objects.json": ObjectsFile.of(solution.objects, solution.free_places, placements),
+        "racks.json": RacksFile.of(solution.compartments),
         "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
     }
@@ -132,7 +134,9 @@ def ranked_placements(solution: SurfaceSolution) -> PlacementsEntry:
     solution
         Its `place_size` is the footprint of the object.
     """
-    queries = SurfaceQueries(solution.surfaces, solution.objects, solution.floor_z)
+    queries = SurfaceQueries(
+        solution.surfaces, solution.objects, solution.floor_z, solution.compartments
+    )
     request = _placement_request(solution)
     return PlacementsEntry.of(request, queries.find_placements(SurfaceFilter(), request))
 

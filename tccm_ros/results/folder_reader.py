@@ -20,12 +20,14 @@ from tccm_ros.errors import LogError, MapError, one_line
 from tccm_ros.results.cuboids_file import FinalCuboids, load_cuboids
 from tccm_ros.results.cycles_file import CycleParts, load_cycles
 from tccm_ros.results.models import (
+    CompartmentEntry,
     CycleEntry,
     FreePlacesEntry,
     GraphFile,
     ObjectEntry,
     ObjectsFile,
     PlanesFile,
+    RacksFile,
     RoomEntry,
     SummaryFile,
     SurfaceEntry,
@@ -64,6 +66,8 @@ class Results:
         Keyframes, loop closures and landmarks.
     objects, free
         Boxes on surfaces, and free places on surfaces, in map.
+    compartments
+        Of racks, in map.
     planes
         Tracked planes by tilt cycle.
     cuboids
@@ -86,6 +90,7 @@ class Results:
     graph: GraphFile
     objects: tuple[ObjectEntry, ...]
     free: tuple[FreePlacesEntry, ...]
+    compartments: tuple[CompartmentEntry, ...]
     planes: tuple[CycleEntry, ...]
     cuboids: FinalCuboids | None
     cycles: CycleParts | None
@@ -157,6 +162,7 @@ def load_results(folder: Path | str, truth: Path | str | None = None) -> Results
         _read_optional(folder / "graph.json", GraphFile) or GraphFile(),
         objects.objects,
         objects.free,
+        (_read_optional(folder / "racks.json", RacksFile) or RacksFile()).compartments,
         planes.cycles,
         load_cuboids(cuboids) if cuboids.exists() else None,
         load_cycles(cycles) if cycles.exists() else None,

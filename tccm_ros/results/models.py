@@ -18,6 +18,7 @@ from pydantic import ConfigDict, PlainValidator, WithJsonSchema
 
 from tccm_ros.arrays import Float64
 from tccm_ros.mapping.tccm import CycleResult
+from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.records import (
     EdgeState,
     Keyframe,
@@ -60,6 +61,7 @@ Vector = Annotated[Float64, *array_type(3)]
 Ring = Annotated[Float64, *array_type(None, 3)]
 Ring2 = Annotated[Float64, *array_type(None, 2)]
 Ends = Annotated[Float64, *array_type(2, 2)]
+Ends3 = Annotated[Float64, *array_type(2, 3)]
 Covariance2 = Annotated[Float64, *array_type(2, 2, is_finite=False)]
 PlaneErrors = Annotated[Float64, *array_type(3, is_finite=False)]
 Covariance3 = Annotated[Float64, *array_type(3, 3, is_finite=False)]
@@ -472,6 +474,76 @@ def _object_entry(item: SceneObject) -> ObjectEntry:
     score = None if item.label is None else item.label.score
     box = item.id, item.surface, item.center, item.size, item.yaw
     return ObjectEntry(*box, item.class_id, score)
+
+
+# --- racks.json ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompartmentEntry:
+    """The space over a board, or over a part of it, that something goes into by its front, in map.
+
+    Attributes
+    ----------
+    rack
+        Id of the lowest board of its rack.
+    board
+        Id of the surface that it is over.
+    above
+        Id of the surface that is its ceiling; null where the ceiling is the lower side of what has
+        no surface.
+    front
+        float64 (2, 3), left and right end of its front edge, on the board, m, seen from before it.
+    insertion
+        float64 (3,), unit vector from its front inward.
+    width, depth, height
+        Clear lengths, m. A face that was not measured is taken to be at the edge of the board; a
+        lower side that was not measured, 4 cm below the top of its board.
+    left, right, back, ceiling
+        ``measured``: beams ended on it; ``open``: beams passed through it; ``unknown``: too few
+        came there to tell.
+    front_seen
+        Fraction of its front through which beams passed, 0 to 1.
+    """
+
+    rack: int
+    board: int
+    above: int | None
+    front: Ends3
+    insertion: Vector
+    width: float
+    depth: float
+    height: float
+    left: FaceState
+    right: FaceState
+    back: FaceState
+    ceiling: FaceState
+    front_seen: float
+
+    @classmethod
+    def of(cls, compartment: Compartment) -> CompartmentEntry:
+        """Return the entry of a compartment."""
+        T, half = compartment.T_map_front, 0.5 * compartment.width
+        front = T[:3, 3] + np.array([[half], [-half]]) * T[:3, 1]
+        return _entry(cls, compartment, front=front, insertion=T[:3, 0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RacksFile:
+    """racks.json: compartments of racks.
+
+    Attributes
+    ----------
+    compartments
+        By rack and height.
+    """
+
+    compartments: tuple[CompartmentEntry, ...] = ()
+
+    @classmethod
+    def of(cls, compartments: Iterable[Compartment]) -> RacksFile:
+        """Return the model of racks.json."""
+        return cls(tuple(map(CompartmentEntry.of, compartments)))
 
 
 # --- walls.json ----------------------------------------------------------------------------------

@@ -27,6 +27,9 @@ VIEWPOINT_ROW = np.dtype(
 VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<f4")])
 """A row of ~/view."""
 
+HIT_ROW = np.dtype([*VIEW_ROW.descr, ("is_hit", "<u4")])
+"""A row of ~/view that tells what beams ended on (1) from what they passed (0)."""
+
 OBJECT_ROW = np.dtype(
     [(name, "<f8") for name in ("x", "y", "z", "size_x", "size_y", "size_z", "yaw")]
     + [("points", "<u4")]

@@ -37,7 +37,14 @@ from tccm_ros.records.building import (
     stamp_ns_from_message,
     transform_samples,
 )
-from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, VIEWPOINT_ROW, cloud_rows
+from tccm_ros.ros.pointcloud import (
+    HIT_ROW,
+    OBJECT_ROW,
+    SURFACE_ROW,
+    VIEW_ROW,
+    VIEWPOINT_ROW,
+    cloud_rows,
+)
 from tccm_ros.sensors.registry import default_streams
 
 
@@ -135,16 +142,24 @@ def surface_cloud_from_message(message: Any) -> SurfaceCloud:
 def view_from_message(message: Any) -> ViewIntervals:
     """Return the free intervals of a sensor_msgs/PointCloud2 with fields x y z_low z_high.
 
+    Rows whose field is_hit, where there is one, is not 0 are what beams ended on.
+
     Raises
     ------
     MessageError
         For other fields, sizes that contradict each other, or values that are nan.
     """
-    intervals = _float_columns(cloud_rows(message, VIEW_ROW), VIEW_ROW.names or ())
-    if np.isnan(intervals).any():
+    has_hits = any(field.name == "is_hit" for field in message.fields)
+    cloud = cloud_rows(message, HIT_ROW if has_hits else VIEW_ROW)
+    rows = _float_columns(cloud, VIEW_ROW.names or ())
+    if np.isnan(rows).any():
         raise MessageError("view has intervals that are not numbers")
+    is_hit = cloud["is_hit"] != 0 if has_hits else np.zeros(len(rows), np.bool_)
+    if not np.isfinite(rows[is_hit]).all():
+        raise MessageError("view has hits that are not finite")
     stamp = stamp_ns_from_message(message.header.stamp)
-    return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
+    frame = frame_name(message.header.frame_id)
+    return ViewIntervals(stamp, frame, rows[~is_hit], rows[is_hit])
 
 
 def object_boxes_from_message(message: Any) -> ObjectBoxes:

@@ -29,6 +29,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.ros.pointcloud import (
+    HIT_ROW,
     OBJECT_ROW,
     SURFACE_ROW,
     VIEW_ROW,
@@ -245,9 +246,13 @@ def surface_cloud_message(types: MessageTypes, cloud: SurfaceCloud) -> Any:
 
 def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
     """Return ~/view, a sensor_msgs/PointCloud2 (docs/reference/nodes.md)."""
-    rows = np.zeros(len(view.intervals), VIEW_ROW)
+    passed = len(view.intervals)
+    rows = np.zeros(passed + len(view.hits), HIT_ROW if len(view.hits) else VIEW_ROW)
     for k, name in enumerate(VIEW_ROW.names or ()):
-        rows[name] = view.intervals[:, k]
+        rows[name][:passed] = view.intervals[:, k]
+        rows[name][passed:] = view.hits[:, k]
+    if len(view.hits):
+        rows["is_hit"][passed:] = 1
     return cloud_message(types, view.stamp_ns, view.frame_id, rows)
 
 

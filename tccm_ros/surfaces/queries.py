@@ -9,17 +9,27 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
+from tccm_ros.racks.compartment import Compartment
+from tccm_ros.racks.insertions import (
+    Access,
+    AccessState,
+    Hand,
+    InsertionSpace,
+    Obstacle,
+    without_overlaps,
+)
 from tccm_ros.records import Surface
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.placements import (
+    Approach,
     Overhang,
     Placement,
     PlacementRequest,
@@ -71,6 +81,69 @@ class SurfaceFilter:
     words: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class ObjectFilter:
+    """Conditions that an object meets; as it is made, there are none. And the hand that takes it.
+
+    Attributes
+    ----------
+    labels
+        Classes that detectors give; empty for any.
+    surfaces
+        Ids of the surfaces that it stands on; empty for any.
+    min_size, max_size
+        Of its shortest and its longest edge, m.
+    near
+        (x, y) in map, m; answers come in the order of their distance from it. None: by surface.
+    max_distance
+        Largest distance of its middle from `near`, m; 0 for any.
+    hand_width, hand_height
+        Of the hand, m: from above it is so high over the object.
+    clearance
+        Stays free around the hand and the object, m.
+    """
+
+    labels: frozenset[str] = frozenset()
+    surfaces: frozenset[int] = frozenset()
+    min_size: float = 0.0
+    max_size: float = math.inf
+    near: tuple[float, float] | None = None
+    max_distance: float = 0.0
+    hand_width: float = 0.0
+    hand_height: float = 0.0
+    clearance: float = 0.02
+
+    def accepts(self, item: SceneObject) -> bool:
+        """Return whether an object meets all conditions."""
+        if self.labels and item.class_id not in self.labels:
+            return False
+        if self.surfaces and item.surface not in self.surfaces:
+            return False
+        if item.size.min() < self.min_size or item.size.max() > self.max_size:
+            return False
+        if self.near is None or self.max_distance <= 0.0:
+            return True
+        return math.dist(item.center[:2], self.near) <= self.max_distance
+
+
+@dataclass(frozen=True, slots=True)
+class FoundObject:
+    """An object, and from where it can be taken.
+
+    Attributes
+    ----------
+    item
+        The object.
+    above, front
+        Whether a hand comes to it from above, and through the front of its compartment; unknown
+        where it is in none.
+    """
+
+    item: SceneObject
+    above: Access
+    front: Access
+
+
 class SurfaceQueries:
     """Answers questions about one solution.
 
@@ -82,16 +155,27 @@ class SurfaceQueries:
         What stands on them, in map.
     floor_z
         Height of the floor in map, m; None where it was never seen: then heights count from z = 0.
+    compartments
+        Of racks.
     """
 
     def __init__(
-        self, surfaces: Sequence[Surface], objects: Sequence[SceneObject], floor_z: float | None
+        self,
+        surfaces: Sequence[Surface],
+        objects: Sequence[SceneObject],
+        floor_z: float | None,
+        compartments: Sequence[Compartment] = (),
     ):
         self.surfaces = tuple(surfaces)
         self.objects = tuple(objects)
         self._objects_on: dict[int, list[SceneObject]] = {}
         for item in self.objects:
             self._objects_on.setdefault(item.surface, []).append(item)
+        self._compartments = tuple(compartments)
+        self._spaces: dict[int, list[InsertionSpace]] = {}
+        for space in self._compartments:
+            on = [_obstacle(item) for item in self._objects_on.get(space.board, ())]
+            self._spaces.setdefault(space.board, []).append(InsertionSpace(space, on))
         self._heights = [s.height - (floor_z or 0.0) for s in surfaces]
         self._texts = self._texts_of_surfaces()
         self._outlines = np.array([_outline(s) for s in surfaces], dtype=object)
@@ -114,7 +198,64 @@ class SurfaceQueries:
         request
             What is to be put down.
         """
-        return find_placements([self._to_put_on[k] for k in self._chosen(wanted)], request)
+        chosen = self._chosen(wanted)
+        if request.approach == Approach.FRONT:
+            return self._through_fronts([self.surfaces[k].id for k in chosen], request)
+        if request.approach == Approach.ABOVE:
+            request = replace(request, height=request.height + request.hand_height)
+        return find_placements([self._to_put_on[k] for k in chosen], request)
+
+    def _through_fronts(self, boards: Sequence[int], request: PlacementRequest) -> list[Placement]:
+        """Return placements in compartments over some boards, the best first."""
+        hand, x, y = Hand(request.hand_width, request.hand_height), request.size_x, request.size_y
+        sizes = {(x, y, request.height): 0.0, (y, x, request.height): 0.5 * math.pi}
+        found = []
+        for space in (s for board in boards for s in self._spaces.get(board, ())):
+            every = [
+                replace(p, yaw=_wrapped(p.yaw + yaw))
+                for size, yaw in sizes.items()
+                for p in space.insertions(size, hand, request.clearance)
+                if _is_in_reach(p, request)
+            ]
+            every.sort(key=lambda p: -p.clearance)
+            found += without_overlaps(every, (x, y), request.clearance)
+        found.sort(key=lambda p: -p.clearance)
+        return found[: request.max_count or None]
+
+    def find_objects(self, wanted: ObjectFilter) -> list[FoundObject]:
+        """Return the objects that meet all conditions, by their distance or by surface and id."""
+        found = [item for item in self.objects if wanted.accepts(item)]
+        if wanted.near is not None:
+            near = np.array(wanted.near)
+            found.sort(key=lambda item: float(np.hypot(*(item.center[:2] - near))))
+        return [
+            FoundObject(item, self._from_above(item, wanted), self._from_front(item, wanted))
+            for item in found
+        ]
+
+    def _from_above(self, item: SceneObject, wanted: ObjectFilter) -> Access:
+        """Return whether a hand comes to an object from above."""
+        k = next((k for k, s in enumerate(self.surfaces) if s.id == item.surface), None)
+        if k is None:
+            return Access(AccessState.UNKNOWN)
+        top = float(item.center[2] + 0.5 * item.size[2]) - self.surfaces[k].height
+        needed = top + wanted.hand_height + wanted.clearance
+        low = [
+            o
+            for o in self._to_put_on[k].overhangs
+            if o.height < needed and o.outline.intersects(item.footprint)
+        ]
+        if not low:
+            return Access(AccessState.FREE)
+        return Access(AccessState.BLOCKED, (), min(low, key=lambda o: o.height).surface)
+
+    def _from_front(self, item: SceneObject, wanted: ObjectFilter) -> Access:
+        """Return whether a hand comes to an object through the front of its compartment."""
+        hand = Hand(wanted.hand_width, wanted.hand_height)
+        for space in self._spaces.get(item.surface, ()):
+            if space.holds(item.center):
+                return space.access(_obstacle(item), hand, wanted.clearance)
+        return Access(AccessState.UNKNOWN)
 
     def objects_on(self, surfaces: Sequence[Surface]) -> list[SceneObject]:
         """Return what stands on some surfaces, in their order."""
@@ -155,10 +296,16 @@ class SurfaceQueries:
         if len(self._outlines):
             pairs = shapely.STRtree(self._outlines).query(self._outlines, "intersects").tolist()
         above: dict[int, list[Overhang]] = {}
+        clear = {(c.board, c.above): c.height for c in self._compartments}
         for k, other in zip(*pairs):
-            height = self.surfaces[other].height - self.surfaces[k].height
+            over, under = self.surfaces[other], self.surfaces[k]
+            height = clear.get((under.id, over.id), over.height - under.height)
             if height >= MIN_OVERHANG_HEIGHT_M:
-                above.setdefault(k, []).append(Overhang(self._outlines[other], height))
+                above.setdefault(k, []).append(Overhang(self._outlines[other], height, over.id))
+        for k, surface in enumerate(self.surfaces):
+            for space in self._compartments:
+                if space.board == surface.id and space.above is None:
+                    above.setdefault(k, []).append(Overhang(space.outline, space.height))
         return [
             PlacementSurface(
                 surface.id,
@@ -170,6 +317,21 @@ class SurfaceQueries:
             )
             for k, surface in enumerate(self.surfaces)
         ]
+
+
+def _obstacle(item: SceneObject) -> Obstacle:
+    low, high = item.center[2] - 0.5 * item.size[2], item.center[2] + 0.5 * item.size[2]
+    return Obstacle(item.id, item.footprint, float(low), float(high))
+
+
+def _is_in_reach(placement: Placement, request: PlacementRequest) -> bool:
+    if request.reach_from is None or request.reach <= 0.0:
+        return True
+    return math.dist(placement.position[:2], request.reach_from) <= request.reach
+
+
+def _wrapped(yaw: float) -> float:
+    return math.pi - (math.pi - yaw) % (2.0 * math.pi)
 
 
 def _outline(surface: Surface) -> shapely.Geometry:

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from tccm_ros.arrays import Float64, Int64
+from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import spatial
@@ -150,6 +150,8 @@ def pack_views(views: Sequence[View]) -> Arrays:
             [UNKNOWN if v.viewpoint is None else v.viewpoint for v in views], float
         ).reshape(-1, 3),
         "sensors": np.array([v.sensor for v in views], np.int64),
+        "hits_of": np.array([len(v.hits) for v in views], np.int64),
+        "hits": _joined([v.hits for v in views], np.float32, 4),
         **_pack_detections(views),
         **_pack_corrections(views),
     }
@@ -236,6 +238,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
     if first[-1] != len(patches) or len(a["patches"]) != len(a["stamp_ns"]):
         raise ValueError(f"{len(patches)} patches, {first[-1]} expected")
     objects, detections, labels = _unpack_objects(a), _unpack_detections(a), _unpack_corrections(a)
+    hits = _unpack_hits(a)
     return [
         View(
             int(a["stamp_ns"][v]),
@@ -249,6 +252,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             detections[v],
             labels[v],
             *_unpack_viewpoint(a, v),
+            hits[v],
         )
         for v, columns in enumerate(free)
     ]
@@ -270,6 +274,16 @@ def _unpack_viewpoint(a: Mapping[str, NDArray[Any]], v: int) -> tuple[Float64 | 
         return None, SensorKind.LASER
     viewpoint = a["viewpoints"].reshape(-1, 3)[v]
     return viewpoint if np.isfinite(viewpoint).all() else None, SensorKind(int(a["sensors"][v]))
+
+
+def _unpack_hits(a: Mapping[str, NDArray[Any]]) -> list[Float32]:
+    """Return what the beams of each view ended on; maps of older versions do not have it."""
+    if "hits" not in a:
+        return [np.zeros((0, 4), np.float32)] * len(a["stamp_ns"])
+    hits = _split(a["hits"].reshape(-1, 4), a["hits_of"])
+    if len(hits) != len(a["stamp_ns"]) or not np.isfinite(a["hits"]).all():
+        raise ValueError(f"hits of {len(hits)} views, {len(a['stamp_ns'])} expected, all finite")
+    return hits
 
 
 def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...]]:

@@ -16,6 +16,8 @@ from tccm_ros.baselines.distance_merging import merge_by_distance
 from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
+from tccm_ros.racks.compartment import Compartment, SeenView
+from tccm_ros.racks.compartments import find_compartments
 from tccm_ros.records import (
     Event,
     LabelCorrection,
@@ -122,6 +124,8 @@ class SurfaceSolution:
     attitudes
         float64 (N, 3), height, roll and pitch of the base beside `trajectory`; empty where
         odometry tells none.
+    compartments
+        Of racks, by rack and height.
     """
 
     slam: Solution
@@ -143,6 +147,7 @@ class SurfaceSolution:
     grid: OccupancyGrid | None = None
     stages: OptionalStages = field(default_factory=OptionalStages)
     attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    compartments: tuple[Compartment, ...] = ()
 
     @property
     def T_map_base(self) -> Float64:
@@ -343,6 +348,7 @@ class SurfaceSlam:
         *,
         every_covariance: bool = True,
         is_final: bool = True,
+        with_racks: bool = True,
         stages: OptionalStages | None = None,
     ) -> SurfaceSolution:
         """Rebuild the graph in stamp order, register the views and build the surfaces.
@@ -353,6 +359,8 @@ class SurfaceSlam:
             Whether the covariances of all keyframes are computed (see `WallSlam.solve`).
         is_final
             Whether the graph is solved as a batch at any size.
+        with_racks
+            Whether compartments of racks are found: a tenth of a second for each.
         stages
             Runs what hangs on the map.
         """
@@ -380,6 +388,10 @@ class SurfaceSlam:
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
         )
         objects = scene_objects(surfaces, tracked.tracks)
+        compartments = None
+        if with_racks:
+            seen = seen_views(surface_map.views, view_poses.T_map_view)
+            compartments = stages.run("racks", lambda: find_compartments(surfaces, seen))
         place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
@@ -402,6 +414,7 @@ class SurfaceSlam:
             grid,
             stages,
             slam.attitude_at(stamps) if len(slam.attitudes) else slam.attitudes,
+            compartments or (),
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
@@ -599,6 +612,21 @@ class SurfaceSlam:
             slam._saved_walls = saved.walls
         slam._begin()
         return slam
+
+
+def seen_views(views: Sequence[View], T_map_view: Float64) -> list[SeenView]:
+    """Return what views saw of the space near surfaces, of those that have a viewpoint.
+
+    Parameters
+    ----------
+    views, T_map_view
+        Views, and float64 (V, 4, 4), their poses.
+    """
+    return [
+        SeenView(T, view.viewpoint, view.hits.astype(np.float64), view.free)
+        for view, T in zip(views, T_map_view)
+        if view.viewpoint is not None
+    ]
 
 
 def _view_poses(slam: Solution) -> ViewPoses:

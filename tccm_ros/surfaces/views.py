@@ -140,6 +140,8 @@ class View:
         float64 (3,), position of the sensor in the base frame, m; None where it is not known.
     sensor
         Kind of that sensor.
+    hits
+        float32 (M, 4), as in `ViewIntervals`, in the base frame.
     """
 
     stamp_ns: int
@@ -154,6 +156,7 @@ class View:
     corrected_labels: Mapping[int, str] = field(default_factory=dict)
     viewpoint: Float64 | None = None
     sensor: SensorKind = SensorKind.LASER
+    hits: Float32 = field(default_factory=lambda: np.zeros((0, 4), np.float32))
 
     @property
     def key(self) -> tuple[int, int]:
@@ -171,7 +174,9 @@ class _Outlined(NamedTuple):
     spacing: float
 
 
-def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patch]:
+def _make_patches(
+    points: Float32, others: Float32, sensor: SensorKind, config: Config
+) -> list[Patch]:
     """Make the patches of one surface of a cloud, one for each part of its outline.
 
     `others`, float32 (M, 3), are the points of the cloud's other surfaces: what they explain is
@@ -181,9 +186,9 @@ def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patc
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
     min_gap = config.surfaces.merge_distance
-    outline, spacing = horizontal_outline(thinned[:, :2].astype(np.float64), min_gap)
+    outline, spacing = horizontal_outline(thinned[:, :2].astype(np.float64), min_gap, sensor)
     whole = _Outlined(points, thinned, weights, outline, spacing)
-    whole = _without_strays(whole, others, min_gap)
+    whole = _without_strays(whole, others, min_gap, sensor)
     if len(whole.outline.geoms) < 2:
         return [_patch(*whole)]
     parts = sorted(whole.outline.geoms, key=lambda part: (-part.area, part.bounds))
@@ -200,11 +205,13 @@ def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patc
                 whole.spacing,
             )
             rest = np.concatenate([others, whole.thinned[~own_thinned]])
-            patches.append(_patch(*_without_strays(one, rest, min_gap)))
+            patches.append(_patch(*_without_strays(one, rest, min_gap, sensor)))
     return patches
 
 
-def _without_strays(surface: _Outlined, others: Float32, min_gap: float) -> _Outlined:
+def _without_strays(
+    surface: _Outlined, others: Float32, min_gap: float, sensor: SensorKind
+) -> _Outlined:
     """Return a surface without the points that others explain, outlined anew if there are any."""
     points, thinned, weights, _, spacing = surface
     strays = mark_strays(thinned, weights, spacing, others)
@@ -212,7 +219,7 @@ def _without_strays(surface: _Outlined, others: Float32, min_gap: float) -> _Out
         return surface
     plan = thinned[:, :2].astype(np.float64)
     kept = ~strays[cKDTree(plan).query(points[:, :2])[1]]
-    outline, spacing = horizontal_outline(plan[~strays], min_gap)
+    outline, spacing = horizontal_outline(plan[~strays], min_gap, sensor)
     return _Outlined(points[kept], thinned[~strays], weights[~strays], outline, spacing)
 
 
@@ -324,7 +331,9 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     patches = [
         patch
         for group in groups
-        for patch in _make_patches(cloud.points[group], np.delete(cloud.points, group, 0), config)
+        for patch in _make_patches(
+            cloud.points[group], np.delete(cloud.points, group, 0), cloud.sensor, config
+        )
     ]
     distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
     max_range = max(view.max_range, float(distance))
@@ -344,11 +353,12 @@ def _with_systematic(patch: Patch, eye: Float64, sensor: SensorKind, config: Con
 
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:
-    """Return a view with the free intervals of the same stamp."""
+    """Return a view with the free intervals and the hits of the same stamp."""
     free = FreeColumns.of(intervals, view.free.cell_size)
     xy = intervals.intervals[:, :2].astype(np.float64)
     distance = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
-    return replace(view, free=free, max_range=max(view.max_range, float(distance)))
+    max_range = max(view.max_range, float(distance))
+    return replace(view, free=free, max_range=max_range, hits=intervals.hits)
 
 
 def with_objects(view: View, boxes: ObjectBoxes) -> View:

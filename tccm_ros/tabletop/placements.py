@@ -10,6 +10,7 @@ import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +34,17 @@ MIN_CLEARANCE_M = 1e-6
 no polygons; chosen."""
 
 
+class Approach(StrEnum):
+    """How a hand comes to a place."""
+
+    ANY = "any"
+    """Not asked: the object fits where it is put."""
+    ABOVE = "above"
+    """From above, and the hand is over the object."""
+    FRONT = "front"
+    """Straight through the front of a compartment of a rack."""
+
+
 @dataclass(frozen=True, slots=True)
 class PlacementRequest:
     """What is to be put down.
@@ -51,6 +63,10 @@ class PlacementRequest:
         (x, y) in map, m, from where every placement is in reach; None for anywhere.
     reach
         Largest horizontal distance from `reach_from`, m; 0 for any.
+    approach
+        How a hand comes to the place.
+    hand_width, hand_height
+        Of the hand across a direction from the front, m; from above, its height over the object.
     """
 
     size_x: float
@@ -60,6 +76,9 @@ class PlacementRequest:
     max_count: int = 10
     reach_from: tuple[float, float] | None = None
     reach: float = 0.0
+    approach: Approach = Approach.ANY
+    hand_width: float = 0.0
+    hand_height: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,10 +116,13 @@ class Overhang:
         Seen from above, in map, m.
     height
         Height of its lower side over the surface, m.
+    surface
+        Id of the surface that it is; None where it is none.
     """
 
     outline: Polygon
     height: float
+    surface: int | None = None
 
 
 class PlacementSurface:

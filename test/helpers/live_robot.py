@@ -147,6 +147,14 @@ class Robot:
         publisher.publish(message)
         self._publishers["robot_description"] = publisher
 
+    def wait_until_described(self, *nodes) -> None:
+        """Wait until nodes have the description, if there is one: scans before it are dropped."""
+        if "robot_description" in self._publishers:
+            for node in nodes:
+                self.ros.spin_until(
+                    lambda n=node: n.robot.robot.frames.model, what="the robot description"
+                )
+
     def message(self, record):
         """Return the message of a record."""
         build = {
@@ -160,15 +168,20 @@ class Robot:
         }[type(record)]
         return build(self.types, record)
 
-    def publish(self, topic: str, message, *nodes) -> None:
-        """Publish one message, once these nodes hear its topic."""
+    def publisher(self, topic: str, message):
+        """Return the publisher of a topic, which is made for its first message."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(type(message), topic, self._qos)
+        return self._publishers[topic]
+
+    def publish(self, topic: str, message, *nodes) -> None:
+        """Publish one message, once these nodes hear its topic."""
+        publisher = self.publisher(topic, message)
         for node in nodes:
             if (topic, node) not in self._heard:
                 self.ros.connect(self.node, node, self.node.resolve_topic_name(topic))
                 self._heard.add((topic, node))
-        self._publishers[topic].publish(message)
+        publisher.publish(message)
         self.sent[topic] = self.sent.get(topic, 0) + 1
 
     def play(self, records: Iterable[tuple[str, object]], *nodes, until_done: bool = True) -> None:
@@ -176,11 +189,7 @@ class Robot:
 
         Where `until_done`, it returns when their workers have done what waits.
         """
-        if "robot_description" in self._publishers:
-            for node in nodes:
-                self.ros.spin_until(
-                    lambda n=node: n.robot.robot.frames.model, what="the robot description"
-                )
+        self.wait_until_described(*nodes)
         received = [dict(node.inputs.counts()) for node in nodes]
         base = dict(self.sent)
         records = iter(records)

@@ -33,12 +33,14 @@ class MovingHead:
         self._kind = control.FollowJointTrajectory
         self.ros, self.nodes = ros, nodes
         self.robot = ros.robot()
+        self.robot.wait_until_described(*nodes)
         self.x, self.speed, self.moving_speed, self.tilt = 0.0, 0.0, 0.0, 0.5
         self._k = 0
+        self._target = self.tilt
+        self._end_of_movement = Future()
         self.tilts: list[float] = []
         self.durations: list[float] = []
         self.refuses, self.error_code, self.holds, self.was_cancelled = False, 0, False, False
-        self._gate = Future()
         self._server = None
         if controller:
             self._server = ActionServer(
@@ -53,6 +55,7 @@ class MovingHead:
 
     def step(self) -> None:
         """Publish what is measured now; time goes on."""
+        self.tilt += float(np.clip(self._target - self.tilt, -TILT_STEP, TILT_STEP))
         now, x = START_NS + self._k * STEP_NS, self.x
         T = np.eye(4)
         T[0, 3] = x
@@ -76,6 +79,9 @@ class MovingHead:
             if predicate():
                 return True
             if all(self._has_all(node) for node in self.nodes):
+                is_there = abs(self._target - self.tilt) < 1e-9
+                if is_there and not self.holds and not self._end_of_movement.done():
+                    self._end_of_movement.set_result(None)
                 self.step()
             return False
 
@@ -93,16 +99,14 @@ class MovingHead:
         self.tilts.append(target)
         self.durations.append(after.sec + after.nanosec * 1e-9)
         result = self._kind.Result()
-        if self.holds:
-            await self._gate
-            goal.canceled()
-            return result
-        self.speed = self.moving_speed
-        while abs(target - self.tilt) > 1e-9:
-            self.tilt += float(np.clip(target - self.tilt, -TILT_STEP, TILT_STEP))
-            self.step()
+        self.was_cancelled, self._end_of_movement = False, Future()
+        if not self.holds:
+            self._target, self.speed = target, self.moving_speed
+        await self._end_of_movement
         self.speed = 0.0
-        if self.error_code:
+        if self.was_cancelled:
+            goal.canceled()
+        elif self.error_code:
             result.error_code, result.error_string = self.error_code, "the joint is blocked"
             goal.abort()
         else:
@@ -111,5 +115,5 @@ class MovingHead:
 
     def _cancel(self, _):
         self.was_cancelled = True
-        self._gate.set_result(None)
+        self._end_of_movement.set_result(None)
         return CancelResponse.ACCEPT

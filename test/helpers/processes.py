@@ -7,8 +7,11 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+
+from live_robot import recording
 
 PATIENCE_S = 300.0
 """A wait that is this long has failed: a loaded machine takes many times what a free one takes."""
@@ -41,15 +44,32 @@ def settings(**values) -> list[str]:
     return ["--ros-args", *(word for pair in pairs for word in ("-p", pair))]
 
 
-def play_to_process(ros, robot, records) -> None:
-    """Publish a short recording to a node in another process: less than a queue holds."""
-    for topic, record in records:
-        message = robot.message(record)
-        if topic not in robot._publishers:
-            publisher = robot.node.create_publisher(type(message), topic, robot._qos)
-            robot._publishers[topic] = publisher
+def play_until(ros, robot, cycles: float, is_done: Callable[[], object], what: str, **options):
+    """Play a short recording to a node in another process, each time later, until something holds.
+
+    The subscriptions of that process find the robot's publishers one after another, and nothing
+    here tells of the last one. Scans that come before the description or the joints are dropped;
+    those of a later recording are not.
+
+    Parameters
+    ----------
+    cycles, options
+        As for `live_robot.recording`; less than a queue holds.
+    is_done
+        Called after each recording. It asks the node, and thus waits until the node has time.
+    what
+        Is waited for, for the message of a failure.
+    """
+    end = time.monotonic() + PATIENCE_S
+    while True:
+        for topic, record in recording(cycles, start_ns=ros.start_of_recording(cycles), **options):
+            message = robot.message(record)
+            publisher = robot.publisher(topic, message)
             ros.spin_until(publisher.get_subscription_count, what=f"somebody to hear {topic}")
-        robot.publish(topic, message)
+            robot.publish(topic, message)
+        if is_done():
+            return
+        assert time.monotonic() < end, f"timed out: {what}"
 
 
 def read_until(process, pattern: str) -> str:

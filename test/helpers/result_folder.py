@@ -15,8 +15,10 @@ import shapely
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.geometry import spatial
+from tccm_ros.racks.compartment import FaceState
 from tccm_ros.results.cycles_file import CycleHistory, save_cycles
 from tccm_ros.results.models import (
+    CompartmentEntry,
     CountsEntry,
     CycleEntry,
     FreePlacesEntry,
@@ -31,6 +33,7 @@ from tccm_ros.results.models import (
     PlacementsEntry,
     PlaneEntry,
     PlanesFile,
+    RacksFile,
     ScansUsedEntry,
     SessionEntry,
     SessionKind,
@@ -189,6 +192,12 @@ def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) 
     place = PlacementEntry(3, np.array([1.95, 0.47, 0.72]), 0.0, 0.05, None)
     placements = PlacementsEntry(np.array([0.15, 0.15, 0.2]), 0.02, (place,))
     write_json(folder / "objects.json", ObjectsFile((mug, tray, bin_), (free,), placements))
+    front = np.array([[2.3, 0.35, 0.72], [1.8, 0.35, 0.72]])
+    space = CompartmentEntry(
+        3, 3, None, front, np.array([0.0, 1.0, 0.0]), 0.5, 0.3, 0.35, FaceState.MEASURED,
+        FaceState.OPEN, FaceState.UNKNOWN, FaceState.MEASURED, 0.9,
+    )  # fmt: skip
+    write_json(folder / "racks.json", RacksFile((space,)))
     write_json(folder / "labels.json", LabelsFile(labels=(LabelEntry(3, "table"),)))
     write_cycles_and_cuboids(folder, path, cycles, max_range)
     write_json(folder / "summary.json", summary(cycles))

@@ -10,13 +10,16 @@ from pathlib import Path
 
 import pytest
 import rclpy
-from live_robot import Robot, is_connected, topics_of
+from live_robot import CYCLE_SCANS, START_NS, STEP_NS, Robot, is_connected, topics_of
 from processes import PATIENCE_S
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 DOMAINS = range(1, 100)
 """Domains whose ports lie below the ephemeral ones."""
+
+BETWEEN_NS = 5_000_000_000
+"""Between two recordings that are played to one process, ns: more than any wait in message time."""
 
 
 @contextmanager
@@ -44,6 +47,7 @@ class Ros:
         self.executor = SingleThreadedExecutor(context=context)
         self._nodes: list = []
         self._contexts: list[Context] = []
+        self._start_ns = START_NS
 
     def another_context(self) -> Context:
         """Return a second participant in the same domain, as another process would be."""
@@ -88,6 +92,12 @@ class Ros:
     def robot(self, **options) -> Robot:
         """Return a robot that publishes what its lasers see."""
         return Robot(self, **options)
+
+    def start_of_recording(self, cycles: float) -> int:
+        """Return the stamp at which the next recording of some tilt cycles begins, ns."""
+        start_ns = self._start_ns
+        self._start_ns += round(cycles * CYCLE_SCANS) * STEP_NS + BETWEEN_NS
+        return start_ns
 
     def spin_until(
         self, predicate: Callable[[], object], timeout: float = PATIENCE_S, what: str = ""

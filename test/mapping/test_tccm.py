@@ -13,6 +13,7 @@ from message_families import family
 
 from tccm_ros.cuboids.queries import Occupancy
 from tccm_ros.geometry import inverse, transform
+from tccm_ros.mapping.surface_message import HITS_CUBE, HITS_DISTANCE, HITS_FROM
 from tccm_ros.mapping.tccm import DETECTORS, TccmProcessor
 from tccm_ros.records import JointSample, Odometry, PlaneKind, Posed, Scan
 from tccm_ros.ros.marker_parts import MessageContext
@@ -349,6 +350,21 @@ def test_view_intervals_contain_no_object_of_the_room():
             above = high > solid[5] + 0.02
             assert inside.any()
             assert low[inside & above].min() > solid[5] - 0.01
+
+
+def test_hits_are_points_near_tops_and_none_of_the_floor():
+    """Each is on the table, its box or the wall of the room, where the beams ended."""
+    _, results = run(room())
+    assert len(results) > 1
+    for result in results:
+        x, _, low, high = result.view.hits.astype(float).T
+        assert len(x) > 100
+        assert (low >= HITS_FROM - 1e-6).all()
+        assert (high - low <= HITS_CUBE).all()
+        assert np.hypot(x.clip(None, TABLE[0]) - TABLE[0], 0.0).max() < 2.0 * HITS_DISTANCE
+        on_table = (low > TABLE[4] - 0.02) & (high < BOX[5] + 0.02) & (x < TABLE[1] + 0.02)
+        on_wall = np.abs(x - WALL[0]) < 0.03
+        assert (on_table | on_wall).all()
 
 
 # -- the detectors of planes --------------------------------------------------------------------

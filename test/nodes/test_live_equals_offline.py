@@ -47,6 +47,7 @@ SURFACE_MESSAGES = ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
 EQUAL = (
     "surfaces.json",
     "objects.json",
+    "racks.json",
     "surfaces.ply",
     "walls.json",
     "graph.json",

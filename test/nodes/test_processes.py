@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_robot import START_NS, Listener, recording, slam, wait_until_done
-from processes import PATIENCE_S, play_to_process, settings, started, stop
+from processes import PATIENCE_S, play_until, settings, started, stop
 from std_srvs.srv import Trigger
 
 from tccm_ros.nodes.map_files import read_map
@@ -32,7 +32,6 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
         # A service is there before its node is made; one that answers is spun.
         for name in ("/tccm/reset", "/surface_slam/reset"):
             assert ros.call(caller.create_client(Trigger, name), Trigger.Request()).success
-        play_to_process(ros, ros.robot(), recording(3))
         save = caller.create_client(Trigger, "/surface_slam/save_map")
 
         def has_saved_surfaces() -> bool:
@@ -40,7 +39,7 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
             return is_saved and json.loads((folder / "surfaces.json").read_text())["surfaces"]
 
         # A signal ends the node in some seconds, whether what was sent has come by then or not.
-        ros.spin_until(has_saved_surfaces, what="surfaces")
+        play_until(ros, ros.robot(), 3, has_saved_surfaces, "surfaces")
         for path in tmp_path.iterdir():
             shutil.rmtree(path)
         status, output = stop(process, number)

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from asker import Asker
 from live_robot import START_NS, Listener, recording, slam, tccm
-from processes import PATIENCE_S, children, play_to_process, settings, started
+from processes import PATIENCE_S, children, play_until, settings, started
 from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
@@ -55,8 +55,10 @@ def mapping_node(ros, folder, **options):
     words = settings(qos__reliability="reliable", **values)
     with started(ros.domain, "slam_node", *words, **options) as node:
         assert trigger(ros, "/surface_slam/reset").success
-        play_to_process(ros, ros.robot(), recording(2, tilt=False))
-        save_until(ros, lambda answer: answer.success)
+        play_until(
+            ros, ros.robot(), 2, lambda: trigger(ros, "/surface_slam/save_map").success,
+            "a solution", tilt=False,
+        )  # fmt: skip
         (child,) = children(node)
         shutil.rmtree(folder)
         try:
@@ -75,9 +77,11 @@ def save_until(ros, predicate):
 def hold_solution(ros, child, folder):
     """Stop the process that solves, and have records come that its newest solution is without."""
     os.kill(child, signal.SIGSTOP)
-    later = recording(1, tilt=False, start_ns=START_NS + 5 * SECOND)
-    play_to_process(ros, ros.robot(name="again"), later)
-    save_until(ros, lambda answer: "not in it" in answer.message)
+    play_until(
+        ros, ros.robot(name="again"), 1,
+        lambda: "not in it" in trigger(ros, "/surface_slam/save_map").message,
+        "records that are not in the map", tilt=False,
+    )  # fmt: skip
     shutil.rmtree(folder)
 
 
@@ -376,7 +380,7 @@ def test_a_save_after_a_drive_waits_for_what_had_come_when_it_was_asked_for(ros,
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
     robot.play(recording(2, tilt=False), node)
     asked = node.begin_save()
-    node.worker.wait(lambda: node._solve_with(RollPitch(node.newest_ns, 0.0, 0.0)))
+    node.worker.wait(lambda: node.session.add(RollPitch(node.newest_ns, 0.0, 0.0)))
     ros.spin_until(asked.done, what="the save")
     assert "not in it" not in asked.result()
 

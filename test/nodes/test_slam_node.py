@@ -1,6 +1,7 @@
 """The SLAM node over DDS: tf and pose, map and grid, save, load and reset."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,17 +61,20 @@ def test_pose_and_map_to_odom_are_published_also_without_tf(ros):
     poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
     odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
     ros.connect(node, viewer.node, "/pose", "/surface_slam/map_to_odom")
-    robot.play(recording(3, speed=0.3), node)
+    # The covariance grows from scan to scan; a solution would know the pose better.
+    node._next_solve_s = math.inf
+    robot.play(recording(3, speed=0.3, tilt=False), node)
     last_ns = node.processor.current_pose().stamp_ns
     ros.spin_until(lambda: poses and stamp_ns_from_message(poses[-1].header.stamp) == last_ns)
     ros.spin_until(
         lambda: odom and stamp_ns_from_message(odom[-1].header.stamp) == last_ns + SECOND // 10
     )
-    first, last = (np.array(p.pose.covariance).reshape(6, 6) for p in (poses[0], poses[-1]))
-    for cov in (first, last):
+    covs = [np.array(p.pose.covariance).reshape(6, 6) for p in poses]
+    for cov in covs:
         assert np.allclose(cov, cov.T)
         assert (np.linalg.eigvalsh(cov) >= -1e-12).all()
-    assert last[0, 0] > first[0, 0] > 0.0
+    # The first scan is where the map begins.
+    assert covs[-1][0, 0] > covs[1][0, 0] > 0.0
     # A metre of driving without noise: matching is as good as its grid.
     assert abs(poses[-1].pose.pose.position.x - 0.3 * 0.05 * 59) < 0.02
     assert poses[-1].header.frame_id == odom[-1].header.frame_id == "map"
@@ -119,7 +123,7 @@ def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
     node, robot = slam(ros), ros.robot()
     robot.play(recording(3, speed=0.3), node)
     wait_until_done(ros, node)
-    node.worker.wait(node._ask_solution)
+    node.worker.wait(node.session.ask_solution)
     ros.spin_until(lambda: node.solver.newest is not None and not node.solver.is_solving)
     before, solved = node.live._live, node.solver.newest
     shift = np.array([1.0, 2.0, 0.5])
@@ -129,7 +133,7 @@ def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
         keyframe=newest._replace(pose=compose2(shift, newest.pose)),
         walls=solved.map.walls._make(a[:0] for a in solved.map.walls),
     )
-    node.worker.wait(lambda: node._show(solved._replace(map=moved)))
+    node.worker.wait(lambda: node.session.take_solved(solved._replace(map=moved)))
     # At once, and with the next scan.
     assert np.allclose(node.live._live.map_odom, compose2(shift, before.map_odom), atol=0.005)
     robot.play(recording(1, start_ns=later(3.1)), node)

@@ -58,7 +58,7 @@ def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_sca
     ros, monkeypatch
 ):
     monkeypatch.setattr("tccm_ros.nodes.view_parts.PATIENCE_S", 0.0)
-    monkeypatch.setattr("tccm_ros.nodes.slam_node.SOLVE_PERIOD_S", 0.0)
+    monkeypatch.setattr("tccm_ros.nodes.solve_schedule.PERIOD_S", 0.0)
     node, asked = slam(ros), []
     monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
     for number, part in enumerate(parts(1_700_000_000_000_000_000), start=1):

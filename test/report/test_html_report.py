@@ -94,7 +94,7 @@ def test_text_from_files_is_escaped(flat_copy):
 
 def test_a_folder_with_the_required_files_alone_has_a_report(flat_copy):
     for name in ("planes.json", "cycles.npz", "cuboids.npz", "objects.json", "timing.json",
-                 "summary.json", "graph.json", "signs.json"):  # fmt: skip
+                 "summary.json", "graph.json", "signs.json", "racks.json"):  # fmt: skip
         (flat_copy / name).unlink()
     assert TIMING_START not in write_report(flat_copy).read_text(encoding="utf-8")
 

@@ -31,6 +31,7 @@ FILES = {
     "graph.json",
     "signs.json",
     "planes.json",
+    "racks.json",
     "surfaces.geojson",
     "surfaces.scene",
     "summary.json",

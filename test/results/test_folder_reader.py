@@ -13,6 +13,7 @@ OPTIONAL = (
     "graph.json",
     "objects.json",
     "planes.json",
+    "racks.json",
     "cuboids.npz",
     "cycles.npz",
     "summary.json",

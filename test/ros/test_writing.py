@@ -185,6 +185,21 @@ def test_a_view_is_read_back_with_its_open_intervals(types):
     assert bits(back.intervals) == bits(intervals)
 
 
+def test_a_view_is_read_back_with_its_hits(types):
+    intervals = np.array([[0.05, 0.15, 0.0, 1.0]], np.float32)
+    hits = np.array([[0.31, 0.12, 0.40, 0.43], [0.35, 0.12, 0.41, 0.41]], np.float32)
+    message = view_message(types, ViewIntervals(STAMP, "base", intervals, hits))
+    back = view_from_message(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message))
+    assert (bits(back.intervals), bits(back.hits)) == (bits(intervals), bits(hits))
+
+
+def test_hits_that_are_not_finite_are_refused(types):
+    hits = np.array([[0.31, 0.12, 0.40, np.inf]], np.float32)
+    message = view_message(types, ViewIntervals(STAMP, "base", hits[:0], hits))
+    with pytest.raises(MessageError, match="hits that are not finite"):
+        view_from_message(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message))
+
+
 def test_a_stamp_that_does_not_fit_a_message_is_refused():
     scan = Scan(2**31 * 10**9, "laser", 0.0, 0.1, 0.0, 0.0, 1.0, np.zeros(1, np.float32))
     with pytest.raises(MessageError, match="stamp"):

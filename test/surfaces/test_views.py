@@ -11,9 +11,10 @@ from room import Board, Room
 from surface_maps import above_floor, build, poses_at
 
 from tccm_ros.config import Config
+from tccm_ros.errors import MapError
 from tccm_ros.geometry import compose2, transform2
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.saved_map import pack_views
+from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
 from tccm_ros.surfaces.thinning import thin_cloud
 from tccm_ros.surfaces.views import empty_view, with_cloud, with_intervals, with_numbers_of
@@ -167,3 +168,16 @@ def test_a_view_s_max_range_is_to_its_farthest_column_and_a_cell_more(xy, distan
 def test_a_view_without_free_intervals_has_no_max_range():
     nothing = ViewIntervals(7, "base", np.zeros((0, 4), np.float32))
     assert with_intervals(empty_view(7, 0, CONFIG), nothing).max_range == 0.0
+
+
+def test_hits_are_saved_with_their_views_and_maps_without_them_are_read():
+    hits = np.array([[0.3, 0.1, 0.40, 0.43], [0.35, 0.1, 0.41, 0.41]], np.float32)
+    none = ViewIntervals(8, "base", np.zeros((0, 4), np.float32))
+    views = [with_intervals(empty_view(7, 0, CONFIG), ViewIntervals(7, "base", hits[:0], hits))]
+    views.append(with_intervals(empty_view(8, 0, CONFIG), none))
+    arrays = pack_views(views)
+    assert [view.hits.tolist() for view in unpack_views(arrays)] == [hits.tolist(), []]
+    older = {name: rows for name, rows in arrays.items() if not name.startswith("hits")}
+    assert [len(view.hits) for view in unpack_views(older)] == [0, 0]
+    with pytest.raises(MapError, match="damaged"):
+        unpack_views({**arrays, "hits_of": np.array([1, 2])})

@@ -1,0 +1,48 @@
+"""Saves that nobody waits for: at intervals, and when the process ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.nodes.ending import Ending
+
+
+class Saves:
+    """Saves without a request; logs each reason for a failure once in a row.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    warn
+        Logs a line.
+    """
+
+    def __init__(self, name: str, warn: Callable[[str], object]):
+        self._name, self._warn = name, warn
+        self._reason = ""
+
+    def attempt(self, save: Callable[[], object]) -> None:
+        """Save at an interval; a failure is logged, and the node goes on."""
+        try:
+            save()
+            self._reason = ""
+        except TccmError as error:
+            self._log(error)
+
+    def at_end(self, save: Callable[[], str], ending: Ending) -> None:
+        """Save as the process ends: an empty map is no failure, any other error is."""
+        try:
+            ending.saved[self._name] = save()
+            ending.failed.pop(self._name, None)
+        except MapError as error:
+            self._log(error)
+        except Exception as error:
+            ending.failed[self._name] = one_line(error)
+
+    def _log(self, error: Exception) -> None:
+        reason = one_line(error)
+        if reason != self._reason:
+            self._reason = reason
+            self._warn(f"not saved: {reason}")

@@ -1,0 +1,179 @@
+"""What is above a board: other boards, and lower sides that no surface of the map has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.racks.compartment import FaceState
+from tccm_ros.tabletop.free_places import polygon_parts
+
+MIN_HEIGHT = 0.10
+"""Lowest space that is a compartment, m; chosen: a hand."""
+
+MAX_HEIGHT = 1.0
+"""Highest, m; chosen: what is higher is put down from above."""
+
+MIN_EXTENT = 0.12
+"""Shortest side of a compartment, m; chosen: a hand."""
+
+MAX_BOARD = 0.04
+"""Thickest board, m; a lower side that was not measured is taken to be so low. Chosen: boards of
+shelves have 16 to 40 mm."""
+
+EDGE = 0.05
+"""Hits so near to the front edge of a board may be on its front, m; chosen: a board's edge errs by
+2 cm, and the rest is a cube of hits."""
+
+INNER = 0.08
+"""Hits further than this from the sides and the back are on none of them, m; chosen."""
+
+FLAT = 0.02
+"""Hits on a lower side are at most so high, m; chosen: noise on 4 cm."""
+
+MIN_COVERED = 0.2
+"""Fraction of the area below a lower side that hits on it cover at least; chosen: between scan
+lines."""
+
+MIN_FRONT_CELLS = 3
+"""A front of a board is measured at least in so many cubes along it; chosen: mixed pixels."""
+
+LOWEST = 0.1
+"""Quantile of the lowest points of the front along it: scan lines end above its lower edge, each
+column of cubes at another height. Chosen: one in ten may be a mixed pixel."""
+
+CUBE = 0.04
+"""`mapping.surface_message.HITS_CUBE`, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ceiling:
+    """What is above a part of a board, in the frame of the board.
+
+    Attributes
+    ----------
+    low, high
+        float64 (2,), corners of the part, x and y, m.
+    height
+        Of the lower side over the board, m.
+    state
+        Whether the lower side was measured.
+    above
+        Index of the board above; -1 where no surface has this lower side.
+    """
+
+    low: Float64
+    high: Float64
+    height: float
+    state: FaceState
+    above: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardAbove:
+    """A board above another one, in the frame of that.
+
+    Attributes
+    ----------
+    outline
+        Seen from above, m.
+    top
+        Height of its top, m.
+    index
+        Of the board.
+    """
+
+    outline: Polygon
+    top: float
+    index: int
+
+
+def ceilings(
+    size: Float64, boards: Sequence[BoardAbove], ends: Float64, half: Float64, is_from_below: Bool
+) -> Iterator[Ceiling]:
+    """Yield what is above the parts of a board, the lowest first.
+
+    Parameters
+    ----------
+    size
+        float64 (2,), sides of the board, whose frame is in its middle, m.
+    boards
+        Those above it.
+    ends, half
+        float64 (M, 3) and (M,), middles of hits in the frame of the board, and half their heights.
+    is_from_below
+        bool (M,), whether the sensor that measured a hit was below it.
+    """
+    left: shapely.Geometry = shapely.box(*(-0.5 * size), *(0.5 * size))
+    for board in sorted(boards, key=lambda b: (b.top, b.index)):
+        part = _widest(left.intersection(board.outline))
+        if not part.is_empty:
+            low, high = np.reshape(part.bounds, (2, 2))
+            height, state = _lower_side(low, high, board.top, ends, half, is_from_below)
+            if MIN_HEIGHT <= height <= MAX_HEIGHT:
+                yield Ceiling(low, high, height, state, board.index)
+            left = left.difference(board.outline)
+    rest = _widest(left)
+    if not rest.is_empty:
+        yield from _unnamed(rest, ends, half, is_from_below)
+
+
+def _widest(area: shapely.Geometry) -> shapely.Geometry:
+    """Return the largest polygon of an area that is nowhere narrower than `MIN_EXTENT`."""
+    opened = area.buffer(-0.5 * MIN_EXTENT, join_style="mitre")
+    largest = max(polygon_parts(opened), key=lambda part: part.area, default=Polygon())
+    return largest.buffer(0.5 * MIN_EXTENT, join_style="mitre").intersection(area)
+
+
+def _lower_side(
+    low: Float64, high: Float64, top: float, ends: Float64, half: Float64, is_from_below: Bool
+) -> tuple[float, FaceState]:
+    """Return height and state of the lower side of a board above, from its front or from below."""
+    inner = ((ends[:, :2] > low + INNER) & (ends[:, :2] < high - INNER)).all(axis=1)
+    z = ends[:, 2]
+    below = (z < top - FLAT / 4.0) & (z > top - 2.0 * MAX_BOARD)
+    seen = z[inner & below & is_from_below & (half <= 0.5 * FLAT)]
+    if len(seen) >= MIN_FRONT_CELLS**2:
+        return float(np.median(seen)), FaceState.MEASURED
+    outer = ((ends[:, :2] > low - EDGE) & (ends[:, :2] < high + EDGE)).all(axis=1)
+    fronts = []
+    for axis in range(2):
+        for edge in (low[axis], high[axis]):
+            on = outer & below & (np.abs(ends[:, axis] - edge) <= EDGE)
+            cells = np.floor(ends[on, 1 - axis] / CUBE).astype(np.int64)
+            of, which = np.unique(cells, return_inverse=True)
+            lowest = np.full(len(of), np.inf)
+            np.minimum.at(lowest, which, (z - half)[on])
+            lowest = lowest[lowest > top - 1.5 * MAX_BOARD]
+            if len(lowest) >= MIN_FRONT_CELLS:
+                fronts.append((len(lowest), float(np.quantile(lowest, LOWEST))))
+    if fronts:
+        return max(fronts)[1], FaceState.MEASURED
+    return top - MAX_BOARD, FaceState.UNKNOWN
+
+
+def _unnamed(
+    part: shapely.Geometry, ends: Float64, half: Float64, is_from_below: Bool
+) -> Iterator[Ceiling]:
+    """Yield the lowest lower side over a part of a board that no surface of the map has."""
+    low, high = np.reshape(part.bounds, (2, 2))
+    z = ends[:, 2]
+    flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)
+    inner = ((ends[:, :2] > low) & (ends[:, :2] < high)).all(axis=1) & flat
+    wanted = MIN_COVERED * part.area / CUBE**2
+    heights = np.sort(z[inner])
+    last = np.searchsorted(heights, heights + FLAT)
+    enough = np.flatnonzero(last - np.arange(len(heights)) >= wanted)
+    if not len(enough):
+        return
+    first = enough[0]
+    height = float(np.median(heights[first : last[first]]))
+    on = ends[inner & (np.abs(z - height) <= FLAT)]
+    low, high = np.maximum(low, on[:, :2].min(axis=0)), np.minimum(high, on[:, :2].max(axis=0))
+    if (high - low).min() >= MIN_EXTENT:
+        yield Ceiling(low, high, height, FaceState.MEASURED, -1)

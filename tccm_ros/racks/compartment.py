@@ -1,0 +1,117 @@
+"""A compartment: the space over a board and below what is above it, open at least at its front."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from shapely import Polygon
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.cuboids.free_columns import FreeColumns
+
+
+class FaceState(StrEnum):
+    """What is known of a side, the back or the ceiling of a compartment."""
+
+    MEASURED = "measured"
+    """Beams ended on it."""
+    OPEN = "open"
+    """Beams passed through it."""
+    UNKNOWN = "unknown"
+    """Too few beams came there to tell: neither open nor closed."""
+
+
+class SeenView(NamedTuple):
+    """What one view saw of the space near its surfaces.
+
+    Attributes
+    ----------
+    T_map_view
+        float64 (4, 4).
+    viewpoint
+        float64 (3,), position of the sensor in the view's frame, m.
+    hits
+        float64 (M, 4), as in `ViewIntervals`.
+    free
+        Columns looked through, in the view's frame.
+    """
+
+    T_map_view: Float64
+    viewpoint: Float64
+    hits: Float64
+    free: FreeColumns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpaceGrid:
+    """Cells of the space in a compartment and before its front, along the compartment's axes.
+
+    Attributes
+    ----------
+    corner
+        float64 (3,), lowest corner of the first cell, m.
+    cell
+        Edge of a cell, m.
+    seen
+        bool (X, Y, Z), whether beams passed a cell, or passed cells on both sides of it.
+    hit
+        bool (X, Y, Z), whether beams ended in it.
+    """
+
+    corner: Float64
+    cell: float
+    seen: Bool
+    hit: Bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compartment:
+    """The space over a board, or over a part of it.
+
+    Attributes
+    ----------
+    rack
+        Id of the lowest board of its rack.
+    board
+        Id of the surface that it stands on.
+    above
+        Id of the surface that is its ceiling; None where the ceiling is the lower side of what has
+        no surface in the map.
+    T_map_front
+        float64 (4, 4): the middle of the front edge, on the board; x is the direction of insertion,
+        y is to the left, z is up.
+    width, depth, height
+        Clear lengths along y, x and z, m. A face that was not measured is taken to be at the edge
+        of the board, a lower side of a board that was not measured `MAX_BOARD` below its top.
+    left, right, back, ceiling
+        What is known of its faces.
+    front_seen
+        Fraction of its front through which beams passed, 0 to 1.
+    space
+        What was seen in it.
+    """
+
+    rack: int
+    board: int
+    above: int | None
+    T_map_front: Float64
+    width: float
+    depth: float
+    height: float
+    left: FaceState
+    right: FaceState
+    back: FaceState
+    ceiling: FaceState
+    front_seen: float
+    space: SpaceGrid
+
+    @property
+    def outline(self) -> Polygon:
+        """Its part of the board seen from above, in map, m."""
+        x, y = np.array([0.0, self.depth]), 0.5 * self.width
+        corners = np.array([[x[0], -y], [x[1], -y], [x[1], y], [x[0], y]])
+        T = self.T_map_front
+        return Polygon(corners @ T[:2, :2].T + T[:2, 3])

@@ -1,0 +1,203 @@
+"""Find the compartments of racks: from surfaces, what beams ended on, and what they passed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.affinity import affine_transform
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import inverse, pose, transform
+from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
+from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
+from tccm_ros.racks.faces import Face, SeenFace, look_at
+from tccm_ros.racks.hits import Hits, hits_in_map
+from tccm_ros.racks.seen_space import seen_space
+from tccm_ros.records import Surface
+from tccm_ros.tabletop.footprints import convex_hull, rectangle
+from tccm_ros.union_find import find_root, merge_sets
+
+NEAR_RACK = 0.5
+"""Hits so near to a rack tell of it, m; chosen: more than the cells before its front."""
+
+MIN_FRONT = 0.3
+"""Fraction of a front that beams passed at least; chosen: a door may cover half of it."""
+
+FACE_MARGIN = 0.04
+"""Faces are looked at this far from the boards, m: one cube of hits."""
+
+SAME_FRONT = 0.1
+"""Of faces whose open fractions differ by less, that which the views look at from outside is the
+front; chosen: a tenth of its cells."""
+
+
+def find_compartments(
+    surfaces: Sequence[Surface], views: Sequence[SeenView]
+) -> tuple[Compartment, ...]:
+    """Return the compartments that views looked into, by rack and height.
+
+    Parameters
+    ----------
+    surfaces
+        Of the map.
+    views
+        In order of time.
+    """
+    boards = [surface for surface in surfaces if surface.label != "floor"]
+    if not boards or not views:
+        return ()
+    outlines = np.array([_outline(board) for board in boards], dtype=object)
+    hits, found = hits_in_map(views), []
+    for stack in _stacks(outlines):
+        around = shapely.union_all(outlines[stack])
+        near = hits.near(around, NEAR_RACK).still_there()
+        if not len(near.ends):
+            continue
+        of = [views[v] for v in np.unique(near.view).tolist()]
+        own = [boards[k] for k in stack]
+        spaces = [c for board in own for c in _over(board, own, near, of)]
+        rack = min((c.board for c in spaces), default=-1)
+        found += [replace(c, rack=rack) for c in spaces]
+    return tuple(sorted(found, key=lambda c: (c.rack, float(c.T_map_front[2, 3]), c.board)))
+
+
+def _outline(surface: Surface) -> shapely.Geometry:
+    return shapely.make_valid(Polygon(surface.boundary[:, :2]))
+
+
+def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
+    """Return boards that overlap seen from above, each with those that it overlaps."""
+    parent = np.arange(len(outlines)).astype(np.int32)
+    for a, b in shapely.STRtree(outlines).query(outlines, "intersects").T.tolist():
+        merge_sets(parent, a, b)
+    groups: dict[int, list[int]] = {}
+    for k in range(len(outlines)):
+        groups.setdefault(int(find_root(parent, k)), []).append(k)
+    return list(groups.values())
+
+
+def _over(
+    board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
+) -> Iterator[Compartment]:
+    """Yield the compartments over a board."""
+    T_map_board, size = _frame(board)
+    T_board = inverse(T_map_board)
+    above = [
+        BoardAbove(_in_frame(other, T_board), other.height - board.height, k)
+        for k, other in enumerate(stack)
+        if other.height > board.height
+    ]
+    ends = transform(T_board, hits.ends)
+    is_from_below = hits.origins[:, 2] < hits.ends[:, 2]
+    for ceiling in ceilings(size, above, ends, hits.half, is_from_below):
+        other = None if ceiling.above < 0 else stack[ceiling.above].id
+        found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
+        if found is not None:
+            yield found
+
+
+def _frame(surface: Surface) -> tuple[Float64, Float64]:
+    """Return the pose (4, 4) of the smallest rectangle around a surface, level, and its sides."""
+    x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
+    normal = surface.normal
+    z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
+    return pose(_yaw(yaw), np.array([x, y, z])), np.array([length, width])
+
+
+def _yaw(yaw: float) -> Float64:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _in_frame(surface: Surface, T_board: Float64) -> shapely.Geometry:
+    (a, b), (c, d) = T_board[:2, :2]
+    return affine_transform(_outline(surface), [a, b, c, d, *T_board[:2, 3]])
+
+
+def _compartment(
+    board: int,
+    above: int | None,
+    T_map_board: Float64,
+    ceiling: Ceiling,
+    hits: Hits,
+    views: Sequence[SeenView],
+) -> Compartment | None:
+    """Return the compartment below a ceiling; None where no view looked into it.
+
+    Parameters
+    ----------
+    board, above
+        Ids of the board, and of that above it.
+    T_map_board, ceiling
+        The frame of the board, and the ceiling in it.
+    hits, views
+        Near the rack.
+    """
+    middle, half = 0.5 * (ceiling.low + ceiling.high), 0.5 * (ceiling.high - ceiling.low)
+    height = ceiling.height - 2.0 * FACE_MARGIN
+    if height <= 0.0:
+        return None
+    faces = [_face(T_map_board, middle, half, height, k) for k in range(4)]
+    seen = [look_at(face, hits, views) for face in faces]
+    front = _front(faces, seen, hits)
+    if seen[front].passed < MIN_FRONT:
+        return None
+    right, back, left = (seen[(front + k) % 4] for k in (1, 2, 3))
+    is_along = front % 2 == 0  # its normal is the x axis of the board
+    depth, width = 2.0 * (half if is_along else half[::-1])
+    depth += _offset(back)
+    width += _offset(left) + _offset(right)
+    T_face = faces[front].T_map_face
+    T = T_face.copy()
+    T[:3, 0], T[:3, 1] = -T_face[:3, 0], -T_face[:3, 1]
+    T[:3, 3] += 0.5 * (_offset(left) - _offset(right)) * T[:3, 1]
+    T[2, 3] -= FACE_MARGIN
+    size = np.array([depth, width, ceiling.height])
+    return Compartment(
+        rack=board,
+        board=board,
+        above=above,
+        T_map_front=T,
+        width=float(width),
+        depth=float(depth),
+        height=ceiling.height,
+        left=left.state,
+        right=right.state,
+        back=back.state,
+        ceiling=ceiling.state,
+        front_seen=seen[front].passed,
+        space=seen_space(T, size, hits, views),
+    )
+
+
+def _face(T_map_board: Float64, middle: Float64, half: Float64, height: float, k: int) -> Face:
+    """Return the k-th face around a part of a board, counter-clockwise from that towards x."""
+    normal = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][k])
+    T = np.eye(4)
+    T[:3, :3] = _yaw(0.5 * math.pi * k)
+    T[:3, 3] = [*(middle + normal * half), FACE_MARGIN]
+    return Face(T_map_board @ T, 2.0 * float(half[1 - k % 2]), height)
+
+
+def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
+    """Return the index of the face that is most open, and of those alike faces the views."""
+    best = max(face.passed for face in seen)
+    eyes = hits.origins.mean(axis=0)
+
+    def towards(k: int) -> float:
+        T = faces[k].T_map_face
+        return float((eyes - T[:3, 3]) @ T[:3, 0])
+
+    alike = [k for k, face in enumerate(seen) if face.passed >= best - SAME_FRONT]
+    return max(alike, key=lambda k: (towards(k), -k))
+
+
+def _offset(face: SeenFace) -> float:
+    """Return how far outside of the board's edge a face is, m; 0 where it was not measured."""
+    return face.offset if face.state == FaceState.MEASURED else 0.0

@@ -1,0 +1,127 @@
+"""Faces of a compartment: whether beams ended on them, or passed through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.racks.compartment import FaceState, SeenView
+from tccm_ros.racks.hits import Hits
+
+CELL = 0.05
+"""Edge of a cell of a face, m; chosen: a little more than a cube of hits."""
+
+ON_FACE = 0.06
+"""Hits are on a face so near to it, m; chosen: the edges of boards err by 2 cm, and a back may
+stand off by the rest."""
+
+PASSED = 0.06
+"""A beam that ended so far beyond a face passed it, m: further than what is on it."""
+
+STATE_FRACTION = 0.5
+"""A face is measured, or open, where more than this fraction of it is; chosen: most of it."""
+
+MIN_COSINE = 0.3
+"""Beams more inclined to a face than this do not tell of it; chosen: 17 degrees."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Face:
+    """A vertical rectangle.
+
+    Attributes
+    ----------
+    T_map_face
+        float64 (4, 4): the middle of its lower edge; x is its outward normal, z is up.
+    width, height
+        Along y and z, m.
+    """
+
+    T_map_face: Float64
+    width: float
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
+class SeenFace:
+    """What was seen of a face.
+
+    Attributes
+    ----------
+    measured, passed
+        Fractions of its area on which beams ended, and which they passed without an end near it.
+    offset
+        Where it is measured along its outward normal, m; 0 where no beam ended on it.
+    """
+
+    measured: float
+    passed: float
+    offset: float
+
+    @property
+    def state(self) -> FaceState:
+        """What is known of it."""
+        if self.measured >= STATE_FRACTION * (self.measured + self.passed) and (
+            self.measured >= 0.5 * STATE_FRACTION
+        ):
+            return FaceState.MEASURED
+        return FaceState.OPEN if self.passed >= STATE_FRACTION else FaceState.UNKNOWN
+
+
+def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
+    """Return what was seen of a face.
+
+    Parameters
+    ----------
+    face
+        In map.
+    hits
+        Near it.
+    views
+        Their free columns tell of beams that ended further away.
+    """
+    shape = max(round(face.width / CELL), 1), max(round(face.height / CELL), 1)
+    size = np.array([face.width / shape[0], face.height / shape[1]])
+    T_face = inverse(face.T_map_face)
+    ends, origins = transform(T_face, hits.ends), transform(T_face, hits.origins)
+    measured, passed = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+    corner = np.array([-0.5 * face.width, 0.0])
+
+    def mark(cells: Bool, points: Float64) -> None:
+        index = np.floor((points - corner) / size).astype(np.int64)
+        inside = ((index >= 0) & (index < shape)).all(axis=1)
+        cells[tuple(index[inside].T)] = True
+
+    on = np.abs(ends[:, 0]) <= ON_FACE
+    mark(measured, ends[on, 1:])
+    crossing = (np.abs(ends[:, 0]) > PASSED) & (ends[:, 0] * origins[:, 0] < 0.0)
+    a, b = origins[crossing], ends[crossing]
+    mark(passed, (a + (b - a) * (a[:, :1] / (a[:, :1] - b[:, :1])))[:, 1:])
+    y, z = (corner[k] + (np.arange(shape[k]) + 0.5) * size[k] for k in range(2))
+    middles = np.stack(np.meshgrid([0.0], y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    for view in views:
+        passed |= _columns_passed(face, middles, view).reshape(shape)
+    passed &= ~measured
+    inside = on & (np.abs(ends[:, 1]) < 0.5 * face.width) & (np.abs(ends[:, 2]) < face.height)
+    offset = float(np.median(ends[inside, 0])) if inside.any() else 0.0
+    return SeenFace(float(measured.mean()), float(passed.mean()), offset)
+
+
+def _columns_passed(face: Face, points: Float64, view: SeenView) -> Bool:
+    """Return at which points (N, 3) of a face a view looked through it, bool (N,).
+
+    Its beams start at its viewpoint: where columns before and behind the face are free on the way
+    through a point, beams passed it. The columns are so far from the face that none contains it.
+    """
+    T_view_face = inverse(view.T_map_view) @ face.T_map_face
+    at, normal = transform(T_view_face, points), T_view_face[:3, 0]
+    along = at - view.viewpoint
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    cosine = np.abs(along @ normal)
+    step = along * (np.sqrt(2.0) * view.free.cell_size / np.maximum(cosine, MIN_COSINE))[:, None]
+    is_free = view.free.contains(at - step) & view.free.contains(at + step)
+    return np.asarray((cosine >= MIN_COSINE) & is_free)

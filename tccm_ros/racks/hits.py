@@ -1,0 +1,98 @@
+"""What the beams of several views ended on, in map, without what has gone since."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.geometry import transform
+from tccm_ros.racks.compartment import SeenView
+
+NEAR_BEAMS = 0.04
+"""Beams of a newer view pass a hit where they are this near to it, m: one cube of hits."""
+
+MIN_BEAMS = 3
+"""So many of them, and none that ended there, tell that a hit has gone; chosen: one may be a mixed
+pixel, or pass beside an edge."""
+
+BEYOND = 0.08
+"""They ended so far behind it, m; chosen: two cubes of hits."""
+
+MAX_VIEWS = 30
+"""Of the views that saw a rack, so many with the most hits are used; chosen: it has been seen from
+everywhere by then, and the time of a solution has a bound."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """Ends of beams in map.
+
+    Attributes
+    ----------
+    ends, origins
+        float64 (M, 3), middle of the points of each hit, and the sensor that measured it, m.
+    half
+        float64 (M,), half the height of each, m.
+    view
+        int64 (M,), index of the view.
+    """
+
+    ends: Float64
+    origins: Float64
+    half: Float64
+    view: Int64
+
+    def chosen(self, keep: Bool) -> Hits:
+        """Return those of which `keep`, bool (M,), is true."""
+        return Hits(self.ends[keep], self.origins[keep], self.half[keep], self.view[keep])
+
+    def near(self, outline: shapely.Geometry, distance: float) -> Hits:
+        """Return those within a distance, m, of the box around an outline, seen from above."""
+        low_x, low_y, high_x, high_y = outline.bounds
+        x, y = self.ends[:, 0], self.ends[:, 1]
+        inside = (x > low_x - distance) & (x < high_x + distance)
+        return self.chosen(inside & (y > low_y - distance) & (y < high_y + distance))
+
+    def still_there(self) -> Hits:
+        """Return those of the views that saw most, without what a newer view looked through."""
+        views, counts = np.unique(self.view, return_counts=True)
+        views = np.sort(views[np.argsort(-counts, kind="stable")[:MAX_VIEWS]])
+        keep = np.isin(self.view, views)
+        for v in views:
+            older = np.flatnonzero(keep & (self.view < v))
+            newer = np.flatnonzero(self.view == v)
+            if len(older) and len(newer) >= MIN_BEAMS:
+                keep[older[self._are_looked_through(older, newer)]] = False
+        return self.chosen(keep)
+
+    def _are_looked_through(self, older: Int64, newer: Int64) -> Bool:
+        """Return which of the older hits the beams of a newer view pass, bool (len(older),)."""
+        origin = self.origins[newer[0]]
+        beams, away = self.ends[newer] - origin, self.ends[older] - origin
+        ranges, distances = np.linalg.norm(beams, axis=1), np.linalg.norm(away, axis=1)
+        near, k = cKDTree(beams / ranges[:, None]).query(
+            away / distances[:, None], MIN_BEAMS, distance_upper_bound=1.0
+        )
+        is_near = near * distances[:, None] <= NEAR_BEAMS
+        ended = np.append(ranges, np.inf)[k]
+        return np.asarray((is_near & (ended >= distances[:, None] + BEYOND)).all(axis=1))
+
+
+def hits_in_map(views: Sequence[SeenView]) -> Hits:
+    """Return the hits of views, in their order."""
+    ends, origins, half, of = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)], []
+    for view in views:
+        low, high = view.hits[:, 2], view.hits[:, 3]
+        middle = np.column_stack([view.hits[:, :2], 0.5 * (low + high)])
+        eye = transform(view.T_map_view, view.viewpoint[None])
+        ends.append(transform(view.T_map_view, middle))
+        origins.append(np.repeat(eye, len(low), axis=0))
+        half.append(0.5 * (high - low))
+        of.append(len(low))
+    index = np.repeat(np.arange(len(views)), of)
+    return Hits(np.concatenate(ends), np.concatenate(origins), np.concatenate(half), index)

@@ -1,0 +1,94 @@
+"""The space in a compartment and before it: cells that beams passed, and cells in which they ended.
+
+Each hit is the end of a beam that starts at its sensor, so that free space is known up to what was
+hit, finer than the columns that a view looked through. These tell of beams that ended further away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import binary_closing
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.racks.compartment import SeenView, SpaceGrid
+from tccm_ros.racks.hits import Hits
+
+CELL = 0.03
+"""Edge of a cell, m; chosen: less than the distance of hits, so that a cell has one or none."""
+
+BEFORE = 0.42
+"""The cells begin so far before the front, m; chosen: the length of a hand and a forearm."""
+
+BESIDE = 0.15
+"""They end so far beside the compartment, m; chosen: half the width of a hand beyond its edge."""
+
+STEP = 0.015
+"""Distance of the samples on a beam, m: half a cell."""
+
+END = 0.03
+"""A beam's last length is not taken for free, m: a cell."""
+
+
+def seen_space(
+    T_map_front: Float64, size: Float64, hits: Hits, views: Sequence[SeenView]
+) -> SpaceGrid:
+    """Return what was seen in a compartment and before it.
+
+    Parameters
+    ----------
+    T_map_front, size
+        float64 (4, 4) as of `Compartment`, and (3,): depth, width and height, m.
+    hits, views
+        Near it.
+    """
+    low = np.array([-BEFORE, -0.5 * size[1] - BESIDE, 0.0])
+    high = np.array([size[0] + CELL, 0.5 * size[1] + BESIDE, size[2]])
+    shape = np.ceil((high - low) / CELL).astype(np.int64)
+    T_front = inverse(T_map_front)
+    ends, origins = transform(T_front, hits.ends), transform(T_front, hits.origins)
+    seen, hit = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+    _mark_beams(seen, origins, ends, low, low + shape * CELL)
+    for part in (-1.0, -0.5, 0.0, 0.5, 1.0):
+        points = ends + np.array([0.0, 0.0, 1.0]) * (part * hits.half)[:, None]
+        index = np.floor((points - low) / CELL).astype(np.int64)
+        inside = ((index >= 0) & (index < shape)).all(axis=1)
+        hit[tuple(index[inside].T)] = True
+    axes = [low[k] + (np.arange(shape[k]) + 0.5) * CELL for k in range(3)]
+    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    for view in views:
+        rest = np.flatnonzero(~seen.ravel())
+        at = transform(inverse(view.T_map_view) @ T_map_front, middles[rest])
+        seen.ravel()[rest[view.free.contains(at)]] = True
+    padded = np.pad(seen, 1, mode="edge")
+    closed = binary_closing(padded, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1]
+    return SpaceGrid(low, CELL, (closed | seen) & ~hit, hit)
+
+
+def _mark_beams(
+    seen: Bool,
+    origins: Float64,
+    ends: Float64,
+    low: Float64,
+    high: Float64,
+) -> None:
+    """Mark the cells that beams passed, up to `END` before their ends."""
+    way = ends - origins
+    length = np.linalg.norm(way, axis=1)
+    way = way / np.maximum(length, END)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.sort(np.stack([(low - origins) / way, (high - origins) / way]), axis=0)
+    first = np.nan_to_num(t[0], nan=-np.inf).max(axis=1).clip(0.0)
+    last = np.minimum(np.nan_to_num(t[1], nan=np.inf).min(axis=1), length - END)
+    crosses = last > first
+    origins, way, first, last = (a[crosses] for a in (origins, way, first, last))
+    count = int(np.ceil((last - first).max(initial=0.0) / STEP))
+    for k in range(count):
+        at = first + (k + 0.5) * STEP
+        inside = at < last
+        points = origins[inside] + at[inside, None] * way[inside]
+        index = np.floor((points - low) / CELL).astype(np.int64)
+        index = np.clip(index, 0, np.array(seen.shape) - 1)
+        seen[tuple(index.T)] = True

@@ -1,0 +1,294 @@
+"""Racks of boards at random, and a robot that looks into them: worlds with their true spaces."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import cos, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.racks.insertions import APPROACH, Hand, InsertionSpace
+from tccm_ros.replay.run import run_bag
+from tccm_sim.engine import Simulation
+from tccm_sim.flat import stop_and_scan
+from tccm_sim.motion import Waypoint
+from tccm_sim.options import Options
+from tccm_sim.recording import record
+from tccm_sim.rooms import box_room
+from tccm_sim.scene import Scene
+from tccm_sim.truth import map_from_world
+
+SENSORS = {
+    "laser": {},
+    "camera": {"robot": "fetch"},
+    "lidar": {"lidar": True, "tilt": False},
+}
+"""Simulator options by the kind of sensor."""
+
+ROOM = (4.6, 4.4)
+PAUSE = 5.4
+
+
+@dataclass(frozen=True)
+class TrueSpace:
+    """The space between two boards.
+
+    Attributes
+    ----------
+    T_world_front
+        float64 (4, 4), middle of the front edge, x inward, y to the left, z up.
+    width, depth, height
+        m.
+    closed
+        Which of left, right and back have a panel.
+    """
+
+    T_world_front: np.ndarray
+    width: float
+    depth: float
+    height: float
+    closed: tuple[bool, bool, bool]
+
+
+@dataclass(frozen=True)
+class Rack:
+    """A world with a rack, and the spaces in it from the lowest up."""
+
+    world: object
+    spaces: tuple[TrueSpace, ...]
+    options: Options
+
+
+def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
+    """Return the rack of a seed, seen by a kind of sensor; `settings` are simulator options."""
+    rng = np.random.default_rng(seed)
+    scene = Scene()
+    box_room(scene, (0.0, ROOM[0]), (0.0, ROOM[1]))
+    width, depth = rng.uniform(0.6, 1.2), rng.uniform(0.28, 0.45)
+    thickness, yaw = rng.uniform(0.018, 0.03), rng.uniform(-0.25, 0.25) + pi / 2
+    count = int(rng.integers(2, 7))
+    closed = tuple(bool(rng.random() < p) for p in (0.6, 0.6, 0.5))
+    front = np.array([ROOM[0] / 2 + rng.uniform(-0.5, 0.5), 2.9])
+    tops = rng.uniform(0.33, 0.45) + np.cumsum(np.r_[0.0, rng.uniform(0.26, 0.42, count - 1)])
+    place = _Place(scene, front, yaw, width, depth)
+    for k, top in enumerate(tops):
+        place.box(f"board {k}", (0.0, depth), (-width / 2, width / 2), (top - thickness, top),
+                  surface=f"board {k}")  # fmt: skip
+    high = tops[-1]
+    for is_closed, v, u in (
+        (closed[0], (0.0, depth), (width / 2, width / 2 + 0.018)),
+        (closed[1], (0.0, depth), (-width / 2 - 0.018, -width / 2)),
+        (closed[2], (depth, depth + 0.012), (-width / 2, width / 2)),
+    ):
+        if is_closed:
+            place.box("panel", v, u, (0.0, high))
+    for u in (width / 2 - 0.015, -width / 2 + 0.015):  # posts of what has no panels
+        if not closed[0 if u > 0 else 1]:
+            for v in (0.015, depth - 0.015):
+                place.box("post", (v - 0.012, v + 0.012), (u - 0.012, u + 0.012), (0.0, high))
+    if rng.random() < 0.3:
+        _door(place, rng, tops, width)
+    for k, top in enumerate(tops[:-1]):
+        free = tops[k + 1] - thickness - top
+        for _ in range(int(rng.integers(0, 3))):
+            _object(place, rng, top, free)
+    spaces = tuple(
+        TrueSpace(place.T_world(0.0, 0.0, low), width, depth, up - thickness - low, closed)
+        for low, up in pairwise(tops)
+    )
+    options = Options(**SENSORS[sensor], **settings)
+    return Rack(_world(scene, front, yaw, seed, rng, options), spaces, options)
+
+
+class _Place:
+    """A rack's own axes: v inward from the front, u to the left, z up."""
+
+    def __init__(self, scene, front, yaw, width, depth):
+        self.scene, self.front, self.yaw = scene, front, yaw
+        self.width, self.depth = width, depth
+
+    def T_world(self, v, u, z):
+        c, s = cos(self.yaw), sin(self.yaw)
+        T = np.eye(4)
+        T[:2, :2] = [[c, -s], [s, c]]
+        T[:3, 3] = [self.front[0] + c * v - s * u, self.front[1] + s * v + c * u, z]
+        return T
+
+    def box(self, name, v, u, z, angle=0.0, **traits):
+        spans = np.array([v, u, z])
+        middle = self.T_world(*spans.mean(axis=1))[:3, 3]
+        size = spans[:, 1] - spans[:, 0]
+        self.scene.box(name, size, middle, (0.0, 0.0, self.yaw + angle), **traits)
+
+
+def _door(place, rng, tops, width):
+    """Add a door that stands open, before the lowest space, hinged on the left."""
+    angle, leaf = rng.uniform(1.2, 2.0), 0.5 * width
+    hinge = np.array([0.0, width / 2])
+    along = np.array([-sin(angle), -cos(angle)])
+    middle = hinge + 0.5 * leaf * along + [-0.01, 0.0]
+    half = np.array([0.5 * leaf, 0.008])
+    place.box(
+        "door",
+        (middle[0] - half[0], middle[0] + half[0]),
+        (middle[1] - half[1], middle[1] + half[1]),
+        (tops[0], tops[1]),
+        angle=float(np.arctan2(along[1], along[0])),
+    )
+
+
+def _object(place, rng, top, free):
+    """Add an object to a board; it may touch another one."""
+    edge, height = rng.uniform(0.06, 0.14), min(rng.uniform(0.08, 0.22), free - 0.03)
+    v = rng.uniform(0.09, max(place.depth - 0.09, 0.1))
+    u = rng.uniform(-0.5, 0.5) * (place.width - 0.3)
+    place.box("thing", (v - edge / 2, v + edge / 2), (u - edge / 2, u + edge / 2),
+              (top, top + height), role="object")  # fmt: skip
+
+
+def _world(scene, front, yaw, seed, rng, options):
+    """Return the world in which the robot stops at three places before the rack."""
+    route = []
+    for side in rng.permutation([-0.5, 0.0, 0.5]):
+        far = rng.uniform(1.15, 1.5)
+        angle = yaw + pi + side
+        x, y = front + far * np.array([cos(angle), sin(angle)])
+        route.append(Waypoint(float(x), float(y), float(angle + pi), PAUSE))
+    return stop_and_scan(f"rack {seed}", scene, route, options)
+
+
+def mapped(rack: Rack, seed: int, folder, config=None):
+    """Return the outcome of a replay of a rack's recording, and float64 (4, 4) map from world."""
+    simulation = Simulation(rack.world, seed, rack.options)
+    bag = record(simulation, folder, overwrite=True)
+    return run_bag(bag, config or Config()), map_from_world(simulation)
+
+
+def same_space(found, spaces, T_map_world):
+    """Return the true space that a compartment is; None where there is none at its place."""
+    for space in spaces:
+        T = inverse(T_map_world @ space.T_world_front) @ found.T_map_front
+        is_here = abs(T[2, 3]) < 0.02 and np.abs(T[:2, 3]).max() < 0.1 and T[0, 0] > 0.95
+        if is_here and abs(found.height - space.height) < 0.05:
+            return space
+    return None
+
+
+class Insertions(NamedTuple):
+    """Of insertions at random: true and visible ones, those of them that are offered, offered ones
+    that cut a solid, and points that were looked at in offered ones."""
+
+    free: int
+    offered: int
+    cut: int
+    points: int
+
+
+CLEARANCE = 0.02
+"""Stays free around swept boxes, m: the default of `PlacementRequest`."""
+
+MAX_EYES = 12
+"""Places of sensors from which boxes are looked at: more see nothing else."""
+
+VISIBLE = 0.97
+"""Fraction of points of a swept box that sensors could see, of a box that could be seen."""
+
+
+def insertions(rack, outcome, T_map_world, count, seed):
+    """Compare insertions at random with the solids.
+
+    An insertion counts as free where its box and `CLEARANCE` around it cut no solid, and as
+    visible where the sensor could see nearly all of it from some of its places: nothing can be
+    said of the rest.
+    """
+    rng = np.random.default_rng(seed)
+    frozen, tally = rack.world.scene.freeze(), np.zeros(4, int)
+    eyes = _eyes(outcome, T_map_world)
+    for found in outcome.solution.compartments:
+        true = same_space(found, rack.spaces, T_map_world)
+        if true is None:
+            continue
+        space = InsertionSpace(found)
+        T_world_found = inverse(T_map_world) @ found.T_map_front
+        for _ in range(count):
+            size, hand = rng.uniform(0.05, [0.15, 0.15, 0.2]), Hand(*rng.uniform(0.05, 0.13, 2))
+            low, high = 0.5 * size[:2] + CLEARANCE, [true.depth, 0.5 * true.width]
+            middle = rng.uniform([low[0], low[1] - high[1]], np.subtract(high, low))
+            high = max(size[2], hand.height) + CLEARANCE
+            if high > true.height:
+                continue
+            room = _swept(rng, middle, size, hand, CLEARANCE, 2000)
+            room = transform(true.T_world_front, room)
+            is_free = not _inside(frozen.solids, room).any() and _visible(frozen, eyes, room[:60])
+            at = transform(inverse(T_world_found) @ true.T_world_front, [[*middle, 0.0]])[0, :2]
+            grown = size + np.array([2.0, 2.0, 1.0]) * CLEARANCE
+            wide = Hand(hand.width + 2 * CLEARANCE, hand.height + CLEARANCE)
+            is_offered = _is_offered(space, at, grown, wide)
+            tally[0] += is_free
+            tally[1] += is_free and is_offered
+            if is_offered:
+                points = transform(T_world_found, _swept(rng, at, size, hand, 0.0, 300))
+                tally[2] += _inside(frozen.solids, points).any()
+                tally[3] += len(points)
+    return Insertions(*tally.tolist())
+
+
+def cuts(rack, space, T_map_world, place, request, count=2000):
+    """Return how many points of a placement's swept box are in a solid."""
+    rng, T = np.random.default_rng(0), space.T_map_front
+    middle = transform(inverse(T), place.position[None])[0, :2]
+    along = abs(np.cos(place.yaw) * T[0, 0] + np.sin(place.yaw) * T[1, 0]) > 0.5
+    sides = (request.size_x, request.size_y) if along else (request.size_y, request.size_x)
+    hand = Hand(request.hand_width, request.hand_height)
+    points = _swept(rng, middle, (*sides, request.height), hand, 0.0, count)
+    return int(_inside(rack.world.scene.solids, transform(inverse(T_map_world) @ T, points)).sum())
+
+
+def _is_offered(space, middle, size, hand):
+    """Return whether an insertion is among those that are found free."""
+    height, (x, y) = max(size[2], hand.height), middle
+    is_on = x >= 0.5 * size[0] and abs(y) + 0.5 * size[1] <= 0.5 * space.compartment.width
+    if not is_on or height > space.compartment.height:
+        return False
+    depth = space.depth_at(y, max(size[1], hand.width), space.depths(height))
+    return depth >= x + 0.5 * size[0]
+
+
+def _eyes(outcome, T_map_world):
+    """Return where the sensors were in the views with most hits, in the world."""
+    views, poses = outcome.slam.map.views, outcome.solution.view_poses.T_map_view
+    seen = [(-len(v.hits), k) for k, v in enumerate(views) if v.viewpoint is not None]
+    return [
+        transform(inverse(T_map_world) @ poses[k], views[k].viewpoint[None])[0]
+        for _, k in sorted(seen)[:MAX_EYES]
+    ]
+
+
+def _swept(rng, middle, size, hand, margin, count):
+    """Return points (count, 3) in a swept box, in the frame of a front; 3 mm are the board's."""
+    width, height = max(size[1], hand.width) + 2 * margin, max(size[2], hand.height) + margin
+    x = rng.uniform(-APPROACH, middle[0] + 0.5 * size[0] + margin, count)
+    y = middle[1] + rng.uniform(-0.5, 0.5, count) * width
+    return np.column_stack([x, y, rng.uniform(0.003, height, count)])
+
+
+def _inside(solids, points):
+    """Return which points (N, 3) in the world are in a box, bool (N,)."""
+    inside = np.zeros(len(points), bool)
+    for solid in solids:
+        local = np.abs(transform(inverse(solid.T_world_solid), points))
+        inside |= (local < solid.half).all(axis=1)
+    return inside
+
+
+def _visible(frozen, eyes, points):
+    seen = np.zeros(len(points), bool)
+    for eye in eyes:
+        way = points - eye
+        ranges = np.linalg.norm(way, axis=1)
+        origins = np.repeat(eye[None], len(points), axis=0)
+        hits, _ = frozen.cast(origins, way / ranges[:, None], np.zeros(len(points)))
+        seen |= hits > ranges
+    return seen.mean() >= VISIBLE

@@ -1,0 +1,64 @@
+"""Ceilings: boards above a board with their lower sides, and lower sides without a surface."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tccm_ros.racks.ceilings import MAX_BOARD, BoardAbove, ceilings
+from tccm_ros.racks.compartment import FaceState
+
+SIZE = np.array([1.0, 0.4])
+BOARD = shapely.box(-0.5, -0.2, 0.5, 0.2)
+NOTHING = np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool)
+
+
+def lower_side(z, x=(-0.5, 0.5), y=(-0.2, 0.2)):
+    """Return hits of beams from below on a lower side."""
+    grid = np.array([[a, b, z] for a in np.arange(*x, 0.05) for b in np.arange(*y, 0.05)])
+    return grid, np.full(len(grid), 0.002), np.ones(len(grid), bool)
+
+
+def front(top, thickness):
+    """Return hits of beams from above on the front of a board, one for each cube along it."""
+    x = np.arange(-0.48, 0.5, 0.04)
+    ends = np.column_stack([x, np.full(len(x), -0.2), np.full(len(x), top - 0.5 * thickness)])
+    return ends, np.full(len(x), 0.5 * thickness), np.zeros(len(x), bool)
+
+
+def test_the_front_of_a_board_above_tells_its_lower_side():
+    (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], *front(0.35, 0.02))
+    assert (found.above, found.state) == (7, FaceState.MEASURED)
+    assert found.height == pytest.approx(0.33)
+
+
+def test_a_lower_side_that_was_not_measured_is_unknown_and_taken_to_be_low():
+    (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], *NOTHING)
+    assert (found.state, found.height) == (FaceState.UNKNOWN, 0.35 - MAX_BOARD)
+
+
+def test_a_cupboard_over_a_part_of_a_counter_is_above_that_part_alone():
+    part = shapely.box(0.0, -0.05, 0.5, 0.2)
+    (found,) = ceilings(SIZE, [BoardAbove(part, 0.6, 3)], *NOTHING)
+    np.testing.assert_allclose([found.low, found.high], [[0.0, -0.05], [0.5, 0.2]], atol=1e-9)
+
+
+def test_the_lowest_of_two_boards_above_is_the_ceiling():
+    boards = [BoardAbove(BOARD, 0.8, 2), BoardAbove(BOARD, 0.4, 1)]
+    assert [c.above for c in ceilings(SIZE, boards, *NOTHING)] == [1]
+
+
+def test_slivers_beside_a_board_above_are_no_parts():
+    boards = [BoardAbove(BOARD, 0.8, 2), BoardAbove(BOARD.buffer(-0.03), 0.4, 1)]
+    assert [c.above for c in ceilings(SIZE, boards, *NOTHING)] == [1]
+
+
+def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below():
+    ends, half, is_from_below = lower_side(0.5)
+    (found,) = ceilings(SIZE, [], ends, half, is_from_below)
+    assert (found.above, found.state) == (-1, FaceState.MEASURED)
+    assert found.height == pytest.approx(0.5)
+    assert list(ceilings(SIZE, [], ends, half, ~is_from_below)) == []
+
+
+def test_a_small_lower_side_is_none():
+    assert list(ceilings(SIZE, [], *lower_side(0.5, x=(0.0, 0.15), y=(0.0, 0.15)))) == []

@@ -1,0 +1,94 @@
+"""Racks at random, mapped from a recording: their compartments against the solids."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_racks import cuts, insertions, mapped, random_rack, same_space
+from slam_run import drive, new_slam
+
+from tccm_ros.racks.compartment import FaceState
+from tccm_ros.stages import OptionalStages
+from tccm_ros.surfaces import surface_slam
+from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.tabletop.placements import Approach, PlacementRequest
+
+HEIGHT, LENGTH = 0.01, 0.02
+"""Clear heights are right to the first, widths and depths to the second, m (bench_racks.py)."""
+
+
+@pytest.fixture(scope="module", params=[1, 2, 4])
+def rack(request, tmp_path_factory):
+    made = random_rack(request.param)
+    outcome, T_map_world = mapped(made, request.param, tmp_path_factory.mktemp("rack"))
+    return made, outcome, T_map_world
+
+
+def test_every_compartment_that_was_looked_into_is_found_and_no_other(rack):
+    made, outcome, T = rack
+    pairs = [same_space(found, made.spaces, T) for found in outcome.solution.compartments]
+    assert None not in pairs
+    assert sorted({id(true) for true in pairs}) == sorted(map(id, made.spaces))
+    assert len(pairs) == len(made.spaces)
+
+
+def test_compartments_have_their_clear_lengths(rack):
+    made, outcome, T = rack
+    for found in outcome.solution.compartments:
+        true = same_space(found, made.spaces, T)
+        assert abs(found.height - true.height) < HEIGHT
+        assert abs(found.width - true.width) < LENGTH
+        assert abs(found.depth - true.depth) < LENGTH
+        away = np.linalg.inv(T @ true.T_world_front) @ found.T_map_front
+        assert np.abs(away[:3, 3]).max() < LENGTH
+        assert away[0, 0] > np.cos(0.02)
+
+
+def test_a_face_is_not_called_open_where_there_is_a_panel_nor_closed_where_there_is_none(rack):
+    made, outcome, T = rack
+    for found in outcome.solution.compartments:
+        true = same_space(found, made.spaces, T)
+        for state, is_closed in zip((found.left, found.right, found.back), true.closed):
+            assert state != (FaceState.OPEN if is_closed else FaceState.MEASURED)
+        assert found.ceiling == FaceState.MEASURED
+
+
+def test_swept_boxes_cut_no_solid_and_free_insertions_that_could_be_seen_are_offered(rack):
+    made, outcome, T = rack
+    tally = insertions(made, outcome, T, count=60, seed=0)
+    assert tally.points > 1000
+    assert tally.cut == 0
+    assert tally.offered > 0.6 * tally.free > 0.0
+
+
+def test_what_is_put_through_the_front_has_a_swept_box_that_cuts_no_solid(
+    rack,
+):
+    made, outcome, T = rack
+    solution = outcome.solution
+    queries = SurfaceQueries(
+        solution.surfaces, solution.objects, solution.floor_z, solution.compartments
+    )
+    request = PlacementRequest(
+        0.08, 0.12, 0.14, approach=Approach.FRONT, hand_width=0.1, hand_height=0.1
+    )
+    found = queries.find_placements(SurfaceFilter(), request)
+    assert found
+    for place in found:
+        space = next(c for c in solution.compartments if c.board == place.surface)
+        assert cuts(made, space, T, place, request) == 0
+    above = queries.find_placements(
+        SurfaceFilter(), replace(request, approach=Approach.ABOVE, hand_height=0.3)
+    )
+    boards = {c.board for c in solution.compartments}
+    assert not boards & {p.surface for p in above}, "no hand is over an object below a board"
+
+
+def test_the_stages_of_a_map_that_fails_at_its_racks_go_on_without_them(monkeypatch):
+    monkeypatch.delenv("TCCM_STRICT")
+    monkeypatch.setattr(surface_slam, "find_compartments", lambda *_: 1 / 0)
+    stages = OptionalStages()
+    solution = drive(new_slam()).solve(stages=stages)
+    assert solution.compartments == ()
+    assert [name.split(":")[0] for name in stages.failed] == ["racks"]
+    assert solution.surfaces

@@ -1,0 +1,62 @@
+"""Faces of compartments: measured, open or unknown."""
+
+import numpy as np
+
+from tccm_ros.cuboids.free_columns import FreeColumns
+from tccm_ros.geometry import spatial
+from tccm_ros.racks.compartment import FaceState, SeenView
+from tccm_ros.racks.faces import Face, look_at
+from tccm_ros.racks.hits import hits_in_map
+from tccm_ros.records import ViewIntervals
+
+EYE = np.array([0.0, 0.0, 0.4])
+FACE = Face(spatial(np.array([2.0, 0.0, np.pi])), 0.8, 0.6)
+"""It faces the sensor."""
+
+GRID = np.array([[y, z] for y in np.arange(-0.6, 0.6, 0.03) for z in np.arange(0.0, 0.8, 0.03)])
+
+
+def seen(distances, free=None):
+    """Return what is seen of the face by beams over a grid that end at distances."""
+    ends = np.column_stack([np.full(len(GRID), FACE.T_map_face[0, 3]), GRID])
+    ends = EYE + (ends - EYE) * (distances / ends[:, 0])[:, None]
+    hits = np.column_stack([ends, ends[:, 2]])
+    hits = hits[np.isfinite(distances)]
+    columns = FreeColumns.of(free, 0.1)
+    views = [SeenView(np.eye(4), EYE, hits, columns)]
+    return look_at(FACE, hits_in_map(views), views)
+
+
+def test_beams_that_end_on_a_face_measure_it_and_where_it_is():
+    face = seen(np.full(len(GRID), 2.03))
+    assert face.state == FaceState.MEASURED
+    assert face.measured > 0.9
+    assert face.passed == 0.0
+    assert abs(face.offset + 0.03) < 1e-9  # outward is towards the sensor
+
+
+def test_beams_that_end_behind_a_face_passed_it():
+    face = seen(np.full(len(GRID), 2.4))
+    assert face.state == FaceState.OPEN
+    assert face.passed > 0.9
+    assert face.offset == 0.0
+
+
+def test_nothing_is_told_by_beams_that_end_before_a_face():
+    face = seen(np.full(len(GRID), 1.5))
+    assert (face.state, face.measured, face.passed) == (FaceState.UNKNOWN, 0.0, 0.0)
+
+
+def test_posts_leave_a_face_open():
+    is_post = np.abs(np.abs(GRID[:, 0]) - 0.38) < 0.02
+    assert seen(np.where(is_post, 2.0, 2.4)).state == FaceState.OPEN
+
+
+def test_free_columns_before_and_behind_a_face_on_the_way_of_a_beam_tell_that_it_is_open():
+    """Columns beside the face alone tell nothing: a beam need not have passed it."""
+    xy = [[x, y] for x in np.arange(0.05, 3.0, 0.1) for y in np.arange(-1.45, 1.5, 0.1)]
+    rows = np.column_stack([xy, np.full(len(xy), -0.5), np.full(len(xy), 1.5)]).astype(np.float32)
+    nothing = np.full(len(GRID), np.inf)
+    assert seen(nothing, ViewIntervals(1, "base", rows)).state == FaceState.OPEN
+    before = rows[rows[:, 0] < 2.0]
+    assert seen(nothing, ViewIntervals(1, "base", before)).state == FaceState.UNKNOWN

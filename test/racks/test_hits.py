@@ -1,0 +1,49 @@
+"""Hits of views in map, and those that have gone."""
+
+import numpy as np
+
+from tccm_ros.cuboids.free_columns import FreeColumns
+from tccm_ros.geometry import spatial
+from tccm_ros.racks.compartment import SeenView
+from tccm_ros.racks.hits import hits_in_map
+
+EYE = np.array([0.0, 0.0, 1.0])
+WALL_X, BOX_X = 2.0, 1.5
+GRID = np.array([[y, z] for y in np.arange(-0.5, 0.5, 0.04) for z in np.arange(0.5, 1.5, 0.04)])
+
+
+def view(hits, pose=(0.0, 0.0, 0.0)):
+    return SeenView(spatial(np.array(pose)), EYE, hits, FreeColumns.of(None, 0.1))
+
+
+def rows(x, yz):
+    """Return hits of 2 cm at a distance x."""
+    return np.column_stack([np.full(len(yz), x), yz[:, 0], yz[:, 1] - 0.01, yz[:, 1] + 0.01])
+
+
+def is_box(yz):
+    return (np.abs(yz) <= [0.1, np.inf]).all(axis=1) & (np.abs(yz[:, 1] - 1.0) <= 0.1)
+
+
+def test_hits_and_sensors_move_with_the_pose_of_their_view():
+    hits = hits_in_map([view(rows(1.0, np.array([[0.0, 0.5]])), (1.0, 2.0, np.pi / 2))])
+    np.testing.assert_allclose(hits.ends, [[1.0, 3.0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(hits.origins, [[1.0, 2.0, 1.0]], atol=1e-12)
+    np.testing.assert_allclose(hits.half, [0.01])
+
+
+def test_what_a_newer_view_looked_through_has_gone_and_all_else_is_still_there():
+    box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
+    left = hits_in_map([view(np.concatenate([box, wall])), view(wall, (0.02, 0.0, 0.0))])
+    ends = left.still_there().ends
+    assert not (np.abs(ends[:, 0] - BOX_X) < 0.1).any()
+    assert (np.abs(ends[:, 0] - WALL_X) < 0.1).sum() == 2 * len(wall)
+
+
+def test_what_no_newer_view_looked_at_is_still_there():
+    box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
+    beside = wall[np.abs(wall[:, 1]) > 0.3]
+    hits = hits_in_map([view(np.concatenate([box, wall])), view(beside)])
+    assert len(hits.still_there().ends) == len(box) + len(wall) + len(beside)
+    newer = hits_in_map([view(wall), view(np.concatenate([box, wall]))])
+    assert len(newer.still_there().ends) == len(box) + 2 * len(wall)

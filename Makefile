@@ -1,4 +1,4 @@
-# make demo | make messages | make test | make test-lowest | make bench | make lint | make build | make docs | make reference | make figures
+# make demo | make messages | make test | make test-fast | make test-lowest | make bench | make lint | make build | make docs | make reference | make figures
 #
 # Everything lives in .venv, which is made when it is missing or what it is made from has changed. Each
 # target installs what it needs: demo and the nodes what runs, the others tests and tools as well.
@@ -20,7 +20,7 @@ export MPLBACKEND := Agg
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
 
-.PHONY: demo messages test test-lowest bench lint build docs reference figures clean
+.PHONY: demo messages test test-fast test-lowest bench lint build docs reference figures clean
 
 # The replay needs no ROS messages.
 demo: $(VENV)/.wheels
@@ -29,8 +29,15 @@ demo: $(VENV)/.wheels
 # The messages of the nodes, which work without them but for typed topics and questions.
 messages: $(STAMP)
 
+# A worker has the tests of a file in one piece, so that what a module makes is made once; who is done takes from others.
+PYTEST := -m pytest -n $(JOBS) --dist worksteal
+
 test: $(TESTING)
-	@$(BIN)/python -m pytest -n $(JOBS) test
+	@$(BIN)/python $(PYTEST) test
+
+# For the inner loop: without DDS, whole recordings and installations (`SLOW` in test/conftest.py).
+test-fast: $(TESTING)
+	@$(BIN)/python $(PYTEST) -m "not slow" test
 
 # The lowest versions that setup.py allows, in an environment of their own.
 test-lowest: $(VENV)/.wheels

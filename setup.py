@@ -89,6 +89,7 @@ setup(
             "managed_tccm_node = tccm_ros.nodes.start:managed_tccm_node",
             "managed_slam_node = tccm_ros.nodes.start:managed_slam_node",
             "view_node = tccm_ros.nodes.start:view_node",
+            "approach_node = tccm_ros.nodes.start:approach_node",
             "player_node = tccm_ros.nodes.start:player_node",
             "all_in_one = tccm_ros.nodes.start:all_in_one",
             "tccm = tccm_ros.cli:main",

@@ -16,6 +16,7 @@ def generate_launch_description() -> LaunchDescription:
         "use_sim_time": ("false", "whether time is that of /clock"),
         "namespace": ("", "of both nodes and their topics"),
         "managed": ("false", "whether a lifecycle manager configures and activates the nodes"),
+        "approach": ("false", "whether approach_node is started, which moves the base when asked"),
         "tilt_scan": ("tilt_scan", "topic of the tilting laser, sensor_msgs/LaserScan"),
         "scan": ("scan", "topic of the level laser, sensor_msgs/LaserScan"),
         "odometry": ("odom", "topic of the odometry, nav_msgs/Odometry"),
@@ -42,11 +43,13 @@ def generate_launch_description() -> LaunchDescription:
     }
     managed = LaunchConfiguration("managed")
     plain, waiting = {"condition": UnlessCondition(managed)}, {"condition": IfCondition(managed)}
+    asked = {"condition": IfCondition(LaunchConfiguration("approach"))}
     executables = {
         "tccm_node": ("tccm", plain),
         "slam_node": ("surface_slam", plain),
         "managed_tccm_node": ("tccm", waiting),
         "managed_slam_node": ("surface_slam", waiting),
+        "approach_node": ("approach", asked),
     }
     return LaunchDescription(
         [

@@ -9,7 +9,9 @@ from tccm_ros.nodes.map_client import SurfaceMapClient
 from tccm_ros.nodes.map_records import (
     BoxState,
     Found,
+    MapCompartment,
     MapEvent,
+    MapFoundObject,
     MapLocalisation,
     MapObject,
     MapPlacement,
@@ -22,7 +24,9 @@ from tccm_ros.nodes.map_records import (
 __all__ = [
     "BoxState",
     "Found",
+    "MapCompartment",
     "MapEvent",
+    "MapFoundObject",
     "MapLocalisation",
     "MapObject",
     "MapPlacement",

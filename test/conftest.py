@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -17,17 +18,34 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-RERUNS = 1
-"""Discovery between participants is asynchronous: a test over DDS that fails is tried once more."""
+SLOW = (
+    "agents", "bags/test_topics.py", "baselines/test_seed_segmentation.py", "calibrate",
+    "fleet/test_merge.py", "fleet/test_run.py", "fleet/test_task.py", "interfaces", "nodes",
+    "replay", "slam/signs", "surfaces/test_changes_in_a_recording.py",
+    "surfaces/test_changes_over_time.py", "surfaces/test_growing_map.py",
+    "surfaces/test_registration.py", "surfaces/test_sequence_of_changes.py",
+    "surfaces/test_sessions_of_recordings.py", "test_cli.py", "test_packaging.py",
+    "test_stages.py", "warm_up",
+)  # fmt: skip
+"""Folders and files of tests that take seconds each: `make test-fast` is without them."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Have the tests over DDS, and these alone, run again where they fail."""
-    if not config.pluginmanager.hasplugin("rerunfailures"):
-        return
+    """Mark the tests that are slow."""
+    root = Path(__file__).parent
+    slow = tuple(root / name for name in SLOW)
     for item in items:
-        if {"ros", "domain"} & set(getattr(item, "fixturenames", ())):
-            item.add_marker(pytest.mark.flaky(reruns=RERUNS))
+        if any(item.path.is_relative_to(path) for path in slow):
+            item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(scope="session")
+def session_files(tmp_path_factory):
+    """Files that the workers of the session have in common."""
+    from session_files import SessionFiles
+
+    base = tmp_path_factory.getbasetemp()
+    return SessionFiles((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "common")
 
 
 @pytest.fixture(scope="session")

@@ -37,6 +37,7 @@ ROOMS = [
     "rooms",
     "racks",
     "surfaces",
+    "approach",
     "ros",
     "bags",
     "results",

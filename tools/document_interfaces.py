@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "reference" / "interfaces.md"
 
 HEAD = f"""\
-# Messages, services and the action
+# Messages, services and actions
 
 What the package `{PACKAGE}` defines; `interfaces/README.md` says how it is built. Units are SI; a
 unit of `-` says that there is none, and where none stands, the fields of the type have their own.

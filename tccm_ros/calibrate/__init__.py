@@ -1,1 +1,1 @@
-"""Calibrate the rig from what it sees, and check it while running."""
+"""Calibrate the rig from recordings, and check it at run time."""

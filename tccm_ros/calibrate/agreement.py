@@ -1,7 +1,7 @@
-"""Agreement of several recordings on one rig: each is estimated alone, and the estimates compared.
+"""Agreement of several recordings on one rig: compare the estimates of single recordings.
 
-Between two recordings somebody may have moved the laser or set the tilt's zero anew. One rig fitted
-to both would be wrong for both.
+Between two recordings, the laser may have been moved, or the zero of the tilt changed. One rig
+fitted to both would be wrong for both.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from tccm_ros.calibrate.solver import covariance
 from tccm_ros.errors import BagError
 
 MIN_PROBABILITY = 1e-4
-"""Recordings with a less probable disagreement are not of one rig (chosen)."""
+"""Minimum probability of a disagreement between recordings of one rig (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedQuantity:
-    """One parameter as several recordings determine it.
+    """One parameter as estimated from several recordings.
 
     Attributes
     ----------
     name
-        As in `UNITS`.
+        Name as in `UNITS`.
     bags
         Names of the recordings that determine it.
     values, sigmas
-        The estimate of each and its standard deviation, rad, 1, m or s.
+        Estimates and their standard deviations, rad, 1, m or s.
     """
 
     name: str
@@ -43,17 +43,17 @@ class ComparedQuantity:
 
     @property
     def chi_square(self) -> float:
-        """Sum of squared deviations over variances, its mean the number of recordings less one."""
+        """Sum of squared deviations over variances; its mean is the number of recordings - 1."""
         values, weights = np.array(self.values), 1.0 / np.array(self.sigmas) ** 2
         return float(np.sum(weights * (values - np.average(values, weights=weights)) ** 2))
 
     @property
     def probability(self) -> float:
-        """Probability that recordings of one rig disagree at least as much."""
+        """Probability of at least this disagreement between recordings of one rig."""
         return float(chi2.sf(self.chi_square, len(self.values) - 1))
 
     def text(self) -> str:
-        """Return the smallest and the largest value, with their bags."""
+        """Return a line with the smallest and the largest value, and their bags."""
         unit, factor = UNITS[self.name]
         low, high = int(np.argmin(self.values)), int(np.argmax(self.values))
         shown = [
@@ -66,7 +66,7 @@ class ComparedQuantity:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """All parameters that two recordings or more determine.
+    """The parameters that at least two recordings determine.
 
     Attributes
     ----------
@@ -78,12 +78,12 @@ class Agreement:
 
     @property
     def differing(self) -> tuple[ComparedQuantity, ...]:
-        """Parameters that differ between recordings, the clearest first."""
+        """Parameters that differ between recordings, the most significant first."""
         off = [one for one in self.compared if one.probability < MIN_PROBABILITY]
         return tuple(sorted(off, key=lambda one: -one.chi_square / len(one.values)))
 
     def check(self) -> None:
-        """Raise an error that names what differs.
+        """Raise an error that names differing parameters, if there are any.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class Agreement:
             raise BagError(f"the recordings are not of one rig: {found}; calibrate them separately")
 
     def to_json(self) -> list[dict[str, Any]]:
-        """Return everything as plain numbers."""
+        """Return all values as plain numbers."""
         return [
             {
                 "name": one.name,
@@ -112,7 +112,7 @@ class Agreement:
 def compare(bags: Sequence[str], estimates: Sequence[Estimate]) -> Agreement:
     """Compare the estimates of single recordings.
 
-    No weak parameter is fixed before: a wrong fixed value would move the others.
+    Weak parameters are not fixed: a wrong fixed value would bias the others.
     """
     found = [_free(estimate) for estimate in estimates]
     result = []
@@ -125,7 +125,7 @@ def compare(bags: Sequence[str], estimates: Sequence[Estimate]) -> Agreement:
 
 
 def _free(estimate: Estimate) -> dict[str, tuple[float, float]]:
-    """Return value and standard deviation of the free parameters."""
+    """Return values and standard deviations of the free parameters, by name."""
     cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
     sigmas = np.full(len(estimate.free), np.nan)
     sigmas[estimate.free] = np.sqrt(np.diag(cov))

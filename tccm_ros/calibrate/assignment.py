@@ -21,12 +21,12 @@ from tccm_ros.calibrate.surroundings import (
 )
 
 WALL_MARGIN = 0.2
-"""Max distance of the level laser's hits beyond the part of a wall that the tilting laser saw, m
+"""Maximum distance of level laser hits beyond the part of a wall observed by the tilting laser, m
 (chosen)."""
 
 VARIED_SPEED = 0.3
-"""A time offset may be determined if this fraction of the joint's speed is not linear in its angle
-(chosen)."""
+"""Minimum fraction of the joint's speed that is not linear in its angle, for a time offset to be
+observable (chosen)."""
 
 
 def assigned(
@@ -37,20 +37,20 @@ def assigned(
     gates: tuple[float, float],
     level_gate: float,
 ) -> Problem:
-    """Assign hits to planes under the current estimate.
+    """Return a problem with hits assigned to planes under the current estimate.
 
     Parameters
     ----------
     problem
-        With its planes; its hits are replaced.
+        Problem with its planes; its hits are replaced.
     x
         float64 (P,), the estimate.
     recording, patches
         The input, and its patches.
     gates
-        Largest distance (m) and angle (rad) of a patch to its plane.
+        Maximum distance (m) and angle (rad) of a patch to its plane.
     level_gate
-        Largest distance of a hit of the level laser to its wall, m.
+        Maximum distance of a level laser hit to its wall, m.
     """
     model, places = problem.model, recording.places[patches.centers.cycle]
     values = RigValues.of_vector(x[problem.layout.rig])
@@ -73,16 +73,17 @@ def assigned(
 
 
 def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -> Bool:
-    """Return which parameters have hits that may determine them, bool (P,).
+    """Return a mask (P,) of the parameters with hits that may determine them.
 
     Parameters
     ----------
     problem
-        With its hits assigned.
+        Problem with assigned hits.
     values
         The rig.
     floor_is_known
-        Whether the floor's height in the base frame is given: else the laser's height is not seen.
+        Whether the floor's height in the base frame is known; otherwise the laser's height is not
+        observable.
     """
     layout = problem.layout
     free = np.zeros(layout.size, bool)
@@ -98,14 +99,14 @@ def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -
     free[layout.rig.start + 3] = floor_is_known and bool(seen[FLOOR])
     free[layout.rig.start + 4] = _speeds_vary(problem, values)
     walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
-    # A pan zero and a yaw of the level laser look alike: a head believes the level laser.
+    # A pan zero and a yaw of the level laser are indistinguishable: a head trusts the level laser.
     free[layout.rig.start + 5] = bool(walls) and problem.model.pans
     free[layout.level] = bool(walls) and not problem.model.pans
     return free
 
 
 def _seen_planes(problem: Problem, x: Float64) -> Planes:
-    """Return the planes, those that were not found at an infinite distance."""
+    """Return the planes; missing ones are at an infinite distance."""
     planes, found = problem.planes(x), problem.surroundings
     if found.floor is None:
         planes.offsets[planes.number == FLOOR] = np.inf
@@ -118,7 +119,7 @@ def _seen_planes(problem: Problem, x: Float64) -> Planes:
 def _on_walls(
     problem: Problem, x: Float64, scans: LevelScans, place: int, tilt_hits: Float64, gate: float
 ) -> LevelHits:
-    """Assign hits of the level laser to walls that the tilting laser saw."""
+    """Assign level laser hits to walls observed by the tilting laser."""
     T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
     T = scans.T_place_base @ T
     points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
@@ -140,9 +141,9 @@ def _on_walls(
 
 
 def _speeds_vary(problem: Problem, values: RigValues) -> bool:
-    """Return whether a time offset looks different from a zero and a scale.
+    """Return whether a time offset is distinguishable from a zero offset and a scale.
 
-    One-way tilt cycles at an even speed shift all angles alike, and so does a zero.
+    Tilt cycles in one direction at constant speed shift all angles equally, like a zero offset.
     """
     if not len(problem.plane):
         return False

@@ -1,9 +1,9 @@
-"""When the beams of a level laser were measured: their order and its delay.
+"""Estimate the beam order and latency of a level laser.
 
-Drivers stamp the end of a rotation instead of its start, or publish the beams of a laser that
-rotates clockwise in the order of their bearings. While the robot turns, scans that are placed by
-the wrong times are bent and disagree with odometry. Here each pair of scans is matched for several
-directions and delays; those that make the steps of matching and odometry agree are proposed.
+Some drivers stamp the end of a rotation instead of its start, or publish the beams of a clockwise
+laser in the order of bearings. While the robot turns, scans with wrong beam times are distorted and
+disagree with odometry. Pairs of scans are matched for several directions and delays; those for
+which matching agrees with odometry are proposed.
 """
 
 from __future__ import annotations
@@ -37,40 +37,42 @@ from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, inverse, transform_points
 
 MIN_YAW_RATE = 0.2
-"""Robots that yaw slower (rad/s) bend a scan of 0.1 s by less than its noise: 3 cm at 1.5 m."""
+"""Minimum yaw rate (rad/s): below it, a scan of 0.1 s is distorted by less than its noise, 3 cm at
+1.5 m."""
 
 MIN_PAIRS, MAX_PAIRS = 15, 40
-"""Pairs of scans that tell anything; those that are used at most, as each costs time (chosen)."""
+"""Minimum number of pairs of scans, and maximum number to limit the computing time (chosen)."""
 
 MAX_GAP = 0.5
-"""Time (s) between two scans of a pair at most: odometry drifts (chosen)."""
+"""Maximum time (s) between two scans of a pair, as odometry drifts (chosen)."""
 
 READ_TIME = 120.0
-"""Time (s) of a recording that is read (chosen: robots yaw within two minutes)."""
+"""Duration (s) of a recording to read (chosen: robots turn within two minutes)."""
 
 OF_ROBOT = ("joint_states", "robot_description", "tf", "tf_static")
-"""Roles that tell where the level laser is."""
+"""Roles that determine the pose of the level laser."""
 
 OFFSETS, FINE_OFFSETS = np.arange(-6, 3) / 4.0, np.array([-1.0, 1.0]) / 8.0
-"""Delays that are tried, in rotations: first, and then around the best of them."""
+"""Candidate delays in rotations: first, and then around the best of them."""
 
 MAX_CHI2 = 50.0
-"""Squared deviation of a step over odometry's variance, at most: a match that failed (chosen)."""
+"""Maximum squared deviation of a step over odometry's variance; beyond it, a match has failed
+(chosen)."""
 
 EXPECTED_CHI2, SIGNIFICANT = 3.0, 4.0
-"""Mean for three degrees of freedom where times are right; improvement of the mean of all pairs, in
-its standard deviations, that is no accident (chosen)."""
+"""Expected mean for three degrees of freedom and correct times, and minimum improvement of the mean
+over all pairs, in its standard deviations (chosen)."""
 
 
 class BeamTiming(NamedTuple):
-    """A direction and a delay, and how well matching then agrees with odometry.
+    """A direction and a delay, with the agreement of matching and odometry.
 
     Attributes
     ----------
     reverse, time_offset
-        As ``scan.reverse`` and ``scan.time_offset`` (s).
+        Values of ``scan.reverse`` and ``scan.time_offset`` (s).
     step_error
-        Root mean square of the steps' differences from odometry: m, rad.
+        Root mean square difference of steps from odometry: m, rad.
     """
 
     reverse: bool
@@ -79,16 +81,17 @@ class BeamTiming(NamedTuple):
 
 
 class BeamTimingEstimate(NamedTuple):
-    """What a recording tells of the times of beams.
+    """Estimated beam times of a recording.
 
     Attributes
     ----------
     configured, best
-        As the recording and configuration say, and as agrees best with odometry.
+        Timing as configured, and timing with the best agreement with odometry.
     is_significant
-        Whether the configured one disagrees with odometry and the best one agrees better.
+        Whether the configured timing disagrees with odometry and the best one is significantly
+        better.
     pairs
-        Pairs of scans that tell.
+        Number of pairs of scans used.
     """
 
     configured: BeamTiming
@@ -110,21 +113,21 @@ class BeamTimingEstimate(NamedTuple):
 def read_beam_timing(
     bag: Path | str, config: Config | None = None, remap: Sequence[str] = ()
 ) -> BeamTimingEstimate | None:
-    """Return what the first minutes of a bag tell of its level laser; None where they do not.
+    """Return the beam times of a bag's level laser; None if they are not observable.
 
     Parameters
     ----------
     bag
         A rosbag2 folder, an .mcap or a .db3 file.
     config
-        ``scan.*`` as it is believed to be.
+        Believed values of ``scan.*``.
     remap
-        ``scan:=/base_scan`` for topics with other names.
+        Remappings such as ``scan:=/base_scan``.
 
     Raises
     ------
     BagError, TopicError
-        If the bag cannot be read, or names of topics are in doubt.
+        If the bag cannot be read, or topic names are ambiguous.
     """
     config = config or Config()
     with BagReader(bag) as reader:
@@ -145,12 +148,12 @@ def read_beam_timing(
 
 
 class BeamTimer:
-    """Collects level scans and odometry, for `estimate`.
+    """Collects level scans and odometry for `estimate`.
 
     Parameters
     ----------
     config
-        ``scan.*``, as the scans were read with it, ``matching.*`` and ``odometry.*``.
+        ``scan.*`` with which the scans were read, ``matching.*`` and ``odometry.*``.
     """
 
     def __init__(self, config: Config) -> None:
@@ -159,14 +162,14 @@ class BeamTimer:
         self._odometry: dict[int, Float64] = {}
 
     def add(self, event: object) -> None:
-        """Take a posed level scan or a sample of odometry; other events are passed over."""
+        """Add a posed level scan or an odometry sample; other events are ignored."""
         if isinstance(event, PosedScan) and event.has_odometry:
             self._scans.append(event)
         elif isinstance(event, Odometry):
             self._odometry[event.stamp_ns] = planar(event.T_odom_base)
 
     def estimate(self) -> BeamTimingEstimate | None:
-        """Return the times that agree with odometry; None where too few scans tell."""
+        """Return the timing that agrees with odometry; None with too few pairs of scans."""
         track = _Track(self._odometry)
         pairs = list(_turning_pairs(self._scans, track))
         if len(pairs) < MIN_PAIRS:
@@ -190,7 +193,7 @@ class BeamTimer:
 
 
 def _rotation(pairs: Sequence[tuple[PosedScan, PosedScan]]) -> float:
-    """Return the time (s) of a rotation: that of the beams, else from scan to scan."""
+    """Return the duration (s) of a rotation, from beam times or else between scans."""
     scan = pairs[0][0].scan
     beams = abs(scan.time_increment) * len(scan.ranges)
     return beams or min((b.scan.stamp_ns - a.scan.stamp_ns) * 1e-9 for a, b in pairs)
@@ -205,13 +208,13 @@ class _Track:
         self._poses[:, 2] = np.unwrap(self._poses[:, 2])
 
     def at(self, stamps_ns: Int64) -> Float64:
-        """Return poses (N, 3), held at the ends."""
+        """Return interpolated poses (N, 3), held at the ends."""
         since, known = ((t - self.stamps_ns[0]).astype(float) for t in (stamps_ns, self.stamps_ns))
         return np.stack([np.interp(since, known, column) for column in self._poses.T], axis=-1)
 
 
 class _Steps:
-    """The steps of pairs of scans with one direction and delay, against odometry."""
+    """Steps between pairs of scans for one direction and delay, compared with odometry."""
 
     def __init__(
         self,
@@ -250,7 +253,7 @@ def _mean_chi2(steps: _Steps) -> float:
 def _turning_pairs(
     scans: Sequence[PosedScan], track: _Track
 ) -> Iterator[tuple[PosedScan, PosedScan]]:
-    """Yield scans that follow each other while the robot yaws, with odometry around them."""
+    """Yield consecutive scans while the robot turns, with odometry around them."""
     if len(track.stamps_ns) < MIN_PAIRS:
         return
     first_ns, last_ns = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
@@ -265,7 +268,7 @@ def _turning_pairs(
 
 
 def _level_scan(posed: PosedScan, track: _Track, config: Config, read_offset: float) -> LevelScan:
-    """Return a scan whose beams are placed by other times than it was read with."""
+    """Return a scan with corrected beam times."""
     shifted = replace(posed.scan, stamp_ns=posed.scan.stamp_ns - round(read_offset * 1e9))
     scan = timed_scan(shifted, config)
     valid = valid_beams(scan, config)
@@ -283,7 +286,7 @@ def _level_scan(posed: PosedScan, track: _Track, config: Config, read_offset: fl
 
 
 def _moved(poses: Float64, points: Float64) -> Float64:
-    """Return points (N, 2), each moved by its own pose (N, 3)."""
+    """Return points (N, 2), each transformed by its own pose (N, 3)."""
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x, y = points.T
     return np.column_stack([c * x - s * y + poses[:, 0], s * x + c * y + poses[:, 1]])

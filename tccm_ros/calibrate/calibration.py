@@ -26,7 +26,7 @@ from tccm_ros.errors import BagError
 from tccm_ros.progress import Bars, Silent
 
 MAX_CYCLES_OF_ALL, MIN_CYCLES = 48, 4
-"""Tilt cycles that are used of all bags together, and of each bag at least (chosen: more cost
+"""Maximum number of tilt cycles from all bags, and minimum per bag (chosen: limits the computing
 time)."""
 
 Pose6 = tuple[float, float, float, float, float, float]
@@ -34,28 +34,28 @@ Pose6 = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """The corrected parameters of a rig, with what they rest on.
+    """The corrected parameters of a rig, and their basis.
 
     Attributes
     ----------
     bags
         Names of the bags.
     rig
-        The corrected parameters of the group `rig`; what is not determined is as configured.
+        The corrected parameters of the group `rig`; undetermined ones are as configured.
     before
-        The configured ones.
+        The configured parameters.
     judgement
         Quantities with standard deviations and covariance, and why others were not estimated.
     recording
-        What was used.
+        The data used.
     rooms
         Floor and ceiling of each bag.
     agreement
-        How well several bags agree on the rig, None for one.
+        Agreement of several bags on the rig; None for a single bag.
     assumptions
-        What the result rests on, one sentence each.
+        Assumptions of the result, one sentence each.
     beams
-        When the beams of the level laser are measured, None where that is as configured.
+        Corrected beam times of the level laser; None if the configured ones are correct.
     """
 
     bags: tuple[str, ...]
@@ -69,7 +69,7 @@ class Calibration:
     beams: BeamTiming | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain numbers, rounded to 1e-6."""
+        """Return all values as plain numbers, rounded to 1e-6."""
         names = self.observability.determined
         return {
             "format": "tccm_ros/calibration",
@@ -100,7 +100,7 @@ class Calibration:
         }
 
     def text(self) -> str:
-        """Return the result for people."""
+        """Return the result as text for users."""
         noun = "depth image" if self.recording.cycles[0].is_image else "tilt cycle"
         lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.cycles), noun)}"]
         for q in self.observability.quantities:
@@ -139,7 +139,7 @@ class Calibration:
         return "\n".join(lines) + "\n"
 
     def _beam_lines(self) -> list[str]:
-        """Return the lines that tell when the beams of the level laser are measured."""
+        """Return the YAML lines with the beam times of the level laser."""
         if self.beams is None:
             return []
         return [
@@ -149,7 +149,7 @@ class Calibration:
         ]
 
     def _tilt_joint_lines(self) -> list[str]:
-        """Return the lines that name the tilt joint of a head, by which a camera is corrected."""
+        """Return the YAML lines with the tilt joint of a head, for corrections of a camera."""
         cycle = self.recording.cycles[0]
         if not cycle.is_image:
             return []
@@ -178,29 +178,29 @@ def calibrate(
     trust: Trust | None = None,
     bars: Bars | None = None,
 ) -> Calibration:
-    """Estimate the errors of a rig from recordings of a floor, and perhaps ceiling and walls.
+    """Estimate the errors of a rig from recordings of a floor, and optionally ceiling and walls.
 
     Parameters
     ----------
     bags
         One or several rosbag2 folders, .mcap or .db3 files, all of one rig.
     config
-        What the rig is believed to be; what is not determined stays so.
+        Believed parameters of the rig; undetermined ones are kept.
     remap
-        ``scan:=/base_scan`` for topics with other names.
+        Remappings such as ``scan:=/base_scan``.
     floor_z
-        Height of the floor in the base frame, m. None: 0 where a frame whose name ends in
-        ``footprint`` says so, else the height of the laser stays.
+        Height of the floor in the base frame, m. None: 0 if a frame whose name ends in
+        ``footprint`` is at that height, else the configured height of the laser is kept.
     trust
-        Standard deviations of what is assumed of buildings and bases.
+        Standard deviations of the assumptions on buildings and bases.
     bars
-        Where progress is shown.
+        Progress bars.
 
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
-        Where a bag cannot be read, the laser cannot be placed, nothing flat was seen, or bags are
-        not of one rig.
+        Where a bag cannot be read, the laser has no pose, no plane was observed, or the bags are of
+        different rigs.
     """
     config, trust, bars = config or Config(), trust or Trust(), bars or Silent()
     paths = [bags] if isinstance(bags, Path | str) else list(bags)
@@ -226,7 +226,7 @@ def calibrate(
 
 
 def _beams(paths: Sequence[Path | str], config: Config, remap: Sequence[str]) -> BeamTiming | None:
-    """Return the times that the first bag tells in which they are not as configured."""
+    """Return the beam times of the first bag in which they differ from the configured ones."""
     for path in paths:
         found = read_beam_timing(path, config, remap)
         if found is not None and found.is_significant:

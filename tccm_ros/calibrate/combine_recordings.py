@@ -1,7 +1,7 @@
 """Combine several recordings of one rig into one.
 
-Each recording keeps its own time base, joint samples and places. Only the rig is shared, so the
-lasers must be mounted alike in all of them.
+Each recording keeps its own time base, joint samples and places. Only the rig is common, so the
+lasers must be mounted identically in all of them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tccm_ros.errors import FrameError
 from tccm_ros.robot.chain import JointReading
 
 SAME = 1e-4
-"""Fixed transforms are equal within this, m and 1 (chosen: numeric noise of robot descriptions)."""
+"""Tolerance of equal fixed transforms, m and 1 (chosen: rounding in robot descriptions)."""
 
 
 def combine_recordings(recordings: Sequence[Recording]) -> Recording:
@@ -24,7 +24,7 @@ def combine_recordings(recordings: Sequence[Recording]) -> Recording:
     Raises
     ------
     FrameError
-        If a laser is mounted in another way in another bag.
+        If a laser is mounted differently in two bags.
     """
     first = recordings[0]
     for other in recordings[1:]:
@@ -47,7 +47,7 @@ def combine_recordings(recordings: Sequence[Recording]) -> Recording:
 
 
 def _names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names without repetition: bags of the same name get a number."""
+    """Return unique names: bags of equal name get a number."""
     return tuple(
         name if names.count(name) == 1 else f"{name} ({number})"
         for number, name in enumerate(names, 1)
@@ -69,7 +69,7 @@ def _check_same_rig(first: Recording, other: Recording) -> None:
 
 
 def _difference(a: CycleScans, b: CycleScans) -> str | None:
-    """Return how the chain to the tilting laser differs, None if it does not."""
+    """Return how the chains to the tilting laser differ; None if they are equal."""
     names = [[part.name for part, _ in cycle.chain.parts] for cycle in (a, b)]
     if names[0] != names[1]:
         return f"its tilting laser is moved by {names[1]}, not by {names[0]}"

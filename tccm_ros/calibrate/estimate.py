@@ -1,4 +1,4 @@
-"""Estimate the rig from a recording: first guess, planes, refinement through narrowing gates."""
+"""Estimate the rig from a recording: first guess, plane search, refinement with narrowing gates."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ GATES = tuple(
     for distance, angle in ((0.30, 12.0), (0.15, 8.0), (0.08, 5.0), (0.05, 3.5), (0.03, 2.5),
                             (0.03, 2.5))
 )  # fmt: skip
-"""Max distance (m) and angle (rad) of a patch to its plane in each round (chosen: they halve until
+"""Maximum distance (m) and angle (rad) of a patch to its plane in each round (chosen: halved until
 the noise of patches limits them)."""
 
 STRICT_FACTOR = 0.05
-"""Factor on the standard deviations of vertical walls and horizontal ceilings while solving
+"""Factor on the standard deviations of vertical walls and horizontal ceilings in the solver
 (chosen)."""
 
 ROUGH_GATE = 0.1
-"""While gates are wider than this, m, scale, time offset and range bias are fixed (chosen:
-furniture that is taken for floor or wall would distort them)."""
+"""Gate, m, above which scale, time offset and range bias are fixed (chosen: furniture that is taken
+for floor or wall would bias them)."""
 
 SEARCHES = 3
-"""Planes are searched anew before each of the first rounds (chosen)."""
+"""Number of first rounds with a new search for planes (chosen)."""
 
 LEVEL_GATES = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04)
-"""Max distance of a hit of the level laser to its wall in each round, m (chosen, as `GATES`)."""
+"""Maximum distance of a level laser hit to its wall in each round, m (chosen, as `GATES`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,15 +51,15 @@ class Estimate:
     Attributes
     ----------
     problem, solution
-        What was solved.
+        The least-squares problem and its solution.
     free
-        bool (P,), parameters that were estimated.
+        bool (P,), mask of the estimated parameters.
     means, sigmas
-        float64 (P,), the priors.
+        float64 (P,), means and standard deviations of the priors.
     strict
-        float64 (P,), the priors that were solved with: walls vertical and ceilings horizontal,
-        so that a wrong scale cannot be explained by tilted walls. Their real tolerance (`sigmas`)
-        counts in the covariance.
+        float64 (P,), standard deviations used in the solver: walls vertical and ceilings
+        horizontal, so that tilted walls cannot compensate a wrong scale. The covariance uses their
+        real tolerance (`sigmas`).
     configured
         The configured rig.
     """
@@ -78,7 +78,7 @@ class Estimate:
         return RigValues.of_vector(self.solution.x[self.problem.layout.rig])
 
     def again(self, free: Bool, x: Float64) -> Estimate:
-        """Solve again with other free parameters."""
+        """Return a solution with other free parameters."""
         solution = solve(self.problem, x, free, self.means, self.strict)
         return replace(self, solution=solution, free=free)
 
@@ -90,25 +90,25 @@ def estimate(
     trust: Trust,
     bars: Bars | None = None,
 ) -> Estimate:
-    """Estimate all parameters that the recording may determine.
+    """Return the estimate of all observable parameters.
 
     Parameters
     ----------
     recording
-        The scans of one or several bags.
+        Scans of one or several bags.
     config
         The configured rig.
     floor_z
-        Height of the floor in the base frame, m; None where it is not known.
+        Height of the floor in the base frame, m; None if unknown.
     trust
-        Standard deviations of what is assumed.
+        Standard deviations of the assumptions.
     bars
-        Where progress is shown.
+        Progress bars.
 
     Raises
     ------
     BagError
-        Where neither floor, ceiling nor walls were seen.
+        Where no floor, ceiling or wall was observed.
     """
     bars = bars or Silent()
     bars.start("estimate", len(GATES) + 1.0)
@@ -149,7 +149,7 @@ class _Refinement:
         return self.recording.places[self.patches.centers.cycle]
 
     def search(self, values: RigValues) -> Surroundings:
-        """Find the planes as a rig sees them."""
+        """Return the planes under given rig parameters."""
         at = self.patches.centers
         centers = self.model.transform_points(at, values)
         normals = self.model.transform_directions(at, values, self.patches.normals)

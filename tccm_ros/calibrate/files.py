@@ -1,4 +1,4 @@
-"""Write a calibration: rig.yaml, and calibration.json and calibration.png beside it."""
+"""Write a calibration: rig.yaml, with calibration.json and calibration.png in the same folder."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def write_calibration(calibration: Calibration, out: Path | str) -> tuple[Path, 
     Parameters
     ----------
     calibration
-        What was found.
+        The result to write.
     out
-        The parameter file; its folder is made if needed.
+        The parameter file; its folder is created if needed.
 
     Returns
     -------

@@ -13,21 +13,20 @@ LEVEL_PARAMETERS = ("level_x", "level_y", "level_yaw")
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """Standard deviations of what is assumed of buildings, bases and lasers (defaults: chosen).
+    """Standard deviations of the assumptions on buildings, bases and lasers (defaults: chosen).
 
     Attributes
     ----------
     base_tilt
-        Of the base's roll and pitch at a place, rad.
+        Roll and pitch of the base at a place, rad.
     vertical, ceiling
-        Of the angle of walls to the vertical and of the ceiling to the floor, rad.
+        Angle of walls to the vertical and of the ceiling to the floor, rad.
     range_noise, angle_noise, flatness
-        Of ranges (m), of beam directions (rad), and of the error that
-        neighbouring hits on a plane have in common (m).
+        Ranges (m), beam directions (rad), and the common error of neighbouring hits on a plane (m).
     range_bias
-        Of the common error of all ranges of the tilting laser (positive: too short), m.
+        Common error of all ranges of the tilting laser (positive: too short), m.
     floor
-        Of the floor's height in the base frame where it is given, m.
+        Height of the floor in the base frame where it is given, m.
     """
 
     base_tilt: float = float(np.deg2rad(0.1))
@@ -43,15 +42,15 @@ class Trust:
 WIDE_SIGMAS = np.array([0.1, 0.04, 0.1, 0.5, 0.08, 0.3])
 WIDE_LEVEL_SIGMAS = np.array([0.5, 0.5, 0.3])
 """Standard deviations of the rig's parameters about the first guess, in the order of
-`RIG_PARAMETERS` and of `LEVEL_PARAMETERS`, m, rad, s (chosen: wide; they only bound what is not
-determined)."""
+`RIG_PARAMETERS` and of `LEVEL_PARAMETERS`, m, rad, s (chosen: wide; they only bound undetermined
+parameters)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
     """Indices of the parameters in the vector.
 
-    In order: rig, level laser, the tilting laser's range bias, floor, the ceiling of each bag,
+    The order is: rig, level laser, range bias of the tilting laser, floor, ceiling of each bag,
     walls, roll and pitch of each place.
 
     Attributes
@@ -59,7 +58,7 @@ class Layout:
     bags, walls, places
         Number of bags, of walls, and of places.
     rig, level, bias, floor, first_ceiling
-        Where the parameters that every vector has are.
+        Indices of the parameters that every vector has.
     """
 
     rig: ClassVar[slice] = slice(0, 6)
@@ -73,7 +72,7 @@ class Layout:
     places: int
 
     def ceiling(self, bag: int) -> slice:
-        """Return where a ceiling's height at the bag's first place and slopes along x and y are."""
+        """Return the indices of a ceiling: height at the bag's first place, slopes along x, y."""
         first = self.first_ceiling + 3 * bag
         return slice(first, first + 3)
 
@@ -83,12 +82,12 @@ class Layout:
         return self.first_ceiling + 3 * self.bags
 
     def wall(self, number: int) -> slice:
-        """Return where phi, rho and the angle to the vertical of a wall are."""
+        """Return the indices of a wall: phi, rho and the angle to the vertical."""
         first = self.first_wall + 3 * number
         return slice(first, first + 3)
 
     def roll_pitch(self, place: int) -> slice:
-        """Return where roll and pitch of the base at a place are."""
+        """Return the indices of roll and pitch of the base at a place."""
         first = self.first_wall + 3 * self.walls + 2 * place
         return slice(first, first + 2)
 

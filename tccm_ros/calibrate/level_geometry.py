@@ -1,7 +1,7 @@
-"""Whether level scans made of depth images or point clouds tell how the robot moves.
+"""Test whether level scans from depth images or point clouds determine the robot's motion.
 
-A camera sees a short arc of what is vertical. Where that is a single front, or nothing, a match of
-its scans says less than odometry does.
+A camera sees a short arc of vertical surfaces. If that is a single front, or nothing, matching of
+its scans is less informative than odometry.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.matching.line_map import make_line_map
 
 SAMPLES, SPACING_NS = 10, 1_000_000_000
-"""Level scans that are looked at, and the time between them at least (chosen)."""
+"""Number of level scans to test, and minimum time between them (chosen)."""
 
 MIN_FRACTION = 0.5
-"""Fraction of them that must determine x, y and yaw (chosen)."""
+"""Minimum fraction of them that determine x, y and yaw (chosen)."""
 
 POINTS = 5
-"""Points of a scan that is matched at all, as of the front end (chosen)."""
+"""Minimum number of points of a scan, as in the front end (chosen)."""
 
 
 def level_scans_help(path: Path | str, source: Literal["points", "depth"]) -> bool:
-    """Return whether most level scans of a recording's beginning determine the robot's pose.
+    """Return whether most level scans at the start of a recording determine the robot's pose.
 
-    Each is aligned with itself: what remains of the information after the noise of normals has been
-    taken out of it (`slam.matching.alignment`) is what its geometry holds.
+    Each scan is aligned with itself. The geometry is sufficient if information remains after
+    removal of the information due to noise of the normals (`slam.matching.alignment`).
 
     Parameters
     ----------
     path
         A rosbag2 folder, an .mcap or a .db3 file.
     source
-        As ``sensors.level_from``.
+        Value of ``sensors.level_from``.
 
     Raises
     ------
     BagError, TopicError
-        If the bag cannot be read, or names of topics are in doubt.
+        If the bag cannot be read, or topic names are ambiguous.
     """
     config = Config()
     config.sensors.level_from = source

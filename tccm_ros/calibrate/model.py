@@ -20,22 +20,22 @@ RIG_PARAMETERS = (
 """Order of the parameters of the tilting sensor in vectors and covariances."""
 
 ANGLE_STEP, TIME_STEP = 1e-5, 1e-3
-"""Steps of the numeric derivatives by the tilt angle, rad, and by the time offset, s (chosen)."""
+"""Steps of the numerical derivatives by the tilt angle, rad, and by the time offset, s (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class RigValues:
-    """The parameters of the tilting sensor's pose: a laser, or a camera on a head.
+    """Parameters of the pose of the tilting sensor: a laser, or a camera on a head.
 
     Attributes
     ----------
     tilt_offset, tilt_scale
         True tilt = tilt_scale * measured + tilt_offset, rad.
     roll, height
-        Rotation of the tilt axis's mount about the horizontal direction across the axis, through
-        the axis, rad, and its shift upwards, m; both on top of the configured mount.
+        Rotation of the tilt axis's mount about the horizontal direction perpendicular to the axis,
+        through the axis, rad, and its upward shift, m; both relative to the configured mount.
     joint_time_offset
-        Added to the stamps of joint samples, s.
+        Offset added to the stamps of joint samples, s.
     pan_offset
         True pan of a head = measured + pan_offset, rad.
     """
@@ -69,13 +69,13 @@ class Beams:
     Attributes
     ----------
     cycle
-        int64 (N,), number of the tilt cycle of each.
+        int64 (N,), number of the tilt cycle of each beam.
     stamps_ns
-        int64 (N,).
+        int64 (N,), time of each beam.
     points
-        float64 (N, 3), m, the hits in the laser's frame.
+        float64 (N, 3), m, hits in the laser's frame.
     T_place_base
-        float64 (N, 4, 4), the base seen from the tilt cycle's place.
+        float64 (N, 4, 4), pose of the base relative to the tilt cycle's place.
     """
 
     cycle: Int64
@@ -84,7 +84,7 @@ class Beams:
     T_place_base: Float64
 
     def take(self, rows: Bool | Int64) -> Beams:
-        """Return some of the beams; rows must keep them sorted by tilt cycle."""
+        """Return a subset of the beams; it must keep them sorted by tilt cycle."""
         return Beams(
             self.cycle[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]
         )
@@ -100,27 +100,27 @@ def beams_of(number: int, cycle: CycleScans) -> Beams:
 
 
 def join_beams(parts: Sequence[Beams]) -> Beams:
-    """Return the beams of several tilt cycles, given in the order of their numbers."""
+    """Return the beams of several tilt cycles, in the order of their numbers."""
     names = ("cycle", "stamps_ns", "points", "T_place_base")
     return Beams(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 class RigModel:
-    """Transforms beams to the base frame under any rig.
+    """Transforms beams to the base frame for given rig parameters.
 
     Parameters
     ----------
     cycles
         Scans by tilt cycle, with uncorrected chains.
     rig
-        The configured mount, on top of which roll and height come.
+        The configured mount, to which roll and height are relative.
 
     Attributes
     ----------
     pivot
-        float64 (3,), a point of the tilt axis in the base, m.
+        float64 (3,), a point on the tilt axis in the base, m.
     roll_axis
-        float64 (3,), the horizontal direction across the tilt axis that is nearest to forward.
+        float64 (3,), the horizontal direction perpendicular to the tilt axis, nearest to forward.
     """
 
     def __init__(self, cycles: Sequence[CycleScans], rig: Rig) -> None:
@@ -138,7 +138,7 @@ class RigModel:
         cycle = self._cycles[0]
         chain = cycle.chain
         parts = chain.parts[: cycle.tilt]
-        if cycle.is_image:  # a head pans: its axes are those of pan zero
+        if cycle.is_image:  # a head pans: use its axes at pan zero
             parts = tuple((_at_zero(part), backwards) for part, backwards in parts)
         before = Chain(chain.fixed[: cycle.tilt + 1], parts)
         middle = np.array([(cycle.span_ns[0] + cycle.span_ns[1]) // 2], np.int64)
@@ -158,16 +158,16 @@ class RigModel:
         return T
 
     def T_base_laser(self, cycle: int, stamps_ns: Int64, values: RigValues) -> Float64:
-        """Return T_base_laser under a rig.
+        """Return T_base_laser for given rig parameters.
 
         Parameters
         ----------
         cycle
             Number of the tilt cycle.
         stamps_ns
-            int64 (K,), stamps within it.
+            int64 (K,), stamps in that tilt cycle.
         values
-            The rig.
+            Rig parameters.
 
         Returns
         -------
@@ -188,12 +188,12 @@ class RigModel:
 
     @property
     def pans(self) -> bool:
-        """Whether the sensor is on a head whose pan joint can be corrected."""
+        """Whether the sensor is on a head with a correctable pan joint."""
         return self._cycles[0].pan is not None
 
     @staticmethod
     def _shifted(data: CycleScans, stamps_ns: Int64, values: RigValues) -> Int64:
-        """Return stamps on the clock of the joint samples, clipped to the time of the samples."""
+        """Return stamps on the clock of the joint samples, clipped to the range of the samples."""
         shifted = stamps_ns - round(values.joint_time_offset * 1e9)
         known = [
             (part.track.stamps_ns[0], part.track.stamps_ns[-1]) for part, _ in data.chain.parts
@@ -201,16 +201,16 @@ class RigModel:
         return np.clip(shifted, max(k[0] for k in known), min(k[1] for k in known))
 
     def transform_points(self, beams: Beams, values: RigValues) -> Float64:
-        """Return the hits float64 (N, 3), m, seen from each tilt cycle's place."""
+        """Return the hits float64 (N, 3), m, relative to each tilt cycle's place."""
         return self._map(beams, values, beams.points, 1.0)
 
     def transform_directions(self, beams: Beams, values: RigValues, directions: Float64) -> Float64:
-        """Rotate directions from the laser's frame to the frame of the tilt cycle's place.
+        """Return directions rotated from the laser's frame to that of the tilt cycle's place.
 
         Parameters
         ----------
         beams, values
-            The beam of each direction, and the rig.
+            The beam of each direction, and the rig parameters.
         directions
             float64 (N, 3), in the laser's frame.
 
@@ -229,7 +229,7 @@ class RigModel:
         return result
 
     def measured(self, beams: Beams, values: RigValues) -> Float64:
-        """Return the measured tilt angles float64 (N,), rad: without scale and offset."""
+        """Return the measured tilt angles float64 (N,), rad, without scale and offset."""
         angles = np.empty(len(beams.cycle))
         for cycle, rows in _slices(beams.cycle):
             data = self._cycles[cycle]
@@ -249,7 +249,7 @@ class RigModel:
         beams, values
             As in `transform_points`.
         placed
-            float64 (N, 3), m, the result of `transform_points` for them.
+            float64 (N, 3), m, result of `transform_points` for them.
         """
 
         def by(name: str) -> Float64:
@@ -281,7 +281,7 @@ def _at_zero(part: Part) -> Part:
 
 
 def _corrected(part: Part, values: RigValues) -> Part:
-    """Return the tilt joint with scale and offset."""
+    """Return the tilt joint with corrected scale and offset."""
     if isinstance(part, JointReading):
         scale = values.tilt_scale
         offset = scale * part.offset + values.tilt_offset
@@ -290,7 +290,7 @@ def _corrected(part: Part, values: RigValues) -> Part:
 
 
 def _slices(cycle: Int64) -> list[tuple[int, slice]]:
-    """Return each tilt cycle's rows."""
+    """Return the rows of each tilt cycle."""
     numbers, firsts = np.unique(cycle, return_index=True)
     ends = [*firsts[1:].tolist(), len(cycle)]
     return [(n, slice(a, b)) for n, a, b in zip(numbers.tolist(), firsts.tolist(), ends)]

@@ -1,4 +1,4 @@
-"""Observability: which of the rig's parameters a recording determines, and why not the others."""
+"""Observability: which of the rig's parameters a recording determines, and why not others."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ LIMITS: Mapping[str, float] = {
     "level_y": 0.03,
     "level_yaw": float(np.deg2rad(0.5)),
 }
-"""A parameter with a larger standard deviation is not determined: s, 1, rad, m (chosen). Parameters
-are fixed in this order: the ones that are rarely wrong come first."""
+"""Maximum standard deviation of a determined parameter: s, 1, rad, m (chosen). Parameters are fixed
+in this order, which begins with those that are rarely wrong."""
 
 ADVICE: Mapping[str, str] = {
     "tilt_offset": "record a horizontal floor from 1 to 4 m, at several places",
@@ -45,13 +45,13 @@ class Quantity:
     Attributes
     ----------
     name
-        As in `UNITS`.
+        Name as in `UNITS`.
     value
-        rad, 1, m or s.
+        Value, rad, 1, m or s.
     sigma
-        Standard deviation in the same unit, None where it was not estimated.
+        Standard deviation in the same unit; None if it was not estimated.
     reason
-        Why it was not estimated.
+        Reason why it was not estimated.
     """
 
     name: str
@@ -61,22 +61,22 @@ class Quantity:
 
     @property
     def is_determined(self) -> bool:
-        """Whether it was estimated."""
+        """Whether the parameter was estimated."""
         return self.sigma is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
-    """The final estimate and what it determines.
+    """The final estimate, its determined parameters and their covariance.
 
     Attributes
     ----------
     estimate
-        The solution with only the determined parameters free.
+        The solution in which only determined parameters are free.
     quantities
         All parameters of the rig, in the order of `RIG_PARAMETERS` and `LEVEL_PARAMETERS`.
     covariance
-        float64 (D, D) of the determined ones, in the order of `determined`.
+        float64 (D, D) of the determined parameters, in the order of `determined`.
     """
 
     estimate: Estimate
@@ -85,12 +85,12 @@ class Observability:
 
     @property
     def determined(self) -> tuple[str, ...]:
-        """Names in the order of the covariance."""
+        """Names of the determined parameters, in the order of the covariance."""
         return tuple(q.name for q in self.quantities if q.is_determined)
 
 
 def assess_observability(estimate: Estimate, floor_z: float | None) -> Observability:
-    """Fix parameters that are not determined, one by one, and solve again without them."""
+    """Fix undetermined parameters one by one, and solve again without them."""
     layout, reasons = estimate.problem.layout, _never_free(estimate, floor_z)
     column = columns(layout)
     while True:
@@ -120,7 +120,7 @@ def _estimated(estimate: Estimate) -> tuple[str, ...]:
 
 
 def columns(layout: Layout) -> dict[str, int]:
-    """Return where each quantity is in the vector of parameters."""
+    """Return the index of each quantity in the parameter vector."""
     rig = {name: layout.rig.start + i for i, name in enumerate(RIG_PARAMETERS)}
     return rig | {name: layout.level.start + i for i, name in enumerate(LEVEL_PARAMETERS)}
 
@@ -145,7 +145,7 @@ def _without(estimate: Estimate, column: int) -> Estimate:
 
 
 def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
-    """Return why parameters were not estimated at all."""
+    """Return the reasons why parameters were not estimated at all."""
     reasons = {
         "joint_time_offset": "all tilt cycles go one way at an even speed, where a delay looks "
         f"like a zero: {ADVICE['joint_time_offset']}",
@@ -177,4 +177,4 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "level_y": ("mm", 1000.0),
     "level_yaw": ("deg", float(np.rad2deg(1.0))),
 }
-"""Unit in which each quantity is shown, and the factor to it."""
+"""Display unit of each quantity, and the factor to it."""

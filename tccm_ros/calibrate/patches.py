@@ -1,7 +1,7 @@
-"""Flat patches: blocks of neighbouring beams in neighbouring scans that lie in one plane.
+"""Flat patches: blocks of adjacent beams in adjacent scans that are in one plane.
 
 Whether a block is flat hardly depends on the rig's errors (a wrong tilt zero rotates it as a
-whole), so patches are cut once and then transformed under each rig.
+whole), so patches are cut once and then transformed for any rig parameters.
 """
 
 from __future__ import annotations
@@ -17,37 +17,37 @@ from tccm_ros.calibrate.recording import CycleScans
 from tccm_ros.geometry import inverse, transform
 
 BEAMS, MIN_SIDE, MIN_HITS = 36, 3, 12
-"""Beams of a block, and the scans and beams along its sides and the hits that it has at least
-(chosen: the normal of a patch is then known to a degree)."""
+"""Beams of a block; minimum number of scans and of beams along its sides, and of hits (chosen: the
+normal of a patch is then accurate to a degree)."""
 
 MAX_THICKNESS, MAX_THICKNESS_RATIO = 0.025, 0.25
-"""Max standard deviation of a flat patch along its normal, m, and its max ratio to the patch's
+"""Maximum standard deviation of a flat patch along its normal, m, and maximum ratio to the patch's
 width (chosen: three times the noise of the laser)."""
 
 MIN_WIDTH_RATIO = 0.05
-"""Min ratio of a patch's smaller width to its larger one (chosen)."""
+"""Minimum ratio of a patch's smaller width to its larger one (chosen)."""
 
 HITS, MIN_KEPT, ALL_HITS = 20, 3, 16_000
-"""Max and min number of hits that are kept of each patch, and of all patches together (chosen:
-cost)."""
+"""Maximum and minimum number of hits kept per patch, and maximum of all patches together (chosen:
+computing time)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """P patches with a sample of the hits of each.
+    """P patches, each with a sample of its hits.
 
     Attributes
     ----------
     centers
-        Centroids as beams of the middle of the patch.
+        Centroids, as beams at the middle of the patch.
     normals
         float64 (P, 3), towards the laser, in its frame at that time.
     spread
-        float64 (P,), standard deviation of the normal from noise, rad.
+        float64 (P,), standard deviation of the normal due to noise, rad.
     hits
-        The hits.
+        Sampled hits.
     patch
-        int64 (N,), the patch of each hit.
+        int64 (N,), patch of each hit.
     """
 
     centers: Beams
@@ -61,14 +61,14 @@ class Patches:
 
 
 def cut_patches(cycles: Mapping[int, CycleScans], model: RigModel, values: RigValues) -> Patches:
-    """Cut all tilt cycles into blocks and keep the flat ones.
+    """Return the flat blocks of all tilt cycles.
 
     Parameters
     ----------
     cycles
-        Scans by the number of the tilt cycle, in order.
+        Scans by tilt cycle number, in order.
     model, values
-        The rig under which patches are cut; it need not be right.
+        The rig under which patches are cut; it may be inaccurate.
     """
     beams = sum(int(np.isfinite(cycle.ranges).sum()) for cycle in cycles.values())
     max_hits = int(np.clip(ALL_HITS * BEAMS / max(beams, 1), MIN_KEPT, HITS))
@@ -118,7 +118,7 @@ def _cut(
 def _blocks(
     beams: Beams, cycle: CycleScans, columns: Int64, model: RigModel, values: RigValues
 ) -> Int64:
-    """Return the block of each beam: square, of equal steps of tilt and bearing, or of pixels."""
+    """Return the block of each beam: square, in equal steps of tilt and bearing, or of pixels."""
     beams_per_line = cycle.ranges.shape[1]
     if cycle.is_image:
         side = round(np.sqrt(BEAMS))
@@ -137,7 +137,7 @@ def _blocks(
 
 
 def _full(blocks: Int64) -> tuple[Bool, Int64, Int64]:
-    """Return which sorted entries are in blocks with enough hits, their patch, and its size."""
+    """Return a mask of sorted entries in blocks with enough hits, their patches, and sizes."""
     _, index, counts = np.unique(blocks, return_inverse=True, return_counts=True)
     enough = counts >= MIN_HITS
     kept = enough[index]
@@ -145,7 +145,7 @@ def _full(blocks: Int64) -> tuple[Bool, Int64, Int64]:
 
 
 def _fit(points: Float64, patch: Int64, size: Int64) -> tuple[Float64, Float64, Float64]:
-    """Return means, normals (P, 3) and standard deviations (P, 3) along the three axes, rising."""
+    """Return means, normals (P, 3) and standard deviations (P, 3) along the axes, ascending."""
     n = len(size)
     mean = np.stack([np.bincount(patch, points[:, i], n) for i in range(3)], axis=1) / size[:, None]
     d = points - mean[patch]
@@ -163,7 +163,7 @@ def _laser_poses(number: int, beams: Beams, model: RigModel, values: RigValues) 
 
 
 def _sample(size: Int64, wanted: Bool, max_hits: int) -> Int64:
-    """Return the rows of up to `max_hits` hits of each wanted patch, evenly spread."""
+    """Return the rows of up to `max_hits` hits of each selected patch, evenly spaced."""
     firsts = np.cumsum(size) - size
     rows = [
         first + np.unique(np.linspace(0, count - 1, min(count, max_hits)).astype(np.int64))

@@ -1,4 +1,4 @@
-"""Picture of a calibration: the room from the side and its floor, before and after."""
+"""Picture of a calibration: side view of the room and its floor, before and after."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tccm_ros.calibrate.room import hits_of_bag
 from tccm_ros.report.drawing import canvas, png
 
 MAX_DRAWN, MAX_RANGE = 25_000, 9.0
-"""Number of hits that are drawn, and their max range, m."""
+"""Maximum number of drawn hits, and their maximum range, m."""
 
 ROOM, FLOOR, CEILING = "#9aa3ad", "#d55e00", "#0072b2"
 
@@ -70,7 +70,7 @@ def _draw_side(axes: Axes, points: Float64, near: Bool, seen: HitMasks) -> None:
 
 
 def _draw_floor(axes: Axes, points: Float64) -> None:
-    """Draw the height of the floor against the distance from the base."""
+    """Plot the height of the floor over the distance from the base."""
     if len(points) == 0:
         return
     distance = np.hypot(points[:, 0], points[:, 1])

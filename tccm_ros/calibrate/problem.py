@@ -1,9 +1,9 @@
 """The least-squares problem: rig, planes, and roll and pitch of bases from hits on planes.
 
 A hit p (in the frame of its place), the small roll and pitch w of the base at that place and a
-plane with normal n and offset d give the residual ``n . (p + w x p) - d``. Assumptions about
-buildings and bases are priors with standard deviations: they separate a wrong tilt zero from a
-tilted base.
+plane with normal n and offset d give the residual ``n . (p + w x p) - d``. Assumptions on buildings
+and bases are priors with standard deviations; they distinguish a wrong tilt zero from a tilted
+base.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from tccm_ros.geometry import pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelHits:
-    """Hits of the level laser at one place, with their walls.
+    """Level laser hits at one place, with their walls.
 
     Attributes
     ----------
     scans
-        The hits.
+        Scans with the hits.
     place
         Number of the place.
     wall
-        int64 (N,), number of the wall of each hit, -1 for those on none.
+        int64 (N,), wall number of each hit, -1 for none.
     """
 
     scans: LevelScans
@@ -51,9 +51,9 @@ class Planes(NamedTuple):
     offsets
         float64 (Q,), m: normal . x = offset.
     number
-        int64 (Q,), `FLOOR`, `CEILING`, or `FIRST_WALL` and on.
+        int64 (Q,), `FLOOR`, `CEILING`, or `FIRST_WALL` and up.
     place
-        int64 (Q,), the place in whose frame the plane is given, -1 for all places.
+        int64 (Q,), place in whose frame the plane is given, -1 for all places.
     """
 
     normals: Float64
@@ -75,10 +75,10 @@ class Linearised:
     sigma
         float64 (N,), standard deviation of each residual, m.
     cluster
-        int64 (N,); residuals of one cluster have an error in common: they are near each other on
-        one plane. Negative for the level laser.
+        int64 (N,); residuals of one cluster have a common error: they are near each other on one
+        plane. Negative for the level laser.
     is_level
-        bool (N,), whether the level laser measured it.
+        bool (N,), whether the residual is of the level laser.
     """
 
     residuals: Float64
@@ -95,26 +95,26 @@ class Problem:
     Attributes
     ----------
     model
-        Transforms the hits.
+        Rig model, which transforms the hits.
     hits, plane, place
-        Hits, and the plane and the place of each, int64 (N,).
+        Hits, and the plane and place of each, int64 (N,).
     bag, poses
-        The bag int64 (P,) and the pose float64 (P, 3) of each place, as in `Recording`: the slope
-        of a ceiling is constant in the room, and differs in the frames of bases with other
+        Bag int64 (P,) and pose float64 (P, 3) of each place, as in `Recording`: the slope of a
+        ceiling is constant in the room, and differs between the frames of bases with different
         headings.
     surroundings
-        The planes that were found, whose numbers `plane` holds.
+        The planes found; `plane` contains their numbers.
     level
         Hits of the level laser.
     T_level_mount
         The configured correction of the level laser's mount, float64 (4, 4).
     trust
-        Standard deviations of what is assumed.
+        Standard deviations of the assumptions.
     layout
         Order of the parameters.
     blur
         Added to the standard deviation of every residual, m: wide in the first round, so that no
-        plane dominates before all planes are known roughly.
+        plane dominates before all are roughly known.
     """
 
     model: RigModel
@@ -178,8 +178,8 @@ class Problem:
     def _sigma(self, cosine: Float64, ranges: Float64, cluster: Int64) -> Float64:
         """Return the standard deviation of each residual, m.
 
-        The error that the hits of a cluster have in common (the plane is not flat, the laser's
-        error is the same) counts once for the cluster, whatever their number is.
+        The common error of a cluster's hits (deviation of the plane, bias of the laser) is counted
+        once per cluster, independent of the number of hits.
         """
         trust = self.trust
         shared = trust.flatness**2 * np.bincount(cluster, minlength=1)[cluster]
@@ -212,7 +212,7 @@ class Problem:
         return residuals, J, seen_in_base
 
     def _ceiling_derivatives(self, J: Float64, points: Float64, plane: Int64, place: Int64) -> None:
-        """Write those of the residual -(z - h) + x a + y b: the ceiling's normal points down.
+        """Write the derivatives of -(z - h) + x a + y b: the ceiling's normal points down.
 
         Here x and y are in the frame of the bag's first place.
         """
@@ -279,7 +279,7 @@ class Problem:
         """Return means and standard deviations of all parameters, float64 (P,) each.
 
         `building_factor` multiplies those of vertical walls, horizontal ceilings and the range
-        bias. They are infinite where nothing is assumed; those of the rig are `WIDE_SIGMAS`.
+        bias. They are infinite without an assumption; those of the rig are `WIDE_SIGMAS`.
         """
         layout, trust = self.layout, self.trust
         means, sigmas = np.zeros(layout.size), np.full(layout.size, np.inf)
@@ -296,15 +296,15 @@ class Problem:
 
 
 GRAZING = 0.2
-"""Fraction of `Problem.blur` that counts where a beam grazes its plane, as errors of ranges count
-by the cosine of incidence (chosen: without it a scale that shrinks a room would make it flat)."""
+"""Fraction of `Problem.blur` for a beam that grazes its plane, as range errors are multiplied by
+the cosine of incidence (chosen: without it, a scale that shrinks a room would make it flat)."""
 
 CLUSTER_SIZE = 0.5
-"""Edge of the cells of a plane whose hits are one cluster, m (chosen)."""
+"""Edge of a cluster cell on a plane, m (chosen)."""
 
 
 def _clusters(points: Float64, plane: Int64, place: Int64, normals: Float64) -> Int64:
-    """Return the number of each point's cluster: a cell of a plane at a place."""
+    """Return the cluster number of each point: a cell of a plane at a place."""
     drop = np.argmax(np.abs(normals), axis=1)
     rows = np.arange(len(points))
     u, v = points[rows, (drop + 1) % 3], points[rows, (drop + 2) % 3]

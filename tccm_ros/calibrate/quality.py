@@ -13,13 +13,14 @@ from tccm_ros.calibrate.model import Beams, beams_of, join_beams
 from tccm_ros.calibrate.recording import CycleScans
 
 CELL, MIN_HITS, FEW_HITS = 0.25, 50, 8
-"""Edge of a cell, m, hits that it must have for the flatness, and for the plane (chosen)."""
+"""Edge of a cell, m; minimum hits of a cell for the flatness, and for the plane (chosen)."""
 
 NEAR = 0.05
-"""Max distance of a surface's hits to its height, m (chosen)."""
+"""Maximum distance of a surface's hits to its height, m (chosen)."""
 
 AROUND = 2
-"""Scans and beams on either side of a hit that have to be near the plane as well (chosen)."""
+"""Number of scans and beams to either side of a hit that must be near the plane as well
+(chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +32,11 @@ class Flatness:
     tilt
         Angle to the horizontal, rad.
     rms
-        Of the means of cells about the plane, m; None where no cell has enough hits for a mean.
+        Root mean square distance of cell means from the plane, m; None if no cell has enough hits.
     height
-        At the middle, m.
+        Height at the middle, m.
     cells
-        Cells with enough hits.
+        Number of cells with enough hits.
     normal
         Unit normal, upwards.
     """
@@ -49,12 +50,12 @@ class Flatness:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HitMasks:
-    """Which beams hit floor and ceiling.
+    """Masks of the beams that hit floor and ceiling.
 
     Attributes
     ----------
     floor, ceiling
-        bool (N,), one of each beam.
+        bool (N,), one per beam.
     """
 
     floor: Bool
@@ -62,7 +63,7 @@ class HitMasks:
 
 
 def all_beams(cycles: Sequence[CycleScans], first: int = 0) -> Beams:
-    """Return every valid hit of all tilt cycles, which are numbered from `first`."""
+    """Return all valid hits of all tilt cycles, which are numbered from `first`."""
     return join_beams([beams_of(number, cycle) for number, cycle in enumerate(cycles, first)])
 
 
@@ -71,17 +72,17 @@ def select(
 ) -> HitMasks:
     """Return the hits on floor and ceiling.
 
-    A hit is on the floor if it and all hits around it (`AROUND`) are near the floor's height: the
-    foot of what stands on a floor is not floor, and neither is a beam that its edge cut.
+    A hit is on the floor if it and all hits around it (`AROUND`) are near the floor's height. This
+    excludes the foot of objects on the floor, and mixed pixels at their edges.
 
     Parameters
     ----------
     cycles
         Scans by tilt cycle.
     heights
-        float64 (N,), m, of every valid hit of all tilt cycles, in the order of `all_beams`.
+        float64 (N,), m, height of every valid hit of all tilt cycles, in the order of `all_beams`.
     floor, ceiling
-        Their heights, m; None where there is none.
+        Heights of the surfaces, m; None for a missing one.
     """
     none = np.zeros(len(heights), bool)
     return HitMasks(
@@ -91,7 +92,7 @@ def select(
 
 
 def _inner(cycles: Sequence[CycleScans], near: Bool) -> Bool:
-    """Return which hits have only hits around them that are near, too."""
+    """Return a mask of the hits that are near with all hits around them."""
     window, parts, first = np.ones((2 * AROUND + 1, 2 * AROUND + 1)), [], 0
     for cycle in cycles:
         seen = np.isfinite(cycle.ranges)
@@ -103,12 +104,12 @@ def _inner(cycles: Sequence[CycleScans], near: Bool) -> Bool:
 
 
 def flatness(points: Float64) -> Flatness | None:
-    """Fit a plane to the means of cells; None where fewer than four cells were hit.
+    """Return the flatness of cell means about a plane; None with fewer than four cells.
 
     Parameters
     ----------
     points
-        float64 (N, 3), m, of one surface that is roughly horizontal.
+        float64 (N, 3), m, of one roughly horizontal surface.
     """
     _, means, counts = cell_means(points, points[:, :2])
     if len(means) < 4:
@@ -137,7 +138,7 @@ def cell_means(points: Float64, at: Float64) -> tuple[Int64, Float64, Int64]:
     points
         float64 (N, 3), m.
     at
-        float64 (N, 2), m, the coordinates that give each point's cell of edge `CELL`.
+        float64 (N, 2), m, coordinates that give each point's cell of edge `CELL`.
 
     Returns
     -------

@@ -40,23 +40,23 @@ from tccm_ros.sensors.laser_scan import (
 )
 
 TRACK_MARGIN_NS = 1_000_000_000
-"""Joint samples are kept this long before and after a tilt cycle, for time offsets (chosen)."""
+"""Margin of joint samples before and after a tilt cycle, for time offsets (chosen)."""
 
 MAX_CYCLES = 24
-"""Tilt cycles of one bag that are used (chosen: more cost time and add little accuracy)."""
+"""Maximum number of tilt cycles per bag (chosen: more take time and add little accuracy)."""
 
 LEVEL_SCANS = 6
-"""Level scans that are used at each place (chosen)."""
+"""Number of level scans per place (chosen)."""
 
 IMAGE_COLUMNS = 80
-"""Columns of a depth image that are used, about (chosen: as a tilting laser's scan lines)."""
+"""Approximate number of used columns of a depth image (chosen: as a tilting laser's scan lines)."""
 
 MAX_DEPTH_FACTOR = 1.5
-"""Depths are used up to this much further than they are mapped (chosen: patches that are too thick
-for a plane are left out anyway)."""
+"""Factor on the maximum mapped depth for calibration (chosen: patches that are too thick for a
+plane are left out anyway)."""
 
 MIN_SCANS = 8
-"""Scans that a tilt cycle must have to be used (chosen)."""
+"""Minimum number of scans of a tilt cycle (chosen)."""
 
 CORRECTIONS = frozenset(
     (
@@ -67,11 +67,11 @@ CORRECTIONS = frozenset(
 """Parameters of the group `rig` that a calibration estimates."""
 
 END_OF_TIME_NS = 2**62
-"""Later than every stamp."""
+"""Later than all stamps."""
 
 
 def uncorrected(config: Config) -> Config:
-    """Return the configuration with the default values of all corrections of the rig."""
+    """Return the configuration with default values for all corrections of the rig."""
     rig = config.rig.model_copy(update=Rig().model_dump(include=set(CORRECTIONS)))
     return config.model_copy(update={"rig": rig})
 
@@ -93,16 +93,16 @@ def read_recording(
     config
         The configuration; its corrections of the rig are not applied.
     remap
-        ``scan:=/base_scan`` for topics with other names.
+        Remappings such as ``scan:=/base_scan``.
     bars
-        Where progress is shown.
+        Progress bars.
     max_cycles
-        Tilt cycles that are used at most, spread over the recording.
+        Maximum number of tilt cycles, distributed over the recording.
 
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
-        Where the bag cannot be read, has no tilting scans, or the laser's pose cannot be found.
+        Where the bag cannot be read, has no tilting scans, or the laser's pose is unknown.
     """
     raw, bars = uncorrected(config), bars or Silent()
     with BagReader(bag) as reader:
@@ -126,7 +126,7 @@ def read_recording(
 
 
 def _tilting_role(choice: TopicChoice) -> str | None:
-    """Return the role of the tilting laser of a bag, else that of its depth images."""
+    """Return the role of a bag's tilting laser, else of its depth images."""
     kinds = [stream.role for kind in (Scan, DepthImage) for stream in choice.streams
              if stream.record is kind and stream.mount is not MountKind.LEVEL]  # fmt: skip
     return next((role for role in kinds if choice.counts[role]), None)
@@ -145,7 +145,7 @@ def _no_cycle_error(bag: Path | str, tilting: Sensor) -> BagError | FrameError:
 class _CycleReader:
     """Collects scans of the tilting laser by tilt cycle, or images, and scans of the level laser.
 
-    A level laser whose pose is not known is left out.
+    A level laser with unknown pose is ignored.
     """
 
     def __init__(
@@ -176,11 +176,11 @@ class _CycleReader:
         return self.robot.sensors[self._role]
 
     def add(self, role: str, record: Record) -> None:
-        """Take one record."""
+        """Add one record."""
         self._handle(self.robot.add(role, record))
 
     def finish(self) -> None:
-        """Take the end of the input."""
+        """Process the end of the input."""
         self._handle(self.robot.flush())
         self._cycles.finish()
         self._close_until(END_OF_TIME_NS)
@@ -290,7 +290,7 @@ def _recording(name: str, found: _CycleReader, max_cycles: int) -> Recording:
 
 
 def _stands(cycles: Sequence[CycleScans]) -> list[bool]:
-    """Return in which cycles the base stood: of images, where one beside it has the same pose."""
+    """Return whether the base was at rest per cycle; for images, if an adjacent pose is equal."""
     if not cycles[0].is_image:
         return [cycle.is_still for cycle in cycles]
     same = [bool(is_near(b.place, a.place)) for a, b in pairwise(cycles)]
@@ -298,7 +298,7 @@ def _stands(cycles: Sequence[CycleScans]) -> list[bool]:
 
 
 def _spread(cycles: Sequence[CycleScans], max_cycles: int) -> list[CycleScans]:
-    """Return at most so many tilt cycles, in pairs that follow each other, spread over the time."""
+    """Return at most `max_cycles` tilt cycles, in consecutive pairs distributed over time."""
     if len(cycles) <= max_cycles:
         return list(cycles)
     firsts = np.unique(np.linspace(0, len(cycles) - 2, max_cycles // 2).astype(int))
@@ -306,7 +306,7 @@ def _spread(cycles: Sequence[CycleScans], max_cycles: int) -> list[CycleScans]:
 
 
 def _places(cycles: Sequence[CycleScans]) -> Int64:
-    """Number the places: a tilt cycle at the pose of the one before is at the same place."""
+    """Return place numbers: a tilt cycle at the pose of the previous one is at the same place."""
     numbers = [0]
     for before, cycle in pairwise(cycles):
         together = before.is_still and cycle.is_still and is_near(cycle.place, before.place)
@@ -348,7 +348,7 @@ def _level_points(scans: Sequence[PosedScan], T_odom_place: Float64) -> LevelSca
 
 
 def _footprint_z(robot: Robot, base: str) -> float | None:
-    """Return the height in the base (m) of a frame that is on the floor by its name."""
+    """Return the height in the base (m) of a footprint frame, which is on the floor by its name."""
     edges = robot.frames.view(urdf=True, tf=True, moving_tf=False)
     for frame in sorted({base, *frames_of(edges)}):
         if not frame.endswith("footprint"):

@@ -1,10 +1,10 @@
-"""A check of the rig while it maps: which error would explain the floors of tilt cycles.
+"""Check of the rig while mapping: find the error that explains the floors of tilt cycles.
 
 Each tilt cycle's part map gives the floor once, from pooled cuboid moments. A floor that is tilted
-in every tilt cycle means a wrong tilt zero (or a tilted base); one whose slope alternates with the
-direction of the tilt cycle means a delay; one that is bent means a wrong scale. Two large
-horizontal planes one just above the other mean that the same table was mapped twice: odometry, a
-delay, or a base that rolls and pitches as it speeds up and turns.
+in every tilt cycle indicates a wrong tilt zero (or a tilted base); a slope that alternates with the
+direction of the tilt cycle indicates a time delay; a bent floor indicates a wrong scale. Two large
+horizontal planes closely above each other indicate that a table was mapped twice, due to odometry,
+a delay, or roll and pitch of the base during acceleration and turns.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from tccm_ros.records import PlaneRecord
 from tccm_ros.robust import median_sigma
 
 WINDOW, ENOUGH = 8, 4
-"""Tilt cycles that are compared, and their min number (chosen)."""
+"""Maximum and minimum number of compared tilt cycles (chosen)."""
 
 MIN_TILT, MIN_SWING, MIN_BEND = np.deg2rad(0.4), np.deg2rad(0.25), 0.010
-"""Smallest slope (rad), alternating slope (rad) and bend of the floor (m) that is reported (chosen:
-above those of sound rigs, `bench/rig_check_trials.py`)."""
+"""Minimum reported slope (rad), alternating slope (rad) and bend of the floor (m) (chosen: above
+those of correct rigs, `bench/rig_check_trials.py`)."""
 
 FLOOR_AREA, MAX_FLOOR_TILT, GATES = 1.0, 0.3, (0.25, 0.15, 0.08)
-"""The floor is the largest low plane, of at least this area, m2, and with a smaller angle to the
-horizontal, rad. It mixes the tilt cycles of the window, which may disagree: the floor of one tilt
-cycle is searched near it, through gates of these widths, m (chosen)."""
+"""The floor is the largest low plane of at least this area, m2, and below this angle to the
+horizontal, rad. It combines the tilt cycles of the window, which may disagree: the floor of a
+single tilt cycle is searched near it, with gates of these widths, m (chosen)."""
 
 MIN_CUBOIDS, MIN_EXTENT = 150, 1.0
-"""Min number of cuboids of a floor, and its min extent along x, m (chosen)."""
+"""Minimum number of cuboids of a floor, and minimum extent along x, m (chosen)."""
 
 DOUBLED_DISTANCE, MIN_OVERLAP = (0.012, 0.06), 0.4
-"""Horizontal planes within these distances, m, cannot both be seen where one hides the other, if
-they overlap by this fraction of the smaller one (chosen)."""
+"""Range of distances, m, at which two horizontal planes would occlude each other, and minimum
+overlap as a fraction of the smaller one, for a doubled plane (chosen)."""
 
 DRIVING_TILT = np.deg2rad(0.3)
-"""Roll or pitch of a sound base while it drives, rad (chosen)."""
+"""Maximum roll or pitch of a correct base while driving, rad (chosen)."""
 
 SIGN_AGREEMENT = 0.75
-"""Fraction of the tilt cycles whose slope or bend has the sign of the median (chosen)."""
+"""Minimum fraction of the tilt cycles whose slope or bend has the sign of the median (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,11 @@ class Finding:
     Attributes
     ----------
     name
-        The error.
+        Name of the error.
     size
-        Its size, rad or m.
+        Size of the error, rad or m.
     text
-        One line for people.
+        One line of text for users.
     """
 
     name: str
@@ -81,14 +81,14 @@ class _Floor:
 
 
 class RigCheck:
-    """Collects tilt cycles and finds errors of the rig; costs a few milliseconds each."""
+    """Collects tilt cycles and finds errors of the rig; takes a few milliseconds per cycle."""
 
     def __init__(self) -> None:
         self._floors: deque[_Floor] = deque(maxlen=WINDOW)
         self._doubled: tuple[float, float] | None = None
 
     def clear(self) -> None:
-        """Forget all tilt cycles."""
+        """Clear all tilt cycles."""
         self._floors.clear()
         self._doubled = None
 
@@ -109,7 +109,7 @@ class RigCheck:
         return float(np.hypot(*np.mean(slopes, axis=0)))
 
     def findings(self) -> list[Finding]:
-        """Return the errors that the last tilt cycles show, the most certain first."""
+        """Return the errors indicated by the last tilt cycles, the most certain first."""
         found = []
         if len(self._floors) >= ENOUGH:
             found += [f for f in (self._swing(), self._bend(), self._tilt(), self._roll()) if f]
@@ -131,7 +131,7 @@ class RigCheck:
         return [finding.text for finding in self.findings()]
 
     def _swing(self) -> Finding | None:
-        """Compare consecutive tilt cycles: they go up and down in turn."""
+        """Return the error indicated by consecutive tilt cycles, which alternate in direction."""
         pairs = [
             (-1.0) ** before.cycle * (after.forward - before.forward)
             for before, after in zip(self._floors, list(self._floors)[1:])
@@ -185,14 +185,14 @@ class RigCheck:
 
 
 def _steady(values: list[float], min_size: float) -> float | None:
-    """Return the median where it is large and the values agree on its sign."""
+    """Return the median if it is large and most values have its sign, else None."""
     middle = float(np.median(values))
     agree = np.mean(np.sign(values) == np.sign(middle))
     return middle if abs(middle) >= min_size and agree >= SIGN_AGREEMENT else None
 
 
 def _floor(result: CycleResult) -> _Floor | None:
-    """Fit the floor of the newest part map, in the levelled base."""
+    """Return the floor of the newest part map, in the levelled base frame."""
     horizontal = [p for p in result.planes if abs(float(p.normal[2])) > np.cos(MAX_FLOOR_TILT)]
     large = [p for p in horizontal if p.area >= FLOOR_AREA]
     if not large:
@@ -222,12 +222,12 @@ def _floor(result: CycleResult) -> _Floor | None:
 
 
 def _fit_plane(points: Float64, counts: Float64) -> Float64:
-    """Return a, b, c of z = a + b x + c y, robustly."""
+    """Return a, b, c of a robust fit of z = a + b x + c y."""
     return _robust(np.column_stack([np.ones(len(points)), points[:, :2]]), points[:, 2], counts)
 
 
 def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
-    """Return the slopes and the bend of z = a + b x + c y + d x^2, robustly."""
+    """Return the slopes and the bend of a robust fit of z = a + b x + c y + d x^2."""
     x, y, z = points.T
     low, high = np.quantile(x, [0.05, 0.95])
     if high - low < MIN_EXTENT:
@@ -239,7 +239,7 @@ def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
 
 
 def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
-    """Solve A x = z by least squares, weighted by hits and by how well each row fits."""
+    """Solve A x = z by reweighted least squares, with weights by hits and residuals."""
     weights = np.minimum(counts, 10.0)
     for _ in range(4):
         root = np.sqrt(weights)
@@ -253,11 +253,11 @@ def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
 def _doubled(
     planes: list[PlaneRecord], T_odom_base: Float64, base_tilt: float = DRIVING_TILT
 ) -> tuple[float, float] | None:
-    """Return distance and height (m) of two horizontal planes over each other, None if none are.
+    """Return distance and height (m) of two horizontal planes above each other; None for none.
 
-    The distance is that of the smaller one's centroid to the larger one's plane: heights differ
+    The distance is that of the smaller one's centroid to the larger one's plane, as heights vary
     along a floor that is tilted by a fraction of a degree. A tilted base, or a wrong tilt zero,
-    lifts what is far from the base: by an angle of `base_tilt`, rad.
+    lifts distant objects by an angle of `base_tilt`, rad.
     """
     flat = [p for p in planes if p.kind == "horizontal"]
     for a, b in combinations(flat, 2):
@@ -272,7 +272,7 @@ def _doubled(
 
 
 def _overlap(a: PlaneRecord, b: PlaneRecord) -> float:
-    """Return the overlap of two planes seen from above, as a fraction of the smaller.
+    """Return the overlap of two planes in the top view, as a fraction of the smaller.
 
     Holes do not overlap.
     """

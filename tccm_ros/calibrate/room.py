@@ -20,11 +20,11 @@ class Room:
     Attributes
     ----------
     bag, cycles, places
-        Name of the recording, and numbers of the tilt cycles and places that were used.
+        Name of the recording, and numbers of used tilt cycles and places.
     floor, ceiling
-        Flatness (before, after) of the same hits, None where too little was seen.
+        Flatness (before, after) of the same hits; None with too few hits.
     parallel
-        Angle between floor and ceiling (before, after), rad, None without both.
+        Angle between floor and ceiling (before, after), rad; None without both.
     """
 
     bag: str
@@ -35,7 +35,7 @@ class Room:
     parallel: tuple[float, float] | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain numbers, rounded to 1e-6."""
+        """Return all values as plain numbers, rounded to 1e-6."""
         return {
             "bag": self.bag,
             "sweeps": self.cycles,
@@ -46,7 +46,7 @@ class Room:
         }
 
     def text(self) -> list[str]:
-        """Return lines for people."""
+        """Return lines of text for users."""
         lines = []
         for name, (before, after) in (("floor", self.floor), ("ceiling", self.ceiling)):
             if before is not None and after is not None:
@@ -64,23 +64,23 @@ class Room:
 
 
 def rooms(observability: Observability, recording: Recording) -> tuple[Room, ...]:
-    """Measure floor and ceiling of each recording, with all its hits."""
+    """Return floor and ceiling of each recording, from all its hits."""
     return tuple(_room(observability, recording, bag) for bag in range(len(recording.bags)))
 
 
 def hits_of_bag(
     observability: Observability, recording: Recording, bag: int, cycles: slice | None = None
 ) -> tuple[Beams, HitMasks]:
-    """Return hits of a bag, and which are floor and ceiling.
+    """Return hits of a bag, and masks of floor and ceiling.
 
     Parameters
     ----------
     observability, recording
         The calibration and its input.
     bag
-        Number of the bag.
+        Index of the bag.
     cycles
-        Which of the bag's tilt cycles; None for all.
+        Tilt cycles of the bag to use; None for all.
     """
     found = observability.estimate
     layout, x = found.problem.layout, found.solution.x

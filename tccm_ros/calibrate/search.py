@@ -1,8 +1,8 @@
-"""A first guess of tilt zero, tilt scale and roll, by a grid search over orientations of patches.
+"""A first guess of tilt zero, tilt scale and roll, by a grid search over patch orientations.
 
-Most flat patches of a building are horizontal or vertical. The search takes the scale, zero and
-roll under which most patches are; it needs no floor and no walls. Patches are cut anew for each
-scale, because a wrong scale skews them.
+Most flat patches of a building are horizontal or vertical. The search selects the scale, zero and
+roll for which this holds for most patches; it needs no floor and no walls. Patches are cut again
+for each scale, because a wrong scale distorts them.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ SCALES = (
 OFFSETS = np.deg2rad(np.arange(-20.0, 20.5, 1.0))
 NEAR_OFFSETS = np.deg2rad(np.arange(-0.75, 0.8, 0.25))
 ROLLS = np.deg2rad(np.arange(-5.0, 5.1, 0.5))
-"""Zeros and rolls of the grid at each scale, about the configured ones, rad (chosen)."""
+"""Zeros and rolls of the grid at each scale, relative to the configured ones, rad (chosen)."""
 
 TOLERANCE = np.deg2rad(2.0)
-"""A normal this far from vertical or horizontal counts e^-1/2, rad (chosen)."""
+"""Deviation of a normal from vertical or horizontal with a score of e^-1/2, rad (chosen)."""
 
 MAX_PATCHES, MAX_TRIED_CYCLES = 1000, 3
-"""Patches and tilt cycles that are used (chosen: more cost time)."""
+"""Maximum number of patches and of tilt cycles (chosen: computing time)."""
 
 
 class _Candidate(NamedTuple):
@@ -43,16 +43,16 @@ class _Candidate(NamedTuple):
 
 
 def first_guess(cycles: Sequence[CycleScans], model: RigModel, start: RigValues) -> RigValues:
-    """Return values under which most patches are horizontal or vertical.
+    """Return the values for which most patches are horizontal or vertical.
 
     Parameters
     ----------
     cycles
-        The tilt cycles, of which up to `MAX_TRIED_CYCLES` are used.
+        Tilt cycles, of which up to `MAX_TRIED_CYCLES` are used.
     model
-        Transforms their beams.
+        Rig model, which transforms their beams.
     start
-        The configured values, about which the grid lies.
+        The configured values, at the centre of the grid.
     """
     numbers = np.unique(
         np.linspace(0, len(cycles) - 1, min(len(cycles), MAX_TRIED_CYCLES)).astype(int)
@@ -82,7 +82,7 @@ def _best_at(values: RigValues, cycles: dict[int, CycleScans], model: RigModel) 
 
 
 class _Normals:
-    """Normals of some patches, and the fraction of them that is horizontal or vertical."""
+    """Normals of patches, and a score of their being horizontal or vertical."""
 
     def __init__(self, patches: Patches, rows: Int64, model: RigModel) -> None:
         self._centers, self._normals = patches.centers.take(rows), patches.normals[rows]
@@ -90,7 +90,7 @@ class _Normals:
         self._model = model
 
     def best(self, candidates: Iterable[RigValues]) -> _Candidate:
-        """Return the values with the largest score."""
+        """Return the values with the highest score."""
         return max((_Candidate(self._score(v), v) for v in candidates), key=lambda t: t.score)
 
     def _score(self, values: RigValues) -> float:

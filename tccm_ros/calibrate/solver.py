@@ -1,4 +1,4 @@
-"""Robust Gauss-Newton, and covariances for residuals with common errors."""
+"""Robust Gauss-Newton, and covariances of residuals with common errors."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from tccm_ros.calibrate.problem import Linearised, Problem
 from tccm_ros.robust import median_sigma
 
 HALF_WEIGHT = 3.0
-"""Scale of Geman and McClure's weights, in standard deviations (chosen)."""
+"""Scale of the Geman-McClure weights, in standard deviations (chosen)."""
 
 ROUNDS, SMALL_STEP = 8, 1e-3
-"""Max number of rounds, and the step in standard deviations at which they end (chosen)."""
+"""Maximum number of iterations, and step in standard deviations at which they end (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The minimum.
+    """The result of `solve`.
 
     Attributes
     ----------
     x
-        float64 (P,), the parameters.
+        float64 (P,), parameters at the minimum.
     linearised
-        Residuals and derivatives there.
+        Residuals and derivatives at the minimum.
     weights
         float64 (N,), robust weights of the residuals, 0 to 1.
     scale
@@ -47,11 +47,11 @@ def solve(problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Floa
     problem
         The problem whose residuals are minimised.
     x
-        float64 (P,), where to start; those that are not free stay.
+        float64 (P,), start values; fixed parameters keep them.
     free
-        bool (P,).
+        bool (P,), mask of the free parameters.
     means, sigmas
-        Priors, float64 (P,); infinite sigmas are none.
+        Means and standard deviations of the priors, float64 (P,); infinite for no prior.
     """
     x = x.copy()
     prior = 1.0 / sigmas[free] ** 2
@@ -72,7 +72,7 @@ def solve(problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Floa
 
 
 def _solve_scaled(H: Float64, g: Float64) -> Float64:
-    """Solve H s = g for parameters of very different units; what H does not see stays."""
+    """Return s of H s = g for parameters of different scales; 0 in the null space of H."""
     size = np.sqrt(np.maximum(np.diag(H), 1e-30))
     result: Float64 = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
     return result
@@ -90,17 +90,17 @@ def _weights(lin: Linearised) -> tuple[Float64, float]:
 def covariance(solution: Solution, free: Bool, sigmas: Float64) -> Float64:
     """Return the covariance float64 (F, F) of the free parameters.
 
-    The sandwich over clusters of hits with common errors, with variances no smaller than
-    those of independent noise.
+    It is the sandwich estimate over clusters of hits with common errors, with variances no smaller
+    than those of independent noise.
 
     Parameters
     ----------
     solution
-        At the minimum.
+        Solution at the minimum.
     free
-        bool (P,).
+        bool (P,), mask of the free parameters.
     sigmas
-        Priors that count, float64 (P,); infinite for none.
+        Standard deviations of the priors to use, float64 (P,); infinite for none.
     """
     lin, scale = solution.linearised, solution.scale
     J, w = lin.jacobian[:, free], solution.weights / scale**2

@@ -10,30 +10,31 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64, Int64
 
 FLOOR, CEILING, FIRST_WALL, NO_PLANE = 0, 1, 2, -1
-"""Numbers of planes: walls follow after the ceiling."""
+"""Numbers of planes; walls are numbered from `FIRST_WALL`."""
 
 LOOSE_ANGLE = np.deg2rad(12.0)
-"""Max angle of patches of floor, ceiling and walls to horizontal and vertical, rad (chosen)."""
+"""Maximum angle of patches of floor, ceiling and walls to horizontal and vertical, rad (chosen)."""
 
 BIN, SMOOTH = 0.04, 3
-"""Height bins for floor and ceiling, m, and half the number of bins that are summed (chosen)."""
+"""Height bins for floor and ceiling, m, and half the number of bins in a sum (chosen)."""
 
 FLOOR_FRACTION = 0.2
-"""The floor is the lowest height with this fraction of the patches of the height with the largest
-number of patches (chosen: tables may have more than the floor)."""
+"""The floor is the lowest height with at least this fraction of the patches of the most frequent
+height (chosen: tables may have more patches than the floor)."""
 
 MIN_HORIZONTAL, MIN_WALL = 12, 14
-"""Min number of patches of floor or ceiling, and of a wall (chosen)."""
+"""Minimum number of patches of floor or ceiling, and of a wall (chosen)."""
 
 WALL_DISTANCE, WALL_ANGLE = 0.10, np.deg2rad(9.0)
-"""Max distance (m) and angle (rad) of a wall's patches to its plane (chosen)."""
+"""Maximum distance (m) and angle (rad) of a wall's patches to its plane (chosen)."""
 
 CORNER = 0.08
-"""Hits this near a second plane count for neither, m (chosen: at the foot of a wall, gates of 3 cm
-would take the lowest hits on the wall for floor, all of them too high)."""
+"""Hits this close to a second plane are assigned to neither, m (chosen: at the foot of a wall,
+gates of 3 cm would assign the lowest hits on the wall to the floor, all of them too high)."""
 
 MAX_WALLS, TRIED = 8, 200
-"""Max number of walls at one place, and of patches that are tried as each (chosen: cost)."""
+"""Maximum number of walls at one place, and of candidate patches per wall (chosen: computing
+time)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,9 @@ class Wall:
     place
         Number of the place in whose frame it is.
     phi
-        Direction of its normal, towards the laser, rad.
+        Direction of the normal, towards the laser, rad.
     rho
-        Its distance along the normal, m.
+        Distance along the normal, m.
     """
 
     place: int
@@ -57,14 +58,14 @@ class Wall:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The planes that were found.
+    """The planes of floor, ceilings and walls.
 
     Attributes
     ----------
     floor
-        Its height, m, None if there is none.
+        Height of the floor, m; None without one.
     ceilings
-        Height of the ceiling of each bag, m, None where there is none.
+        Height of the ceiling of each bag, m; None without one.
     walls
         Walls of all places.
     """
@@ -82,12 +83,12 @@ def find_planes(
     Parameters
     ----------
     centers, normals
-        float64 (P, 3), seen from each patch's place; normals towards the laser.
+        float64 (P, 3), relative to each patch's place; normals towards the laser.
     places
         int64 (P,), the place of each patch.
     bag
-        int64 (places,), the bag of each place. Bags may be of rooms with other ceilings; the floor
-        has one height, as the base stands on it.
+        int64 (places,), bag of each place. Rooms of different bags may have different ceilings; the
+        floor has one height, as the base stands on it.
     laser_z
         Height of the laser, m: the floor is below it, the ceiling above.
     """
@@ -110,7 +111,7 @@ def find_planes(
 
 
 def _horizontal(z: Float64, *, lowest: bool) -> float | None:
-    """Return the height with the largest number of patches, or the lowest with enough of them."""
+    """Return the height with the most patches, or the lowest with enough of them; None for none."""
     if len(z) < MIN_HORIZONTAL:
         return None
     low = float(z.min())
@@ -151,12 +152,12 @@ def _walls(centers: Float64, normals: Float64, mine: Bool, place: int) -> Sequen
 def near_another(
     points: Float64, places: Int64, plane: Int64, planes: tuple[Float64, Float64, Int64, Int64]
 ) -> Bool:
-    """Return which hits are near a second plane: in a corner it cannot be told which one was hit.
+    """Return a mask of the hits near a second plane: in a corner, the assignment is ambiguous.
 
     Parameters
     ----------
     points, places, plane
-        float64 (N, 3), m; int64 (N,), the place and the number of the plane of each.
+        float64 (N, 3), m; int64 (N,), place and plane number of each.
     planes
         As in `assign`.
     """
@@ -175,19 +176,19 @@ def assign(
     planes: tuple[Float64, Float64, Int64, Int64],
     gates: tuple[float, float],
 ) -> Int64:
-    """Return the number of each patch's plane, `NO_PLANE` where none is near and parallel enough.
+    """Return the plane number of each patch, `NO_PLANE` if none is near and parallel enough.
 
     Parameters
     ----------
     centers, normals, places
         As in `find_planes`.
     spread
-        float64 (P,), rad, uncertainty of the normals.
+        float64 (P,), rad, standard deviation of the normals.
     planes
         Normals float64 (Q, 3) towards the laser, offsets float64 (Q,), numbers int64 (Q,), and
-        places int64 (Q,), -1 for planes that are seen from all places.
+        places int64 (Q,), -1 for planes visible from all places.
     gates
-        Largest distance, m, and angle, rad.
+        Maximum distance, m, and angle, rad.
     """
     n, d, numbers, where = planes
     distance = np.abs(centers @ n.T - d)

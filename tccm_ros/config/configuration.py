@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
+from tccm_ros.config.approach import Approach
 from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
 from tccm_ros.config.node import Markers, Qos, Save, ScanHere, Tf
 from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
@@ -51,6 +52,7 @@ class Config(Group):
     save: Save = Field(default_factory=Save)
     scan_here: ScanHere = Field(default_factory=ScanHere)
     markers: Markers = Field(default_factory=Markers)
+    approach: Approach = Field(default_factory=Approach)
     clock_jump: float = param(
         2.0,
         "a backward step of time beyond this resets the map",

@@ -1,10 +1,10 @@
-"""Endpoints of beams in whole ticks, computed in blocks that the compiler vectorises.
+"""Endpoints of beams in integer ticks, computed in vectorised blocks.
 
-All arithmetic is done in blocks of `BLOCK` beams, into a scratch array of rows of that length: the
-compiler knows the distance of the rows, so that it needs no proof that they do not overlap, and
-makes vector code. Indices are unsigned: a signed one may be negative and then counts
-from the end, and that test alone keeps loops from being vectors. Projecting 22,760 beams so takes
-0.05 ms; with a sine and a cosine of the tilt for each beam it took 0.24 ms.
+Blocks of `BLOCK` beams are computed in a scratch array with rows of that length: the compiler knows
+the distance of the rows, hence that they do not overlap, and vectorises the loops. Indices are
+unsigned: a signed index may be negative and count from the end, and this test alone prevents
+vectorisation. Projecting 22,760 beams takes 0.05 ms; with a sine and a cosine of the tilt for each
+beam it took 0.24 ms.
 """
 
 from __future__ import annotations
@@ -18,46 +18,46 @@ from tccm_ros.kernels import kernel
 from tccm_ros.sensors.laser_scan_kernels import refine_poses
 
 BLOCK = 512
-"""Beams that are worked on together: their scratch rows stay in the first cache."""
+"""Number of beams per block; its scratch rows fit in the first-level cache."""
 
 # Rows of the scratch array, int32: whether the beam is used, its tile in the directory, its cell
 # in the tile, its height in ticks, its position in the cell (x << 16 | y) and its depth in ticks.
 USED, TILE_OF, CELL_OF, HEIGHT, IN_CELL, DEPTH_OF = (np.uint64(row * BLOCK) for row in range(6))
 
 WORK_SIZE = 6 * BLOCK
-"""Elements of the scratch array `work`, int32."""
+"""Number of elements of the scratch array `work`, int32."""
 
 SETTINGS = np.dtype(
     [
-        ("ticks", np.float64),  # in a metre
+        ("ticks", np.float64),  # per metre
         ("cell_ticks", np.float64),  # edge of a cell
-        ("depth", np.float64),  # least depth of a point's interval, ticks
+        ("depth", np.float64),  # minimum depth of a point's interval, ticks
         ("depth_per_range", np.float64),  # adaptive gap: per metre and rad; 0 = fixed
         ("max_depth", np.float64),  # ticks
         ("region_frame", np.int64),  # `RegionFrame`
         ("region", np.float64, 6),  # x_min x_max y_min y_max z_min z_max, m
-        ("normal", np.float64, 3),  # of the plane of the scan before
+        ("normal", np.float64, 3),  # of the previous scan's plane
         ("has_normal", np.bool_),
     ],
     align=True,
 )
-"""Settings of binning, and the plane of the scan before for the adaptive gap."""
+"""Settings of binning, and the plane of the previous scan for the adaptive gap."""
 
 BLEND_ANGLE = 0.01
-"""Poses of a scan that turn by more than this, rad, are refined before matrices are blended: the
-chord would shorten a beam by the 80,000th part (angle^2 / 8)."""
+"""Maximum rotation between two poses of a scan, rad; poses are inserted above it, as blending
+matrices would shorten a beam by the 80,000th part (angle^2 / 8)."""
 
 FAR = 2**30
-"""Points so many ticks (107 km) from the origin, or further, are left out."""
+"""Points at this distance (107 km) from the origin or further are left out, ticks."""
 
-# Adding 2^30 before truncation makes int32() a floor that processors have for vectors.
+# Adding 2^30 before truncation makes int32() a floor, for which processors have vector code.
 _SHIFT = np.float64(FAR)
 _UNSHIFT = np.int64(FAR)
 _MAX_TICKS = np.float64(FAR - 1)
 
 _U1 = np.uint64(1)
 BEYOND = np.int64(2**40)
-"""More than any tile or height."""
+"""Larger than any tile index or height."""
 
 
 class RegionFrame(IntEnum):
@@ -76,11 +76,11 @@ class Beams(NamedTuple):
     ranges
         float32 (N,), m.
     keep
-        bool (N,), which are valid.
+        bool (N,), mask of the valid beams.
     directions
         float32 (2, N), cosines and sines of the bearings.
     first, last
-        The beams [first, last) are taken.
+        Range of beams [first, last) to use.
     step
         Angle between neighbouring beams, rad.
     """
@@ -99,9 +99,9 @@ class ScanSegment(NamedTuple):
     Attributes
     ----------
     T0, T1
-        float64 (3, 4), T_odom_laser at the ends; in between the matrices are blended.
+        float64 (3, 4), T_odom_laser at the ends; the matrices are blended linearly in between.
     f0, df
-        Beam i is at the fraction ``f0 + df * i`` of the way from T0 to T1.
+        Beam i is at the fraction ``f0 + df * i`` of the interval from T0 to T1.
     """
 
     T0: Any
@@ -112,7 +112,7 @@ class ScanSegment(NamedTuple):
 
 @kernel
 def _compose(n: Any, T_odom_base: Any, T_base_laser: Any) -> Any:
-    """Return the first n T_odom_laser (n, 3, 4), and whether they turn by over `BLEND_ANGLE`."""
+    """Return the first n T_odom_laser (n, 3, 4), and whether any rotates by over `BLEND_ANGLE`."""
     T = np.empty((n, 3, 4))
     coarse = False
     for k in range(n):
@@ -135,7 +135,8 @@ def poses_in_beams(
 ) -> Any:
     """Return the times of a scan's poses, in beams after the first, and T_odom_laser (K, 3, 4).
 
-    Poses are refined where they turn far. Where all beams have one time there is one pose.
+    Poses are inserted where they rotate by over `BLEND_ANGLE`. If all beams have one time, there is
+    one pose.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def poses_in_beams(
 
 @kernel
 def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
-    """Return the larger of the angles between beams and to the plane of the scan before, rad.
+    """Return the larger of the angles between beams and to the previous scan's plane, rad.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
 
 @kernel
 def region_in_segment(T_odom_base: Any, segment: Any, settings: Any, seen: Any) -> None:
-    """Write the region of interest in the coordinates of the beams of a segment.
+    """Write the region of interest in the coordinates of a segment's beams.
 
     Parameters
     ----------
@@ -216,16 +217,16 @@ def region_in_segment(T_odom_base: Any, segment: Any, settings: Any, seen: Any) 
 
 @kernel
 def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any, grid: Any) -> Any:
-    """Write a point in whole ticks, by tile, cell and position in the cell. Branch-free.
+    """Write a point in integer ticks, by tile, cell and position in the cell. Branch-free.
 
     Parameters
     ----------
     work, j
-        int32 (WORK_SIZE,), receives the point in column j.
+        int32 (WORK_SIZE,), column j is written.
     used
-        Whether the point is to be used.
+        Whether to use the point.
     px, py, pz, depth
-        The point, and the depth of its interval, ticks.
+        Point, and depth of its interval, ticks.
     grid
         Cells per tick, ticks per cell, and the directory's first tile (x, y) and width.
 
@@ -236,12 +237,12 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
     """
     per_tick, cell, tile_x0, tile_y0, tiles_y = grid
     used = used & (abs(px) < _MAX_TICKS) & (abs(py) < _MAX_TICKS) & (abs(pz) < _MAX_TICKS)
-    # What is not used becomes a number that can be converted.
+    # Unused points get a number that can be converted.
     px, py, pz = (px if used else 0.0), (py if used else 0.0), (pz if used else 0.0)
     x = np.int64(np.int32(px + (_SHIFT + 0.5))) - _UNSHIFT
     y = np.int64(np.int32(py + (_SHIFT + 0.5))) - _UNSHIFT
     z = np.int64(np.int32(pz + (_SHIFT + 0.5))) - _UNSHIFT
-    # Half a tick keeps the product off whole numbers: this is the exact floor division.
+    # Half a tick keeps the product away from integers: this is exact floor division.
     ix = np.int64(np.int32((x + 0.5) * per_tick + _SHIFT)) - _UNSHIFT
     iy = np.int64(np.int32((y + 0.5) * per_tick + _SHIFT)) - _UNSHIFT
     tx, ty = (ix >> 6) - tile_x0, (iy >> 6) - tile_y0
@@ -256,14 +257,14 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
 
 @kernel
 def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
-    """Extend the box of tiles and heights by those of a block.
+    """Extend the bounding box of tiles and heights by a block's.
 
     Parameters
     ----------
     counters
-        One element of `tiles._COUNTERS`, changed.
+        Element of `tiles._COUNTERS`, updated.
     x, y, z
-        Minimum and maximum of the tiles in the directory and of the heights, ticks.
+        Minimum and maximum of the block's tiles in the directory and of its heights, ticks.
 
     Returns
     -------
@@ -285,11 +286,11 @@ def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
     Parameters
     ----------
     keep
-        bool (N,), which beams of the scan are valid.
+        bool (N,), mask of the scan's valid beams.
     first, n
         First beam and length of the block.
     work
-        int32 (WORK_SIZE,), its row USED is written.
+        int32 (WORK_SIZE,), row USED is written.
     """
     for j in range(np.uint64(n)):
         work[USED + j] = keep[np.uint64(first) + j]
@@ -297,7 +298,7 @@ def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
 
 @kernel
 def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
-    """Mark the valid beams of a block that hit inside the region.
+    """Mark the valid beams of a block whose hits are inside the region.
 
     Parameters
     ----------
@@ -305,17 +306,17 @@ def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
         The scan.
     seen
         float32 (7, 3), the region at beam 0 (`region_in_segment`), along its axes: the laser's x
-        and y axis, how both change per beam, the laser's position from the region's centre, how it
-        moves per beam, and half the region's size.
+        and y axis, the change of both per beam, the laser's position relative to the region's
+        centre, its change per beam, and half the region's size.
     first, n
         First beam and length of the block.
     work
-        int32 (WORK_SIZE,), its row USED is written.
+        int32 (WORK_SIZE,), row USED is written.
 
     Returns
     -------
     low, high
-        The first beam marked, of n, and the one after the last.
+        Index in the block of the first marked beam, and one past the last.
     """
     a0, a1, a2 = seen[0, 0], seen[0, 1], seen[0, 2]
     b0, b1, b2 = seen[1, 0], seen[1, 1], seen[1, 2]
@@ -346,7 +347,7 @@ def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
 def project_beams(
     beams: Any, segment: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
 ) -> Any:
-    """Write the endpoints of the beams of a block.
+    """Compute the endpoints of a block's beams.
 
     They are computed in float32 relative to the laser, exact to a micrometre; the laser's position
     is added in float64.
@@ -354,7 +355,7 @@ def project_beams(
     Parameters
     ----------
     beams, segment
-        The scan, and the part of it between two pose samples.
+        The scan, and its segment between two pose samples.
     growth
         Depth of a point's interval per metre of range, ticks.
     settings
@@ -364,7 +365,7 @@ def project_beams(
     work
         int32 (WORK_SIZE,), written.
     counters
-        One element of `tiles._COUNTERS`, changed.
+        Element of `tiles._COUNTERS`, updated.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""From beams to binned points, scan by scan: the endpoint of each beam is counted in its cell.
+"""Bin the endpoints of beams in cells, scan by scan.
 
-Beams are processed in blocks: first all arithmetic (`beam_endpoints`), then all random access to
-memory, beam by beam.
+Beams are processed in blocks: first all arithmetic (`beam_endpoints`), then all random memory
+access, beam by beam.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _U0, _U1, _U2, _U3 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3)
 def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
     """Append the used beams [low, high) of a block to the records and count them in their cells.
 
-    Returns `high`, or the beam for whose tile there is no room.
+    Returns `high`, or the first beam whose tile has no memory yet.
     """
     records, directory, counts, bits = tiles.records, tiles.directory, tiles.counts, tiles.bits
     counters = tiles.counters[0]
@@ -74,23 +74,23 @@ def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
 
 @kernel
 def bin_points(points: Any, gaps: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
-    """Bin points in the map's frame; those that are not finite are left out.
+    """Bin points in the map's frame; points that are not finite are left out.
 
     Parameters
     ----------
     points
-        float64 (3 N,), m: x y z of each.
+        float64 (3 N,), x y z of each point, m.
     gaps
-        float64 (N,), distance to the next line of measurements, m; empty where there are none.
+        float64 (N,), distance to the next scan line, m; empty for dense points.
     first
-        Number of the first point to be binned.
+        Index of the first point to bin.
     settings, work, arrays
-        As in `bin_scan`; a point's depth grows with its gap, or is the minimum.
+        As in `bin_scan`; the depth of a point grows with its gap, or is the minimum.
 
     Returns
     -------
     int
-        As of `bin_scan`.
+        As in `bin_scan`.
     """
     tiles, own = Tiles(*arrays), settings[0]
     counters = tiles.counters[0]
@@ -124,17 +124,17 @@ def bin_points(points: Any, gaps: Any, first: Any, settings: Any, work: Any, arr
 
 @kernel
 def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> Any:
-    """Compute the endpoints of a scan's beams, drop those outside the region, and bin the rest.
+    """Compute the endpoints of a scan's beams, and bin those inside the region.
 
     Parameters
     ----------
     scan
         The fields of `Beams`.
     poses
-        Arguments of `poses_in_beams`; the stamps fall where the period is negative.
+        Arguments of `poses_in_beams`; stamps decrease if the period is negative.
     settings
-        One element of `SETTINGS`: the angle between this scan's plane and the one before is the
-        step between scan lines; this one's is written.
+        Element of `SETTINGS`; the angle between this scan's plane and the previous one is the step
+        between scan lines. This scan's plane is written to it.
     work
         int32 (WORK_SIZE,), scratch.
     arrays
@@ -143,8 +143,8 @@ def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> An
     Returns
     -------
     int
-        Number of records, or what must grow before the call is repeated from the counters'
-        `next_beam`.
+        Number of records, or the code of the array to enlarge before the call is repeated from the
+        counters' `next_beam`.
     """
     beams, tiles, own = Beams(*scan), Tiles(*arrays), settings[0]
     counters = tiles.counters[0]
@@ -166,8 +166,7 @@ def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> An
         for begin in range(start, end, BLOCK):
             low, high = np.int64(0), min(end - begin, np.int64(BLOCK))
             if has_region:
-                # Most of a scan lies outside: only the beams from the first to the last one inside
-                # are projected.
+                # Most of a scan is outside the region: project only the range of beams inside.
                 low, high = mark_inside(beams, seen, begin, high, work)
             else:
                 mark_kept(beams.keep, begin, high, work)
@@ -190,18 +189,18 @@ def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> An
 
 @kernel
 def list_cells(arrays: Any, keys: Any, starts: Any, addresses: Any) -> Any:
-    """List the counted cells in order of (ix, iy) and turn their counts into start positions.
+    """List the counted cells in order of (ix, iy), and turn their counts into start positions.
 
     Parameters
     ----------
     arrays
-        The fields of `Tiles`. `counts` become the cells' first positions; `bits` are cleared.
+        The fields of `Tiles`. `counts` become the cells' start positions; `bits` are cleared.
     keys
-        int64 (N,), receives the cells, see `cuboids.cell_keys`.
+        int64 (N,), written: the cells, see `cuboids.cell_keys`.
     starts
-        int32 (N + 1,), receives the first position of each cell and, last, the number of points.
+        int32 (N + 1,), written: start position of each cell and, last, the number of points.
     addresses
-        int32 (N,), receives the cells' addresses.
+        int32 (N,), written: the cells' addresses.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""Caps of cuboids: the moments of the points at a cuboid's top, separate from the rest.
+"""Caps of cuboids: separate moments of the points at a cuboid's top.
 
-Where a board ends in a horizontal surface, the highest cuboid of each cell holds points of both.
-Those of the surface lie at the top; their moments, known separately, can be subtracted exactly. A
-part map with points sums the caps when its cuboids are made; the part maps of an integration map
-have no points any more, so that it has no caps.
+Where a vertical board ends in a horizontal surface, the highest cuboid of a cell contains points of
+both. Points of the surface are at the top; their moments are stored separately and can be
+subtracted exactly. A part map with points computes the caps with its cuboids; part maps in an
+integration map have no points, so the integration map has no caps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.kernels import kernel
 
 CAP_DEPTH = 150
-"""Depth of a cap, ticks. Chosen: 15 mm, the noise of a horizontal surface in height, both ways."""
+"""Depth of a cap, ticks. Chosen: 15 mm, the height noise of a horizontal surface to both sides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +27,8 @@ class Caps:
     Attributes
     ----------
     of
-        int32 (N,): the row of each cuboid's cap; -1 where all its points lie within the cap's depth
-        of its top, so that the cap is the whole cuboid. Of length 0 where caps are not known.
+        int32 (N,): row of each cuboid's cap; -1 if all its points are within the cap's depth, so
+        that the cap is the whole cuboid. Length 0 where caps are unknown.
     moments
         float64 (C, 10), ticks: count, sums and products as in `Cuboids`.
     """
@@ -38,22 +38,23 @@ class Caps:
 
 
 def no_caps() -> Caps:
-    """Return the caps of a map without points: they are not known."""
+    """Return the unknown caps of a map without points."""
     return Caps(np.zeros(0, np.int32), np.zeros((0, 10)))
 
 
 @kernel
 def sum_caps(points: Any, counts: Any, first: Any, tops: Any, of: Any, sums: Any) -> Any:
-    """Sum the points at the tops of cuboids.
+    """Sum the moments of the points at the tops of cuboids.
 
     Parameters
     ----------
     points
         int64 (M, 2), see `part_map.PartPoints`.
     counts, first, tops
-        int64 (N,), int32 (N,) and int32 (N,): points, first point and top, ticks, of each cuboid.
+        int64 (N,), int32 (N,) and int32 (N,): number of points, first point and top, ticks, of each
+        cuboid.
     of, sums
-        int32 (N,) and float64 (N, 10), zero: receive the fields of `Caps`.
+        int32 (N,) and float64 (N, 10), initially zero; written: the fields of `Caps`.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Clearing by beams: a cuboid of an older part map that a beam passed through is removed.
+"""Clearing by beams: remove cuboids of older part maps through which a beam passed.
 
-What a tilt cycle cleared is stored with its part map as *voids*: intervals of height per cell that
-are removed from all older part maps. A rebuild therefore repeats the clearing, and removing the
-part map from the integration map removes its clearing as well.
+The cleared space of a tilt cycle is stored with its part map as *voids*: intervals of height per
+cell that are removed from all older part maps. A rebuild therefore repeats the clearing, and
+removing the part map from the integration map undoes its clearing as well.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.kernels import kernel
 
 MARGIN = 0.010
-"""A beam must pass at least this deep inside a cuboid, m: a beam that grazes a surface does not
-clear it. Chosen: four standard deviations of a range (2.5 mm)."""
+"""Minimum depth of a beam inside a cuboid, m: a beam that grazes a surface does not clear it.
+Chosen: four standard deviations of a range (2.5 mm)."""
 
 STOP_CELLS = 2.0
-"""A beam is followed to this many cells before its end, as its last cells hold the surface that it
-hit. Chosen: the cell of the hit and the one before it."""
+"""Tracing stops this number of cells before a beam's end, as its last cells contain the surface
+that it hit. Chosen: the cell of the hit and the previous one."""
 
 
 def add_voids(cycle: TiltCycleData, map_: IntegrationMap, config: Config) -> PartMap:
-    """Find what the beams of the newest tilt cycle passed through.
+    """Return the newest part map with the voids along its tilt cycle's beams.
 
     Parameters
     ----------
     cycle
         The newest tilt cycle.
     map_
-        The map that it is about to be added to.
+        The map before the part map is added.
     config
-        `map.window_cycles` and `scan.max_range` are used.
+        `map.window_cycles` and `scan.max_range`.
 
     Returns
     -------
@@ -60,9 +60,7 @@ def add_voids(cycle: TiltCycleData, map_: IntegrationMap, config: Config) -> Par
 
 
 def _older(part: PartMap, map_: IntegrationMap, window: int) -> tuple[Int64, Int32]:
-    """Return keys and spans of the composite cuboids that older part maps will have once the
-    newest one is added.
-    """
+    """Return keys and spans of the older composite cuboids that the newest part map leaves."""
     keys, pieces = map_.keys, map_.pieces
     room = len(keys) + 2 * len(part) + 1
     left_keys, left = np.empty(room, np.int64), np.empty((room, 4), np.int32)
@@ -77,18 +75,18 @@ def _older(part: PartMap, map_: IntegrationMap, window: int) -> tuple[Int64, Int
 
 @kernel
 def _slot(key: Any, mask: Any) -> Any:
-    """Return where to look for a cell first: the key's bits, mixed."""
+    """Return the first slot of a cell in the hash table: the mixed bits of its key."""
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64(mixed >> np.uint64(20)) & mask
 
 
 class CellIndex(NamedTuple):
-    """Cuboids by cell, in an open hash table.
+    """Cuboids by cell, in an open-addressing hash table.
 
     Attributes
     ----------
     keys, spans
-        int64 (C,) sorted cells and float64 (C, 2), bottom and top, m.
+        int64 (C,), sorted cells, and float64 (C, 2), bottom and top, m.
     table, first
         int64, slot -> cell, and slot -> index of the cell's first cuboid or -1.
     """
@@ -118,7 +116,7 @@ def index_cells(keys: Any, spans: Any) -> Any:
 
 @kernel
 def _mark_cell(key: Any, low: Any, high: Any, index: Any, passed: Any) -> None:
-    """Mark the cuboids of a cell that heights [low, high] pass at least `MARGIN` inside."""
+    """Mark the cuboids of a cell in which the heights [low, high] are at least `MARGIN` deep."""
     keys, spans, table, first = index
     mask = len(table) - 1
     slot = _slot(key, mask)
@@ -133,18 +131,18 @@ def _mark_cell(key: Any, low: Any, high: Any, index: Any, passed: Any) -> None:
 
 @kernel
 def mark_passed(origins: Any, ends: Any, hits: Any, cell: Any, index: Any, passed: Any) -> None:
-    """Follow beams from cell to cell and mark the cuboids that they pass through.
+    """Trace beams from cell to cell and mark the cuboids through which they pass.
 
     Parameters
     ----------
     origins, ends, hits
-        float64 (N, 3), m, in the map's frame, and bool (N,): whether a beam ended on something.
+        float64 (N, 3), m, in the map's frame, and bool (N,): whether a beam has a hit.
     cell
         Edge of a cell, m.
     index
-        The cuboids: `CellIndex`.
+        `CellIndex` of the cuboids.
     passed
-        bool (C,), written: True where a beam passed through.
+        bool (C,), written: True if a beam passed through.
     """
     for i in range(len(origins)):
         ox, oy, oz = origins[i, 0] / cell, origins[i, 1] / cell, origins[i, 2]

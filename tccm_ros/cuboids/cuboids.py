@@ -1,8 +1,8 @@
-"""Cuboids as arrays: the common form of part maps and integration maps for all readers.
+"""Cuboids as arrays: the common form of part maps and integration maps for readers.
 
-A cuboid lies in cell (ix, iy) of edge `cell_size` and covers the heights [bottom, top]. Heights and
-moments are in ticks of 0.1 mm, so that adding and subtracting points is exact
-(docs/design/tccm.md, "Ticks").
+A cuboid is in cell (ix, iy) of edge `cell_size` and covers the heights [bottom, top]. Heights and
+moments are in ticks of 0.1 mm, so that adding and subtracting points is exact (docs/design/tccm.md,
+"Ticks").
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ def cell_keys(ix: ArrayLike, iy: ArrayLike) -> Int64:
 
 
 def key_cells(keys: Int64) -> tuple[Int32, Int32]:
-    """Return the cells int32 (ix, iy) of keys made by `cell_keys`."""
+    """Return the cells int32 (ix, iy) of keys from `cell_keys`."""
     ix = (keys + 2**31) >> 32
     return ix.astype(np.int32), (keys - (ix << 32)).astype(np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """The geometry of N cuboids alone, cell by cell: 12 bytes a cell and 8 a cuboid.
+    """The geometry of N cuboids by cell: 12 bytes per cell and 8 per cuboid.
 
     Attributes
     ----------
     keys
-        int64 (C,), the cells that hold something, rising; see `cell_keys`.
+        int64 (C,), occupied cells, ascending; see `cell_keys`.
     first
         int32 (C + 1,): the cuboids of cell i are ``spans[first[i]:first[i + 1]]``.
     spans
-        int32 (N, 2), bottom and top, ticks; rising within a cell.
+        int32 (N, 2), bottom and top, ticks; ascending within a cell.
     """
 
     keys: Int64
@@ -59,16 +59,16 @@ class Columns:
 
 
 class CuboidArrays(NamedTuple):
-    """The cuboids of a map, as kernels take them.
+    """The cuboids of a map, in the form for kernels.
 
     Attributes
     ----------
     ix, iy, bottom, top, s, S
         As in `Cuboids`.
     counts
-        float64 (N,), points.
+        float64 (N,), number of points.
     cell, tick
-        Edge of a cell in ticks, and a tick in m.
+        Edge of a cell in ticks, and length of a tick in m.
     """
 
     ix: Int32
@@ -95,7 +95,7 @@ class Cuboids:
     bottom, top
         int32 (N,), ticks, bottom < top.
     count
-        float64 (N,), points; not whole where a piece is only a part of its part map's cuboid.
+        float64 (N,), number of points; fractional where a piece is part of a part map's cuboid.
     s
         float64 (N, 3), ticks: sum of (x - x_cell, y - y_cell, z), x_cell = rint(ix * cell_size).
     S
@@ -104,7 +104,7 @@ class Cuboids:
         int32 (M,) and int64 (N + 1,): the ordered cycles (the paper's msnlist) of cuboid i are
         ``cycles[cycle_offsets[i]:cycle_offsets[i + 1]]``.
     caps
-        Moments of the points at the tops, where they are known.
+        Moments of the points at the tops, where known.
     """
 
     cell_size: float
@@ -124,7 +124,7 @@ class Cuboids:
 
     @property
     def arrays(self) -> tuple[Any, ...]:
-        """The fields of `CuboidArrays`, as a plain tuple: numba takes it in half the time."""
+        """The fields of `CuboidArrays`, as a plain tuple, which numba passes in half the time."""
         return (
             *(self.ix, self.iy, self.bottom, self.top, self.count, self.s, self.S),
             *(self.cell_size * TICKS_PER_M, TICK),
@@ -139,7 +139,7 @@ class Cuboids:
         )
 
     def select(self, chosen: Bool) -> Cuboids:
-        """Return the chosen cuboids, bool (N,), in their order; their caps are not known."""
+        """Return the cuboids of a mask, bool (N,), in order; their caps are unknown."""
         lengths = np.diff(self.cycle_offsets)
         return Cuboids(
             self.cell_size,

@@ -1,8 +1,8 @@
-"""From what sensors measured, and tilt angles, to cycles with their part maps.
+"""Build cycles with part maps from sensor records and tilt angles.
 
-A scan is binned as soon as it is certain to which tilt cycle its beams belong. A tilt cycle is
-complete when the joint has reversed and every scan before the reversal has come, or can no longer
-come. Records of several sensors are taken in the order of their stamps, however they came.
+A scan is binned as soon as the tilt cycles of its beams are certain. A tilt cycle is complete when
+the joint has reversed and all scans before the reversal have arrived, or have timed out. Records of
+several sensors are processed in stamp order, independent of their order of arrival.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import START_OF_TIME, Posed, SensorKind
 
 SPEED_WINDOW_NS = 250_000_000
-"""Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.
-Chosen: 12 samples of an odometry of 50 Hz."""
+"""Minimum time over which base speeds are computed, ns: shorter steps show the odometry's jitter.
+Chosen: 12 samples of 50 Hz odometry."""
 
 PATIENCE_NS = 1_500_000_000
-"""A sensor whose records come later than those of others is waited for so much longer, ns, in
-message time: images take longer on their way than odometry, which makes the time. Chosen: it delays
-nothing while all sensors go on."""
+"""Additional timeout for sensors with a larger latency than others, ns, in message time: images
+arrive later than odometry, which advances message time. Chosen: no delay while all sensors are
+alive."""
 
 END_OF_TIME = 2**62
 
 
 @dataclass(slots=True, eq=False)
 class TiltCycleData:
-    """What was measured in one complete cycle.
+    """The measurements of one complete cycle.
 
     Attributes
     ----------
     span
-        Its time and number.
+        Time span and number of the cycle.
     part
-        Its part map, with points.
+        Part map of the cycle, with points.
     records
-        What it is made of, in stamp order.
+        Records of the cycle, in stamp order.
     """
 
     span: Span
@@ -56,7 +56,7 @@ class TiltCycleData:
 
     @property
     def stamp_ns(self) -> int:
-        """Middle of the first and the last used beam."""
+        """Middle of the times of the first and the last used beam."""
         return (self.part.start_ns + self.part.end_ns) // 2
 
     @property
@@ -65,7 +65,7 @@ class TiltCycleData:
         return [record for record in self.records if isinstance(record, CycleScan)]
 
     def is_line(self) -> Bool:
-        """Return which records are scan lines, bool (R,): other points lie on no line."""
+        """Return a mask of the records that are scan lines, bool (R,); others are dense points."""
         return np.array([isinstance(record, CycleScan) for record in self.records], np.bool_)
 
     def is_of(self, kind: SensorKind) -> Bool:
@@ -73,14 +73,14 @@ class TiltCycleData:
         return np.array([record.posed.sensor_kind is kind for record in self.records], np.bool_)
 
     def T_odom_base(self) -> Float64:
-        """Return the base's pose at `stamp_ns`, float64 (4, 4); the identity without records."""
+        """Return the base pose at `stamp_ns`, float64 (4, 4); the identity without records."""
         stamps, poses = _pose_samples(self.records, lambda posed: posed.T_odom_base)
         return _pose_at(stamps, poses, self.stamp_ns)
 
     def T_odom_sensor(self) -> Float64:
-        """Return a sensor's pose at `stamp_ns`, float64 (4, 4); the identity without records.
+        """Return the sensor pose at `stamp_ns`, float64 (4, 4); the identity without records.
 
-        With a tilting laser it is that; of other sensors the one with the first record.
+        The sensor is a tilting laser, if there is one, otherwise that of the first record.
         """
         chosen = self.scans or self.records
         records = [r for r in chosen if r.posed.role == chosen[0].posed.role]
@@ -95,7 +95,7 @@ class TiltCycleData:
         return records[0].posed.sensor_kind if records else SensorKind.LASER
 
     def base_speeds(self) -> tuple[float, float]:
-        """Return the largest speed (m/s) and rotation rate (rad/s) of the base in the cycle."""
+        """Return the maximum speed (m/s) and rotation rate (rad/s) of the base in the cycle."""
         stamps, poses = _pose_samples(self.records, lambda posed: posed.T_odom_base)
         if len(stamps) < 2:
             return 0.0, 0.0
@@ -111,17 +111,17 @@ class TiltCycleData:
         return float((step / seconds).max()), float((rotation / seconds).max())
 
     def angle_step(self) -> float:
-        """Return the mean angle between scan lines, or that between other lines of sight, rad."""
+        """Return the larger of the mean angle of scan lines and the angle of other rays, rad."""
         others = max((record.line_angle for record in self.records), default=0.0)
         steps = self._scan_steps()
         return max(others, float(steps.mean())) if len(steps) else others
 
     def swept_angle(self) -> float:
-        """Return the angle that the scan lines pass over, rad; inf with other sensors' points."""
+        """Return the total angle of the scan lines, rad; inf if the cycle has other points."""
         return float(self._scan_steps().sum()) if self.is_line().all() else np.inf
 
     def _scan_steps(self) -> Float64:
-        """Return the angles from each scan line to the next, float64 (S - 1,), rad."""
+        """Return the angles between consecutive scan lines, float64 (S - 1,), rad."""
         scans = self.scans
         middle = [len(s.posed.pose_stamps_ns) // 2 for s in scans]
         normals = [s.posed.T_base_laser[k][:3, 2] for s, k in zip(scans, middle, strict=True)]
@@ -129,14 +129,14 @@ class TiltCycleData:
 
 
 class _Waiting:
-    """The records of all sensors, given out in the order of their stamps.
+    """Queues of all sensors' records, merged in stamp order.
 
     Parameters
     ----------
     roles
         Roles of the sensors.
     tilting
-        Roles of tilting lasers: a robot that has one need not be watched for others at the start.
+        Roles of tilting lasers: once one is alive, other sensors are not waited for at the start.
     """
 
     def __init__(self, roles: Iterable[str], tilting: Iterable[str]) -> None:
@@ -146,35 +146,35 @@ class _Waiting:
         self._first_ns: int | None = None
 
     def __len__(self) -> int:
-        """Return how many records wait of which nothing was used yet."""
+        """Return the number of queued records of which nothing has been used."""
         return sum(map(begun, self.queues.values()))
 
     def add(self, record: CycleRecord) -> None:
-        """Add a record, in the order of stamps within its role."""
+        """Append a record; records of one role come in stamp order."""
         queue = self.queues.get(record.posed.role)
-        if queue is None:  # of a processor that is fed by hand
+        if queue is None:  # the role is not configured
             queue = self.queues[record.posed.role] = deque()
         queue.append(record)
         if self._first_ns is None:
             self._first_ns = record.start_ns
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Clear all queues."""
         for queue in self.queues.values():
             queue.clear()
         self.complete_ns.clear()
         self._first_ns = None
 
     def is_known(self, role: str) -> bool:
-        """Return whether a sensor was heard of."""
+        """Return whether a sensor is alive."""
         return role in self.complete_ns or bool(self.queues.get(role))
 
     @property
     def is_decided(self) -> bool:
-        """Whether all sensors that are there were heard of.
+        """Whether it is known which sensors are alive.
 
-        A sensor from which nothing has come when the others are complete up to the first record of
-        all is not there, or begins later.
+        A sensor is not alive, or starts later, if it has no record while the others are complete up
+        to the first record.
         """
         if self._first_ns is None or not self.complete_ns:
             return False
@@ -183,7 +183,7 @@ class _Waiting:
         return not silent or max(self.complete_ns.values()) > self._first_ns + patience_ns
 
     def next(self) -> deque[CycleRecord] | None:
-        """Return the queue whose head is next, None while an earlier record may come."""
+        """Return the queue with the next record; None while an earlier record may still arrive."""
         heads = [(queue[0].start_ns, role) for role, queue in self.queues.items() if queue]
         if not heads:
             return None
@@ -194,16 +194,16 @@ class _Waiting:
         return self.queues[role]
 
     def _until_ns(self, role: str) -> int:
-        """Return the stamp before which nothing of a sensor is waited for.
+        """Return the stamp before which no further record of a sensor is expected.
 
-        Where others have to wait for it, that is `PATIENCE_NS` earlier than what is complete.
+        With several sensors, this is `PATIENCE_NS` earlier than its complete time.
         """
         until_ns = self.complete_ns.get(role, END_OF_TIME)
         return until_ns - PATIENCE_NS if len(self.complete_ns) > 1 else until_ns
 
     @property
     def complete_all_ns(self) -> int:
-        """No record of any sensor, of those that wait too, is older."""
+        """Stamp before which no sensor has a queued or expected record."""
         until = [
             queue[0].start_ns if queue else self._until_ns(role)
             for role, queue in self.queues.items()
@@ -213,22 +213,22 @@ class _Waiting:
 
 
 class CycleBuilder:
-    """Assigns what sensors measured to cycles and builds their part maps.
+    """Assigns measurements to cycles and builds their part maps.
 
-    With a tilting laser its movements are the cycles, and the points of other sensors belong to the
-    cycle of their time; without one a cycle has a period (`TimedCycles`).
+    With a tilting laser, its movements are the cycles, and points of other sensors belong to the
+    cycle at their time; without one, cycles have a fixed period (`TimedCycles`).
 
     Parameters
     ----------
     config
         Groups `cycle`, `map`, `scan` and `sensors`.
     rule
-        How points become cuboids.
+        Rule that turns points into cuboids.
 
     Attributes
     ----------
     dropped
-        Records of which nothing was used, by reason.
+        Number of records of which nothing was used, by reason.
     """
 
     def __init__(self, config: Config, rule: CuboidRule = UNION) -> None:
@@ -246,7 +246,7 @@ class CycleBuilder:
         self._tilt_role: str | None = None
 
     def clear(self) -> None:
-        """Forget all records of the open cycle, as after a jump of the clock."""
+        """Clear all records of the open cycle, after a jump of the clock."""
         self.dropped["clock jump"] += len(self._waiting) + begun(self._open)
         self._waiting.clear()
         self._open = []
@@ -257,14 +257,14 @@ class CycleBuilder:
         self._timed_cycles.clear()
 
     def add_tilt(self, role: str, stamp_ns: int, angle: float) -> None:
-        """Take the next tilt angle of a laser, in stamp order.
+        """Add the next tilt angle of a laser, in stamp order.
 
         Parameters
         ----------
         role
-            Of the laser's scans.
+            Role of the laser's scans.
         stamp_ns, angle
-            Stamp of the joint sample, and its angle, rad.
+            Stamp of the joint sample, and angle, rad.
         """
         if role == self._tilt_role:
             self._tilt_cycles.add(stamp_ns, angle)
@@ -272,15 +272,15 @@ class CycleBuilder:
             self._angles.setdefault(role, []).append((stamp_ns, angle))
 
     def add(self, record: CycleRecord) -> None:
-        """Take the next record of a sensor, in the order of its stamps."""
+        """Add the next record of a sensor, in stamp order."""
         self._waiting.add(record)
 
     def add_complete(self, role: str, until_ns: int) -> None:
-        """Take note that no record of a sensor that is older than `until_ns` will come."""
+        """Note that no record of a sensor older than `until_ns` will arrive."""
         self._waiting.complete_ns[role] = until_ns
 
     def finish(self) -> list[TiltCycleData]:
-        """Close the open cycle at the end of the input; return the cycles completed."""
+        """Close the open cycle at the end of the input; return the complete cycles."""
         spans = self._cycles()
         complete_ns = dict(self._waiting.complete_ns)
         self._waiting.complete_ns = dict.fromkeys(self._waiting.queues, END_OF_TIME)
@@ -293,9 +293,9 @@ class CycleBuilder:
         return cycles
 
     def take(self) -> list[TiltCycleData]:
-        """Bin the records whose cycle is certain and return the cycles that are complete.
+        """Bin the records whose cycle is certain, and return the complete cycles.
 
-        The open tilt cycle ends where no more samples of the joint can come for it.
+        The open tilt cycle is closed if no further joint samples can arrive for it.
         """
         if not self._waiting.is_decided:
             return []
@@ -308,7 +308,7 @@ class CycleBuilder:
         return self._take(spans)
 
     def _cycles(self) -> TiltCycles | TimedCycles:
-        """Return what cuts time: the first laser that tilts, once there is one."""
+        """Return the source of cycles: the first tilting laser, once there is one, else time."""
         if self._tilt_role is not None:
             return self._tilt_cycles
         known = (r for r in self._tilting if r in self._angles or self._waiting.is_known(r))
@@ -318,7 +318,7 @@ class CycleBuilder:
         for sample in self._angles.pop(self._tilt_role, ()):
             self._tilt_cycles.add(*sample)
         self._angles.clear()
-        self._timed_cycles.finish()  # a laser that begins late: what was open is a cycle
+        self._timed_cycles.finish()  # a laser started late: close the timed cycle
         self._tilt_cycles.closed.extendleft(reversed(self._timed_cycles.closed))
         self._timed_cycles.clear()
         return self._tilt_cycles
@@ -349,7 +349,7 @@ class CycleBuilder:
                 cycles.append(cycle)
 
     def _use(self, record: CycleRecord, is_used: bool, reason: str) -> None:
-        """Put a record into the open part map, or count it as dropped if it begins here."""
+        """Add a record to the open part map, or count it as dropped if it begins here."""
         if is_used:
             record.bin(self._builder)
             self._open.append(record)
@@ -359,7 +359,7 @@ class CycleBuilder:
     def _close(self, span: Span) -> TiltCycleData | None:
         records, self._open = self._open, []
         cycle = self._cycle_data(span, records)
-        # A new region counts from the next tilt cycle on: a part map has one region.
+        # A new region is used from the next tilt cycle on: a part map has one region.
         self._builder.set_region(self._config.map.region)
         return cycle
 
@@ -375,14 +375,14 @@ class CycleBuilder:
 
 
 def begun(records: Iterable[CycleRecord]) -> int:
-    """Return how many records begin in a cycle: one that two cycles share is counted once."""
+    """Return the number of records that begin in a cycle; a divided record is counted once."""
     return sum(record.is_whole for record in records)
 
 
 def _pose_samples(
     records: Iterable[CycleRecord], poses_of: Callable[[Posed], Float64]
 ) -> tuple[Int64, Float64]:
-    """Return stamps, each once, and poses (K, 4, 4) of records."""
+    """Return the distinct stamps and poses (K, 4, 4) of records."""
     chosen = [record.posed for record in records]
     if not chosen:
         return np.zeros(0, np.int64), np.zeros((0, 4, 4))

@@ -1,7 +1,7 @@
-"""What the records of sensors give to a cycle: beams of a scan, or points of an image or cloud.
+"""The parts of sensor records in a cycle: beams of a scan, or points of an image or cloud.
 
-Both can be cut in time, are binned into the cycle's part map, and say what their lines of sight
-passed through.
+Both can be cut in time, are binned into the cycle's part map, and provide their rays through free
+space.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from tccm_ros.sensors.laser_scan_kernels import place_beams
 from tccm_ros.sensors.measured import MeasuredPoints
 
 Rays = tuple[Float64, Float64, Bool]
-"""Lines of sight: origins and ends float64 (N, 3), m, and whether each ended on a surface."""
+"""Rays: origins and ends float64 (N, 3), m, and whether each ends on a surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleScan:
-    """Beams of a scan that belong to one tilt cycle.
+    """The beams of a scan in one tilt cycle.
 
     Attributes
     ----------
     posed
         The scan with its poses.
     keep
-        bool (N,), which of all beams of the scan are valid.
+        bool (N,), mask of all valid beams of the scan.
     first, last
-        The beams [first, last) belong to the tilt cycle.
+        Range of beams [first, last) in the tilt cycle.
     """
 
     posed: PosedScan
@@ -43,7 +43,7 @@ class CycleScan:
 
     @property
     def start_ns(self) -> int:
-        """Time that the scan is ordered by."""
+        """Time by which scans are ordered."""
         return self.posed.scan.stamp_ns
 
     @property
@@ -53,18 +53,18 @@ class CycleScan:
 
     @property
     def line_angle(self) -> float:
-        """Angle between lines of sight that is known of the record alone, rad."""
+        """Angle between rays, if it follows from the record alone, rad; 0 for scans."""
         return 0.0
 
     def cut(self, stamp_ns: int) -> tuple[CycleScan | None, CycleScan | None]:
-        """Return what was measured before a stamp, and the rest; None for nothing."""
+        """Return the parts before and from a stamp; None for an empty part."""
         split = self._first_beam_at(stamp_ns)
         before = replace(self, last=split) if split > self.first else None
         rest = replace(self, first=max(split, self.first)) if split < self.last else None
         return before, rest
 
     def stamps_ns(self) -> tuple[int, int] | None:
-        """Return the times of the first and the last valid beam, None if there is none."""
+        """Return the times of the first and the last valid beam; None without valid beams."""
         valid = np.flatnonzero(self.keep[self.first : self.last])
         if len(valid) == 0:
             return None
@@ -77,7 +77,7 @@ class CycleScan:
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing of the record belonged to an earlier cycle."""
+        """Whether no part of the record is in an earlier cycle."""
         return self.first == 0
 
     def bin(self, builder: PartMapBuilder) -> None:
@@ -90,17 +90,17 @@ class CycleScan:
         enough: tuple[float, float] | None = None,
         T_frame_odom: Float64 | None = None,
     ) -> Rays:
-        """Return the beams that hit something, and those that came back empty (+inf, REP-117).
+        """Return the beams with a hit and those with no return (+inf, REP-117).
 
         Parameters
         ----------
         max_length
-            Beams are cut off at this range, m. A beam without a return passed through to here.
+            Maximum length of a beam, m; beams without a return get this length.
         enough
-            Beams this far from each other are enough: a distance, m, and at which range it counts,
-            m; all are taken by default.
+            Beam thinning: sufficient distance between beams, m, at a range, m; no thinning by
+            default.
         T_frame_odom
-            float64 (4, 4), the frame of the result; odom if None.
+            float64 (4, 4), frame of the result; None for odom.
         """
         scan = self.posed.scan
         step = float(scan.time_increment)
@@ -114,7 +114,7 @@ class CycleScan:
         ranges = np.minimum(scan.ranges, np.float32(max_length))
         at_laser = np.zeros_like(ranges)
         for array in (ranges, at_laser):
-            array.flags.writeable = False  # as those of a scan: one kernel serves all
+            array.flags.writeable = False  # as in a scan, for the same compiled kernel
         times, T = laser_poses(self.posed, T_frame_odom)
         cosines, sines = directions(scan)
         ends, beams = place_beams(ranges, useful, cosines, sines, 0.0, step, times, T)
@@ -122,12 +122,10 @@ class CycleScan:
         return origins, ends, self.keep[beams] & (ranges[beams] < max_length)
 
     def _first_beam_at(self, stamp_ns: int) -> int:
-        """Return the first of the scan's beams that is not before a stamp."""
+        """Return the index of the first beam at or after a stamp."""
         step_ns = self.posed.scan.time_increment * 1e9
         ahead_ns = stamp_ns - self.posed.scan.stamp_ns
-        if (
-            step_ns <= 0.0
-        ):  # Of one time, or the last beam first: the scan goes whole, by its stamp.
+        if step_ns <= 0.0:  # Equal or decreasing times: do not divide the scan.
             return self.last if ahead_ns > 0 else self.first
         stamps = np.rint(np.arange(self.first, self.last) * step_ns).astype(np.int64)
         return self.first + int(np.searchsorted(stamps, ahead_ns))
@@ -135,16 +133,16 @@ class CycleScan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CyclePoints:
-    """Points of an image or a cloud that belong to one cycle.
+    """The points of an image or a cloud in one cycle.
 
     Attributes
     ----------
     posed
         The record with its poses.
     measured
-        Its points.
+        Points and rays of the record.
     is_whole
-        Whether none of its points belonged to an earlier cycle.
+        Whether no part of its points is in an earlier cycle.
     """
 
     posed: Posed
@@ -165,13 +163,13 @@ class CyclePoints:
 
     @property
     def line_angle(self) -> float:
-        """Angle between lines of sight, rad."""
+        """Angle between rays, rad."""
         return self.measured.line_angle
 
     def cut(self, stamp_ns: int) -> tuple[CyclePoints | None, CyclePoints | None]:
-        """Return what was measured before a stamp, and the rest; None for nothing.
+        """Return the parts before and from a stamp; None for an empty part.
 
-        The lines of sight stay with the part that the record's stamp is in.
+        Rays go to the part that contains the record's stamp.
         """
         stamps, nothing = self.measured.stamps_ns, np.zeros(0, np.bool_)
         if stamps is None or not len(stamps):
@@ -189,7 +187,7 @@ class CyclePoints:
         return before, CyclePoints(self.posed, rest, is_whole=False)
 
     def stamps_ns(self) -> tuple[int, int] | None:
-        """Return the times of the first and the last point, None if there is none."""
+        """Return the times of the first and the last point; None without points."""
         if not len(self.measured.points):
             return None
         stamps = self.measured.stamps_ns
@@ -207,16 +205,16 @@ class CyclePoints:
         enough: tuple[float, float] | None = None,
         T_frame_odom: Float64 | None = None,
     ) -> Rays:
-        """Return the lines of sight, as `CycleScan` does.
+        """Return the rays, as `CycleScan.rays`.
 
         Parameters
         ----------
         max_length
-            Longer ones are cut off, m.
+            Maximum length of a ray, m.
         enough
-            Not used: depth images and clouds have been thinned before.
+            Unused: depth images and clouds are thinned before.
         T_frame_odom
-            float64 (4, 4), where they are wanted in another frame than odom.
+            float64 (4, 4), frame of the result; None for odom.
         """
         origins, ends, hits = self.measured.origins, self.measured.ends, self.measured.hits
         lengths = np.linalg.norm(ends - origins, axis=1)
@@ -230,4 +228,4 @@ class CyclePoints:
 
 
 CycleRecord = CycleScan | CyclePoints
-"""What a record gives to a cycle."""
+"""The part of a record in a cycle."""

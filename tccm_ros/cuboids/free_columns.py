@@ -1,4 +1,4 @@
-"""Free space per column: intervals of height that beams passed through, queried by points."""
+"""Free space by column: intervals of height along beams, and point queries."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import ViewIntervals
 
 KEY_STEP = 1 << 21
-"""Factor of x in the keys of columns and voxels: columns -2^20..2^20 on either axis."""
+"""Factor of x in keys of columns and voxels: indices are -2^20..2^20 on both axes."""
 
 NEVER = -1
-"""Stamp of what was never seen."""
+"""Stamp of unobserved space."""
 
 
 def column_keys(points: Float64, cell_size: float) -> Int64:
-    """Return the key of the column that each point (N, >= 2) stands in, int64 (N,)."""
+    """Return the column key of each point (N, >= 2), int64 (N,)."""
     cells = np.floor(points[:, :2] / cell_size).astype(np.int64)
     return cells[:, 0] * KEY_STEP + cells[:, 1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeColumns:
-    """Free intervals by column: the column keys are sorted and may repeat.
+    """Free intervals by column; column keys are sorted and may repeat.
 
     Attributes
     ----------
     cell_size
         Edge of a column, m.
     keys
-        int64 (M,), of the column.
+        int64 (M,), key of the column.
     low, high
-        float64 (M,), m, the free interval.
+        float64 (M,), limits of the free interval, m.
     """
 
     cell_size: float
@@ -48,14 +48,14 @@ class FreeColumns:
 
     @classmethod
     def of(cls, view: ViewIntervals | None, cell_size: float) -> FreeColumns:
-        """Sort the free intervals of a view by column; none where there is no view."""
+        """Return the free intervals of a view sorted by column; none without a view."""
         rows = np.zeros((0, 4)) if view is None else view.intervals.astype(np.float64)
         keys = column_keys(rows, cell_size)
         order = np.lexsort((rows[:, 2], keys))
         return cls(cell_size, keys[order], rows[order, 2], rows[order, 3])
 
     def looked_into(self, points: Float64) -> Bool:
-        """Return which points (N, 3), m, are in columns that have any free interval, bool (N,)."""
+        """Return a mask (N,) of the points (N, 3), m, in columns with any free interval."""
         if not len(self.keys):
             return np.zeros(len(points), np.bool_)
         keys = column_keys(points, self.cell_size)
@@ -63,7 +63,7 @@ class FreeColumns:
         return np.asarray(self.keys[at] == keys)
 
     def contains(self, points: Float64, margin: Float64 | float = 0.0) -> Bool:
-        """Return whether points (N, 3) lie inside a free interval, margin (N,) m from its ends."""
+        """Return whether points (N, 3) are in a free interval, margin (N,) m from its ends."""
         keys = column_keys(points, self.cell_size)
         first = np.searchsorted(self.keys, keys, "left")
         last = np.searchsorted(self.keys, keys, "right")
@@ -101,14 +101,14 @@ class FreeSpace:
         self._views: deque[_CycleView] = deque()
 
     def add(self, cycle: int, T_odom_base: Float64, view: ViewIntervals) -> None:
-        """Add the free intervals of a tilt cycle, and drop those of cycles before the window.
+        """Add the free intervals of a tilt cycle, and delete those of cycles before the window.
 
         Parameters
         ----------
         cycle
-            Its number.
+            Number of the cycle.
         T_odom_base
-            float64 (4, 4), at the stamp of the view.
+            float64 (4, 4), pose of the base at the view's stamp.
         view
             The free intervals, in the base frame.
         """
@@ -118,11 +118,11 @@ class FreeSpace:
             self._views.popleft()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Clear all free intervals."""
         self._views.clear()
 
     def copy(self) -> FreeSpace:
-        """Return the free space as it is now, which later tilt cycles do not change."""
+        """Return a snapshot that later tilt cycles do not change."""
         copied = copy(self)
         copied._views = self._views.copy()
         return copied
@@ -132,7 +132,7 @@ class FreeSpace:
         return next((v.cycle for v in self._views if v.stamp_ns == stamp_ns), -1)
 
     def last_seen(self, points: Float64) -> Int64:
-        """Return when points (N, 3), m, in odom, were last seen to be free, int64 (N,), ns.
+        """Return when points (N, 3), m, in odom, were last observed as free, int64 (N,), ns.
 
         `NEVER` where no beam of the window's tilt cycles passed.
         """

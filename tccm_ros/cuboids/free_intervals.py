@@ -1,9 +1,8 @@
 """Free intervals of height per column from the beams of a tilt cycle, by ray traversal.
 
-Each beam is followed through the columns that it crosses. A column has bits for the heights that
-beams passed and for the heights where beams ended; free are those passed and not hit. Gaps between
-scan lines are closed where they are at most `GAP_STEPS` times the lines' distance and nothing was
-hit.
+Each beam is traced through the columns that it crosses. A column has one bit per height bin for
+passing beams and one for hits; a bin is free if beams passed and none hit. Gaps between scan lines
+are closed if they are at most `GAP_STEPS` times the line distance and contain no hit.
 """
 
 from __future__ import annotations
@@ -16,27 +15,27 @@ from tccm_ros.arrays import Bool, Float32, Float64
 from tccm_ros.kernels import kernel
 
 BIN = 0.02
-"""Height of a bin, m. Chosen: a cell of the map."""
+"""Height of a bin, m. Chosen: the cell size of the map."""
 
 BINS = 256
-"""Bins of a column. Chosen: 5.12 m."""
+"""Number of bins of a column. Chosen: 5.12 m."""
 
 WORDS = BINS // 64
-"""Words of a column: a bit for each bin, so that a beam sets all that it passes at once."""
+"""Number of words of a column: one bit per bin, so that a beam sets all its bins at once."""
 
 ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 
 MIN_HEIGHT = -1.5
-"""Lowest height of a column, m above the base. Chosen: floors below a platform are seen."""
+"""Lower end of a column, m above the base. Chosen: includes floors below a platform."""
 
 HIT_MARGIN = 2
 """Bins around a hit that are not free: the surface may be slightly higher or lower. Chosen."""
 
 GAP_STEPS = 2.0
-"""Gaps up to this many scan line distances are closed. Chosen: one line may be lost."""
+"""Maximum gap to close, in scan line distances. Chosen: one missing line."""
 
 MAX_GAP_BINS = 10
-"""Maximum number of bins of a gap that is closed. Chosen: 20 cm."""
+"""Maximum number of bins of a gap to close. Chosen: 20 cm."""
 
 
 @kernel
@@ -46,7 +45,7 @@ def _bin(z: Any) -> Any:
 
 @kernel
 def _mark(words: Any, column: Any, a: Any, b: Any) -> None:
-    """Set the bins from a to b, either way round, of a column."""
+    """Set the bits of a column from bin a to bin b, in either order."""
     low, high = max(min(a, b), 0), min(max(a, b), BINS - 1)
     if low > high:
         return
@@ -71,18 +70,18 @@ def _is_set(words: Any, column: Any, b: Any) -> Any:
 def trace_beams(
     origins: Any, ends: Any, hits: Any, cell: Any, half: Any, seen: Any, hit: Any
 ) -> None:
-    """Follow beams through the columns of a square around the base.
+    """Trace beams through the columns of a square around the base.
 
     Parameters
     ----------
     origins, ends
         float64 (N, 3), m, in the base frame.
     hits
-        bool (N,): whether the beam ended on something.
+        bool (N,): whether the beam has a hit.
     cell, half
-        Edge of a column, m, and columns from the base to the edge of the square.
+        Edge of a column, m, and number of columns from the base to the edge of the square.
     seen, hit
-        uint64 ((2 half)^2, BINS / 64), a bit for each bin: set where beams passed or ended.
+        uint64 ((2 half)^2, BINS / 64), one bit per bin: set where beams passed or hit.
     """
     width = 2 * half
     for i in range(len(origins)):
@@ -92,14 +91,14 @@ def trace_beams(
         ix, iy = np.int64(np.floor(ox)), np.int64(np.floor(oy))
         jx, jy = np.int64(np.floor(ex)), np.int64(np.floor(ey))
         step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-        # Crossings are counted from the origin: rounding does not add up along a beam.
+        # Crossings are computed from the origin, so that rounding errors do not accumulate.
         per_x, per_y = (1.0 / dx if dx != 0.0 else 0.0), (1.0 / dy if dy != 0.0 else 0.0)
         tx = ((ix + (dx > 0.0)) - ox) * per_x if dx != 0.0 else np.inf
         ty = ((iy + (dy > 0.0)) - oy) * per_y if dy != 0.0 else np.inf
         t = 0.0
         bin_now = _bin(oz)
         has_entered = False
-        # One crossing per column border between the ends: no more, whatever the rounding.
+        # At most one crossing per column border between the ends, whatever the rounding.
         for _ in range(abs(jx - ix) + abs(jy - iy)):
             t = min(tx, ty)
             bin_before, bin_now = bin_now, _bin(oz + t * dz)
@@ -124,7 +123,7 @@ def trace_beams(
 
 @kernel
 def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, rows: Any) -> Any:
-    """List the free intervals of all columns.
+    """Write the free intervals of all columns, and return their number.
 
     Parameters
     ----------
@@ -133,12 +132,12 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
     angle_step
         Angle between scan lines, rad.
     rows
-        float32 (M, 4), receives x, y of the column's centre, z_low, z_high.
+        float32 (M, 4), written: x, y of the column's centre, z_low, z_high.
 
     Returns
     -------
     int
-        Number of intervals, also where `rows` has no room for all of them.
+        Number of intervals, even if `rows` is too short for all of them.
     """
     n, width = 0, 2 * half
     for column in range(width * width):
@@ -162,14 +161,14 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
 
 
 class FreeIntervalTracer:
-    """Traces the beams of one tilt cycle and collects the free intervals.
+    """Traces the beams of one tilt cycle and computes the free intervals.
 
     Parameters
     ----------
     cell_size
         Edge of a column, m.
     max_range
-        Distance from the base along x and y within which columns are kept, m.
+        Half edge of the square of columns around the base, m.
     """
 
     def __init__(self, cell_size: float, max_range: float) -> None:
@@ -179,14 +178,14 @@ class FreeIntervalTracer:
         self._seen, self._hit = np.zeros(shape, np.uint64), np.zeros(shape, np.uint64)
 
     def add(self, origins: Float64, ends: Float64, hits: Bool) -> None:
-        """Trace beams.
+        """Trace beams through the columns.
 
         Parameters
         ----------
         origins, ends
             float64 (N, 3), m, in the base frame.
         hits
-            bool (N,), which of the beams ended on a surface.
+            bool (N,), whether each beam ends on a surface.
         """
         trace_beams(origins, ends, hits, self._cell, self._half, self._seen, self._hit)
 
@@ -196,7 +195,7 @@ class FreeIntervalTracer:
         Parameters
         ----------
         angle_step
-            Angle between scan lines, rad: gaps between them are closed.
+            Angle between scan lines, rad, for closing the gaps between them.
         """
         rows = np.zeros((len(self._seen), 4), np.float32)
         while True:

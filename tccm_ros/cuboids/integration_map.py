@@ -1,8 +1,8 @@
 """The integration map M_t: the last n part maps, newest over older (section III.C of the paper).
 
-The cuboids of part maps are never changed. The map holds *pieces* of them: the intervals that newer
-part maps do not cover. So any part map can be removed again, and a rebuild from the part maps gives
-the same pieces, bit for bit.
+The cuboids of part maps are immutable. The map contains *pieces* of them: the intervals that newer
+part maps do not cover. Any part map can thus be removed again, and a rebuild from the part maps
+gives identical pieces, bit for bit.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class IntegrationMap:
 
     @property
     def cycles(self) -> list[int]:
-        """Numbers of the part maps in the window, oldest first."""
+        """Numbers of the cycles in the window, oldest first."""
         return [part.cycle for part in self.parts]
 
     @property
@@ -56,7 +56,7 @@ class IntegrationMap:
         return self._pieces[: self._n]
 
     def part(self, cycle: int) -> PartMap:
-        """Return the part map of a cycle in the window; KeyError if it is not there."""
+        """Return the part map of a cycle; KeyError if it is not in the window."""
         for part in self.parts:
             if part.cycle == cycle:
                 return part
@@ -68,7 +68,7 @@ class IntegrationMap:
         Raises
         ------
         ValueError
-            If the part map is not newer than those in the window, or its cells differ in size.
+            If the part map is not newer than those in the window, or its cell size differs.
         """
         if self.parts and part.cycle <= self.parts[-1].cycle:
             raise ValueError(f"cycle {part.cycle} is not newer than {self.parts[-1].cycle}")
@@ -89,7 +89,7 @@ class IntegrationMap:
         Raises
         ------
         KeyError
-            If no such cycle is in the window.
+            If the cycle is not in the window.
         """
         part = self.part(cycle)
         oldest = part is self.parts[0]
@@ -108,12 +108,12 @@ class IntegrationMap:
             self._put(part)
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Remove all part maps."""
         self.parts = []
         self.rebuild()
 
     def cuboids(self) -> Cuboids:
-        """Return the composite cuboids: touching pieces are one, with their ordered cycles."""
+        """Return the composite cuboids: touching pieces are joined, with their ordered cycles."""
         if self._cuboids is None:
             self._cuboids = self._compose()
         return self._cuboids

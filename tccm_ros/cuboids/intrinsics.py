@@ -1,4 +1,4 @@
-"""Intrinsics for kernels that numba does not offer: the lowest set bit, and pointers."""
+"""Intrinsics that numba lacks: the lowest set bit, and pointers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _cttz(typing_context: Any, word: Any) -> Any:
 
 
 _trailing_zeros: Any = intrinsic(_cttz)
-"""The processor's own instruction."""
+"""Compiles to a single processor instruction."""
 
 
 @kernel
@@ -36,4 +36,4 @@ def _inttoptr(typing_context: Any, address: Any) -> Any:
 
 
 pointer_to: Any = intrinsic(_inttoptr)
-"""In a kernel: the pointer to an address, int64. For `numba.carray`, which trusts it."""
+"""In a kernel: the pointer of an address, int64, for `numba.carray`, which does not check it."""

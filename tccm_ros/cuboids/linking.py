@@ -1,10 +1,10 @@
-"""Connected sets of a surface's cuboids, where beams leave empty cells between scan lines.
+"""Connected components of a surface's cuboids, with empty cells between scan lines.
 
-For each cuboid the nearest one of the same surface is found back along its row (-y) and its column
-(-x). The typical step between them is the local sample spacing, per patch and direction; a step is
-a link if it is shorter than twice that spacing. Where every cell is filled the spacing is one cell,
-and this is the paper's 8-neighbourhood (IV.A). Noise spreads a scan line over cells that touch, and
-most steps are within lines then: where many are not, they are the distance of lines.
+For each cuboid, the nearest previous one of the same surface is found in its row (-y) and its
+column (-x). The typical step between them is the local sample spacing, per patch and direction; a
+step is a link if it is shorter than twice that spacing. If every cell is occupied, the spacing is
+one cell, and this is the paper's 8-neighbourhood (IV.A). Noise spreads a scan line over adjacent
+cells, so that most steps are within lines; if many steps are longer, these are the line distance.
 """
 
 import numpy as np
@@ -14,32 +14,34 @@ from tccm_ros.kernels import kernel
 from tccm_ros.union_find import merge_sets
 
 PATCH_BITS = 4
-"""A patch in which the spacing is estimated is 2**4 cells wide. Chosen: 32 cm at 20 mm."""
+"""Width of a patch for the spacing estimate: 2**4 cells. Chosen: 32 cm at 20 mm."""
 
 LINE_STEPS = 0.25
-"""Where at least this fraction of the steps is longer than two cells, they lead from one scan line
-to the next. Chosen: noise spreads lines over two or three cells; a step over a gap between tables
-is one of many."""
+"""Minimum fraction of steps longer than two cells for which they are the distance of scan lines.
+Chosen: noise spreads lines over two or three cells; a step over a gap between tables is one of
+many.
+"""
 
 LINE_GAP = 1.5
-"""Steps from line to line are links up to so many distances of lines. Chosen: below twice, as one
-that is missing may be a gap as well."""
+"""Maximum length of a link in line distances. Chosen: less than two, as a missing line may be a
+gap.
+"""
 
 ALL_SIDES = 15
-"""The bits of all four sides on which a cuboid may have links."""
+"""Bits of all four sides on which a cuboid may have links."""
 
 STEPS = 32
-"""Steps of this many cells and more are no links. Chosen: 64 cm at 20 mm."""
+"""Steps of this many cells or more are no links. Chosen: 64 cm at 20 mm."""
 
 OBSTACLES = 3
-"""A search ends behind this many occupied cells without a cuboid of the same height: whatever lies
-further away is not a neighbour. Without it a wall's cells, which have no neighbours at all, cost
-most of the time. Chosen."""
+"""A search stops after this many occupied cells without a cuboid of the same height, as further
+ones are no neighbours. Without this limit, the cells of walls, which have no neighbours, take most
+of the time. Chosen."""
 
 
 @kernel
 def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
-    """Return whether two cuboids have the same height: by their tops or by their means.
+    """Return whether two cuboids have the same height, by their tops or their means.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool
     i, j
         Indices of the cuboids.
     limit
-        Ticks, below which a difference must be.
+        Upper limit of a difference, ticks.
     """
     return (abs(top[i] - top[j]) < limit) | (abs(mean[i] - mean[j]) < limit)
 
@@ -57,7 +59,7 @@ def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool
 def find_links(
     ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
 ) -> tuple[Int32, Int32, Int32]:
-    """Find for each cuboid the nearest one of the same height behind it in its column and its row.
+    """Return for each cuboid the nearest previous one of the same height in its column and row.
 
     Parameters
     ----------
@@ -69,7 +71,7 @@ def find_links(
     back_x, back_y
         int32 (N,), indices, -1 for none.
     touching
-        int32 (T, 2), pairs of cuboids of the same height that belong together whatever the spacing:
+        int32 (T, 2), pairs of cuboids of the same height that are connected whatever the spacing:
         in one cell, or in cells that touch at a corner only.
     """
     n = len(ix)
@@ -96,7 +98,7 @@ def find_links(
         j = nearest_in_column(ix, top, mean, limit, before, i)
         back_x[i] = j
         gap_x = ix[i] - ix[j] if j >= 0 else STEPS
-        # The cell behind in the column leads to both corners, that in the row to the nearer one.
+        # A previous cell in the column connects both corners, one in the row the nearer corner.
         if gap_x > 1:
             j = corner_of_same_height(ix, top, mean, limit, before, last[c + 1], i)
             pairs = add_pair(touching, pairs, i, j)
@@ -108,9 +110,9 @@ def find_links(
 
 @kernel
 def nearest_in_row(iy: Int32, top: Int32, mean: Int32, limit: int, row: int, i: int) -> int:
-    """Return the nearest cuboid of the height of another before it in its row, -1 for none.
+    """Return the nearest previous cuboid of the same height in the row of a cuboid, -1 for none.
 
-    It may be in the same cell. The search ends after `STEPS` cells or `OBSTACLES`.
+    It may be in the same cell. The search stops after `STEPS` cells or `OBSTACLES`.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def nearest_in_row(iy: Int32, top: Int32, mean: Int32, limit: int, row: int, i: 
     row
         First cuboid of the row.
     i
-        The cuboid.
+        Index of the cuboid.
     """
     y = iy[i]
     cell, passed, j = y, 0, i - 1
@@ -139,9 +141,9 @@ def nearest_in_row(iy: Int32, top: Int32, mean: Int32, limit: int, row: int, i: 
 
 @kernel
 def nearest_in_column(ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, i: int) -> int:
-    """Return the nearest cuboid of the height of another behind it in its column, -1 for none.
+    """Return the nearest previous cuboid of the same height in a cuboid's column, -1 for none.
 
-    It is in another cell. The search ends after `STEPS` cells or `OBSTACLES`.
+    It is in another cell. The search stops after `STEPS` cells or `OBSTACLES`.
 
     Parameters
     ----------
@@ -150,9 +152,9 @@ def nearest_in_column(ix: Int32, top: Int32, mean: Int32, limit: int, before: In
     limit
         As in `has_same_height`.
     before
-        int32 (N,), the cuboid before each one in its column, -1 for none.
+        int32 (N,), previous cuboid of each one in its column, -1 for none.
     i
-        The cuboid.
+        Index of the cuboid.
     """
     x = ix[i]
     cell, passed, j = x, 0, before[i]
@@ -170,14 +172,14 @@ def nearest_in_column(ix: Int32, top: Int32, mean: Int32, limit: int, before: In
 
 @kernel
 def add_pair(touching: Int32, pairs: int, i: int, j: int) -> int:
-    """Add a pair of cuboids, none where `j` is -1; return the number of pairs.
+    """Append a pair of cuboids unless `j` is -1; return the number of pairs.
 
     Parameters
     ----------
     touching, pairs
-        int32 (.., 2), changed: the pairs; and how many there are.
+        int32 (.., 2), updated: the pairs; and their number.
     i, j
-        The cuboids.
+        Indices of the cuboids.
     """
     if j < 0:
         return pairs
@@ -189,7 +191,7 @@ def add_pair(touching: Int32, pairs: int, i: int, j: int) -> int:
 def corner_of_same_height(
     ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, j: int, i: int
 ) -> int:
-    """Return a cuboid of the height of another in the row behind it, -1 for none.
+    """Return a cuboid of the same height in the previous row of a column, -1 for none.
 
     Parameters
     ----------
@@ -198,11 +200,11 @@ def corner_of_same_height(
     limit
         As in `has_same_height`.
     before
-        int32 (N,), the cuboid before each one in its column, -1 for none.
+        int32 (N,), previous cuboid of each one in its column, -1 for none.
     j
-        Last cuboid of the column that is searched, -1 for none.
+        Last cuboid of the column to search, -1 for none.
     i
-        The cuboid.
+        Index of the cuboid.
     """
     while j >= 0 and ix[i] - ix[j] < 2:
         if ix[j] != ix[i] and has_same_height(top, mean, i, j, limit):
@@ -213,11 +215,11 @@ def corner_of_same_height(
 
 @kernel
 def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
-    """Find the links of cuboids of one plane: as `find_links` where all heights are the same."""
+    """Return the links of cuboids of one plane: as `find_links` with equal heights."""
     n = len(ix)
     low_y = iy.min()
     last = np.full(iy.max() - low_y + 3, -1, np.int32)
-    # The row of the last cuboid of each column; far behind where there is none.
+    # Row of the last cuboid of each column; far back if there is none.
     last_x = np.full(len(last), ix[0] - STEPS, np.int32)
     back_x, back_y = np.empty(n, np.int32), np.empty(n, np.int32)
     touching, pairs = np.empty((3 * n, 2), np.int32), 0
@@ -251,8 +253,8 @@ def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
 def spacing(histogram: Int32, fallback: float) -> float:
     """Return the typical step of a histogram of steps: the mean of those up to 1.5 x the median.
 
-    A few long steps, over a gap or a missing return, do not raise it. `fallback` is returned where
-    there are fewer than four steps.
+    A few long steps, over a gap or a missing return, do not increase it. `fallback` is returned for
+    fewer than four steps.
     """
     total = 0
     for k in range(STEPS):
@@ -272,10 +274,10 @@ def spacing(histogram: Int32, fallback: float) -> float:
 
 @kernel
 def line_distance(histogram: Int32) -> int:
-    """Return the distance of scan lines that are more than one cell wide, cells; 0 where none is.
+    """Return the distance of scan lines that are more than one cell wide, cells; 0 for none.
 
-    It is the upper quartile of the steps, where most are one cell and `LINE_STEPS` are longer than
-    two.
+    It is the upper quartile of the steps, if most are one cell and a fraction of `LINE_STEPS` is
+    longer than two.
     """
     total = 0
     for k in range(1, STEPS):
@@ -291,21 +293,22 @@ def line_distance(histogram: Int32) -> int:
 
 @kernel
 def limits_of(cell: Int32, patch: Int32, shape: tuple[int, int], back: Int32) -> Float64:
-    """Return for each patch the longest step along one axis that is a link, cells, float64 (P,).
+    """Return the longest link along one axis for each patch, cells, float64 (P,).
 
-    It is twice the local spacing, or what scan lines of the patch and those around it need.
+    It is twice the local spacing, or `LINE_GAP` times the line distance of the patch and its
+    neighbours, if that is longer.
 
     Parameters
     ----------
     cell
         int32 (N,), coordinate along the axis.
     patch
-        int32 (N,), patch of each cuboid; `shape` are the numbers of their rows and columns.
+        int32 (N,), patch of each cuboid; `shape` is the number of rows and columns of patches.
     back
-        int32 (N,), of `find_links`.
+        int32 (N,), from `find_links`.
     """
     patches = shape[0] * shape[1]
-    # The first column counts those without a link, so that counting needs no branch.
+    # The first column counts cuboids without a link, which saves a branch.
     histogram = np.zeros((patches + 1, STEPS), np.int32)
     for i in range(len(cell)):
         j = back[i]
@@ -325,7 +328,7 @@ def limits_of(cell: Int32, patch: Int32, shape: tuple[int, int], back: Int32) ->
 
 @kernel
 def steps_around(histogram: Int32, shape: tuple[int, int], p: int) -> Int32:
-    """Return the sum of the histograms of a patch and the eight around it, int32 (STEPS,)."""
+    """Return the sum of the histograms of a patch and its eight neighbours, int32 (STEPS,)."""
     around = np.zeros(STEPS, np.int32)
     row, column = p // shape[1], p % shape[1]
     for r in range(max(row - 1, 0), min(row + 2, shape[0])):
@@ -337,9 +340,7 @@ def steps_around(histogram: Int32, shape: tuple[int, int], p: int) -> Int32:
 
 @kernel
 def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, tuple[int, int]]:
-    """Return the patch of each cell, sorted by (ix, iy), and the numbers of their rows and
-    columns.
-    """
+    """Return the patch of each cell, sorted by (ix, iy), and the shape of the patch grid."""
     n = len(ix)
     low_x, low_y = ix[0], iy.min()
     wide = ((iy.max() - low_y) >> PATCH_BITS) + 1
@@ -353,7 +354,7 @@ def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, tuple[int, int]]:
 def accept_links(
     ix: Int32, iy: Int32, back_x: Int32, back_y: Int32, touching: Int32
 ) -> tuple[Int32, UInt8]:
-    """Keep the links that are shorter than the limits of their patch, and label what they connect.
+    """Keep the links within the limits of their patch, and label connected components.
 
     Parameters
     ----------
@@ -365,15 +366,15 @@ def accept_links(
     Returns
     -------
     root : int32 (N,)
-        The smallest index of each cuboid's set.
+        Smallest index of each cuboid's component.
     sides : uint8 (N,)
-        The sides on which each cuboid has a link; `ALL_SIDES` if on all four.
+        Sides on which each cuboid has a link; `ALL_SIDES` if on all four.
     """
     n = len(ix)
     patch, shape = patches_of(ix, iy)
     limit_x = limits_of(ix, patch, shape, back_x)
     limit_y = limits_of(iy, patch, shape, back_y)
-    # The cuboids linked along a row are one run; only runs are merged.
+    # Cuboids linked along a row are one run; union-find is over runs only.
     run, parent, first = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
     sides = np.zeros(n, np.uint8)
     runs = 0
@@ -400,7 +401,7 @@ def accept_links(
         sides[i] = own
     for k in range(len(touching)):
         merge_sets(parent, run[touching[k, 0]], run[touching[k, 1]])
-    # Parents have smaller numbers, so one pass leads all to the first run of their set.
+    # Parents have smaller numbers, so a single pass finds the root of each run.
     for r in range(runs):
         parent[r] = parent[parent[r]]
         first[r] = first[parent[r]]
@@ -413,7 +414,7 @@ def accept_links(
 def link(
     ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
 ) -> tuple[Int32, Int32, Int32]:
-    """Label the connected sets of cuboids.
+    """Label the connected components of cuboids.
 
     Parameters
     ----------
@@ -423,12 +424,12 @@ def link(
         int32 (N,), ticks: neighbours are linked only if one of the two differs by less than
         `threshold`.
     threshold
-        Ticks.
+        Maximum height difference, ticks.
 
     Returns
     -------
     root : int32 (N,)
-        The smallest index of each cuboid's set.
+        Smallest index of each cuboid's component.
     back_x, back_y : int32 (N,)
         The links.
     """
@@ -438,14 +439,14 @@ def link(
 
 @kernel
 def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
-    """Label the connected sets of cuboids that all lie in one plane, whatever their heights.
+    """Label the connected components of cuboids of one plane, whatever their heights.
 
     Returns
     -------
     root : int32 (N,)
-        The smallest index of each cuboid's set.
+        Smallest index of each cuboid's component.
     deep : bool (N,)
-        Which cuboids are at least two links inside their set.
+        Mask of the cuboids at least two links inside their component.
     """
     back_x, back_y, touching = find_links_in_plane(ix, iy)
     root, sides = accept_links(ix, iy, back_x, back_y, touching)
@@ -454,14 +455,14 @@ def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
 
 @kernel
 def are_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
-    """Return which cuboids have links on all sides, and their neighbours as well.
+    """Return a mask of the cuboids with links on all sides whose neighbours have them as well.
 
     Parameters
     ----------
     back_x, back_y
-        int32 (N,), the links that are accepted, -1 for none.
+        int32 (N,), accepted links, -1 for none.
     sides
-        uint8 (N,), of `accept_links`.
+        uint8 (N,), from `accept_links`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Kernels of the integration map: merging of part maps to pieces, and of pieces to cuboids.
+"""Kernels of the integration map: merge part maps to pieces, and pieces to cuboids.
 
 A piece is a row (bottom, top, cycle, index): an interval of cuboid `index` of the part map `cycle`
 that newer part maps do not cover. Pieces are sorted by (cell, bottom) and do not overlap within a
@@ -18,18 +18,18 @@ from tccm_ros.kernels import kernel
 _HALF = 2**31
 _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
 _ANY = 2**40
-"""Length of arrays that are known by their address alone."""
+"""Length of arrays that are given by their address only."""
 
 _LAST = 2**62
-"""Beyond all cells and heights."""
+"""Larger than any cell key or height."""
 
 
 @kernel
 def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out: Any) -> Any:
-    """Merge the newest part map with the pieces of the older ones; one pass over both.
+    """Merge the newest part map with the pieces of older ones in a single pass.
 
-    Where the newest covers an older piece the overlap is the newest's: older pieces become shorter
-    (at the top, at the bottom), are divided in two, or vanish.
+    Overlaps belong to the newest part map: older pieces are shortened (at the top, at the bottom),
+    divided in two, or removed.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
         int64 (N,) and int32 (N, 2): the newest part map's cells and intervals, sorted, not
         touching within a cell.
     cycle
-        Number of the newest part map; negative if it only removes (voids).
+        Number of the newest part map; negative to remove only (voids).
     oldest
-        Pieces of older cycles than this are left out.
+        Oldest cycle to keep; pieces of older cycles are removed.
     out
-        As `older`, receives the pieces; room for ``n_older + 2 N + 1`` rows.
+        As `older`, written: the pieces; room for ``n_older + 2 N + 1`` rows.
 
     Returns
     -------
@@ -51,13 +51,13 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
         Number of pieces written.
     """
     old_keys, keys, out_keys = older[0], part[0], out[0]
-    # Flat rows of a length that the compiler knows, and indices that cannot count from the end.
+    # Flat rows of constant length, and unsigned indices, for the compiler.
     rows, new_rows, out_rows = older[1].reshape(-1), part[1].reshape(-1), out[1].reshape(-1)
     n: Any = _U0
     j: Any = _U0
     n_new, shown = np.uint64(len(keys)), np.uint64(cycle >= 0)
     cell, cover = np.int64(_LAST), np.int64(0)
-    # The next newer interval: its cell, bottom and top.
+    # The next newer interval: cell, bottom and top.
     key, low, high = _next(keys, new_rows, j)
     for i in range(np.uint64(n_older)):
         here = old_keys[i]
@@ -72,8 +72,8 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
         bottom, top = max(np.int64(rows[row]), cover), np.int64(rows[row + _U1])
         c, index = rows[row + _U2], rows[row + _U3]
         kept = c >= oldest
-        # The part below the next newer interval is always written, and counted only if it is not
-        # empty: that is faster than a branch.
+        # The part below the next newer interval is always written, but counted only if it is not
+        # empty, which is faster than a branch.
         end = min(top, low) if key == here else top
         _write(out_keys, out_rows, n, here, bottom, end, c, index)
         n += np.uint64(kept & (end > bottom))
@@ -107,7 +107,7 @@ def _write(
 
 @kernel(inline="always")
 def _next(keys: Any, rows: Any, j: Any) -> Any:
-    """Return cell, bottom and top of interval j; a cell beyond all after the last."""
+    """Return cell, bottom and top of interval j; `_LAST` after the last."""
     if j < np.uint64(len(keys)):
         row = _U2 * j
         return keys[j], np.int64(rows[row]), np.int64(rows[row + _U1])
@@ -139,7 +139,7 @@ def write_composites(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> 
     keys, pieces, n
         As in `count_composites`.
     cells, spans
-        int64 (>= C,) and int32 (>= C, 2), receive the cells, and bottoms and tops, ticks.
+        int64 (>= C,) and int32 (>= C, 2), written: cells, and bottoms and tops, ticks.
 
     Returns
     -------
@@ -162,19 +162,19 @@ def compose_cuboids(
     """Join touching pieces to composite cuboids and add up their weighted moments.
 
     The weight of a piece is its length over that of its part map's cuboid. Moments are added from
-    the lowest piece to the highest, so that equal pieces give equal sums to the last bit.
+    the lowest piece to the highest, so that equal pieces give equal sums, bit for bit.
 
     Parameters
     ----------
     keys, pieces, n
         The pieces.
     part_cuboids
-        Where the part maps' cuboids are (`PartAddresses`), and the cycle of the first row.
+        Addresses of the part maps' cuboids (`PartAddresses`), and the cycle of the first row.
     found
-        int32 (2, C) twice, receive ix and iy, bottom and top; float64 (C,), (C, 3), (C, 6),
-        receive counts and moments.
+        int32 (2, C) twice, written: ix and iy, bottom and top; float64 (C,), (C, 3), (C, 6),
+        written: counts and moments.
     cycles, offsets
-        Receive the ordered cycles of each composite, int32 (n,), and where they begin, int64.
+        Written: ordered cycles of each composite, int32 (n,), and their start positions, int64.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def compose_cuboids(
     addresses, first_cycle = part_cuboids
     cells, spans, count, s, S = found
     k, used, begin = -1, 0, 0
-    # A window of up to 64 cycles is a word of bits: no sorting, and nothing to mispredict.
+    # A window of up to 64 cycles fits in a word of bits: no sorting, no mispredicted branches.
     narrow, seen = len(addresses) <= 64, np.uint64(0)
     a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
     for i in range(n + 1):
@@ -232,7 +232,7 @@ def compose_cuboids(
 
 @kernel
 def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
-    """Insert a cycle in order into cycles[begin:end], unless it is there; return the new end."""
+    """Insert a cycle into the sorted cycles[begin:end] unless present; return the new end."""
     j = end
     while j > begin and cycles[j - 1] > cycle:
         j -= 1
@@ -246,14 +246,14 @@ def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
 
 @kernel
 def owners(ix: Any, iy: Any, bottom: Any, keys: Any, bounds: Any) -> Any:
-    """Return the cuboid of a map in which each cuboid of its part map lies; one pass over both.
+    """Return the map's cuboid that contains each cuboid of one of its part maps, in one pass.
 
     Parameters
     ----------
     ix, iy, bottom
         int32 (N,), of the map, N > 0, sorted.
     keys, bounds
-        int64 (M,) and int32 (M, 2), of a part map in the map, sorted.
+        int64 (M,) and int32 (M, 2), of the part map, sorted.
 
     Returns
     -------

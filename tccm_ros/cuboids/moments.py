@@ -1,4 +1,4 @@
-"""Pooled moments: the moments of any set of cuboids add up, and give its least-squares plane.
+"""Pooled moments: moments of cuboids add up, and give the least-squares plane of any set.
 
 A moment vector is float64 (10,): N, the sums of x y z, and the sums of xx xy xz yy yz zz, in m
 about an origin near the points (the laser), so that differences of sums lose no precision.
@@ -16,14 +16,15 @@ Moments = tuple[float, float, float, float, float, float, float, float, float, f
 """Count, sums of x y z and of xx xy xz yy yz zz."""
 
 FLAT = 1e-9
-"""Variance of 0.1 mm quantisation (m2, rounded up): no plane is known to be flatter."""
+"""Variance of 0.1 mm quantisation (m2, rounded up): the lower limit of a plane's flatness."""
 
 
 FIRST_STEPS = 3
-"""Steps of the eigenvalue iteration that are always taken: enough for most planes."""
+"""Unconditional steps of the eigenvalue iteration: enough for most planes."""
 
 MORE_STEPS = 30
-"""Further steps at most: enough for a double root, where each step leaves a third of the error."""
+"""Maximum number of further steps: enough for a double root, where a step divides the error by
+3."""
 
 
 @kernel
@@ -35,11 +36,11 @@ def shift_moments(
     Parameters
     ----------
     ix, iy
-        Its cell.
+        Cell of the cuboid.
     sums
-        Its count, sums and products as in `Cuboids`, ticks.
+        Count, sums and products of the cuboid as in `Cuboids`, ticks.
     cell, tick
-        Edge of a cell in ticks, and a tick in m.
+        Edge of a cell in ticks, and length of a tick in m.
     origin
         float64 (3,), ticks.
     """
@@ -86,14 +87,14 @@ def moments_about(cuboids: CuboidArrays, origin: Float64) -> Float64:
 
 @kernel(error_model="numpy")
 def root_step(trace: float, minors: float, det: float, x: float) -> float:
-    """Return a step of Halley's method towards the smallest eigenvalue, 0 if x is beyond it.
+    """Return a Halley step towards the smallest eigenvalue, 0 if x is beyond it.
 
     Parameters
     ----------
     trace, minors, det
         Coefficients of the characteristic polynomial.
     x
-        The last estimate.
+        Current estimate.
     """
     value = det - x * (minors - x * (trace - x))
     slope = minors - x * (2.0 * trace - 3.0 * x)
@@ -105,17 +106,17 @@ def root_step(trace: float, minors: float, det: float, x: float) -> float:
 def eigenvalues(
     xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
 ) -> tuple[float, float, float]:
-    """Return the eigenvalues of a covariance, falling.
+    """Return the eigenvalues of a covariance, descending.
 
-    Halley's method on the characteristic polynomial, from 0: below its smallest root it converges
-    without overshooting, in a few steps where that root is well separated, as for every plane. It
-    is several times faster than the trigonometric form. The first steps are taken without a test,
-    so that the processor can work on several planes at once.
+    Halley's method on the characteristic polynomial, from 0: below the smallest root it converges
+    without overshoot, in a few steps if that root is well separated, as for every plane. It is
+    several times faster than the trigonometric form. The first steps are unconditional, so that the
+    processor can work on several planes at once.
 
     Parameters
     ----------
     xx, xy, xz, yy, yz, zz
-        The covariance.
+        Elements of the covariance.
     """
     trace = xx + yy + zz
     minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
@@ -138,14 +139,14 @@ def eigenvalues(
 def plane_of(
     m: Float64 | tuple[float, ...],
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Fit the least-squares plane of a moment vector.
+    """Return the least-squares plane of a moment vector.
 
     Returns
     -------
     nx, ny, nz, d : float
         Unit normal of arbitrary sign and offset, ``n . p = d``.
     l1, l2, l3 : float
-        Eigenvalues of the points' covariance, m2, in falling order.
+        Eigenvalues of the points' covariance, m2, descending.
     """
     n = m[0]
     px, py, pz = m[1] / n, m[2] / n, m[3] / n
@@ -213,16 +214,16 @@ def tangents(normal: Float64) -> tuple[Float64, Float64]:
 
 @kernel
 def uncertainty_of(m: Float64, normal: Float64, variance: float) -> tuple[Float64, float]:
-    """Return the covariance of the plane of a moment vector's points, and its quality.
+    """Return the covariance of a plane fitted to a moment vector, and its quality.
 
     Parameters
     ----------
     m
         float64 (10,).
     normal
-        float64 (3,), unit, of their plane.
+        float64 (3,), unit normal of the plane.
     variance
-        Variance of the noise in every point across the plane, m2.
+        Noise variance of each point perpendicular to the plane, m2.
 
     Returns
     -------

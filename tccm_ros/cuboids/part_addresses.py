@@ -1,7 +1,7 @@
 """Memory addresses of the part maps in the window, for kernels that read them in place.
 
-Part maps are made one by one and never changed. In one array they would be copied in every tilt
-cycle; a table of their addresses is enough.
+Part maps are created one by one and are immutable. A table of their addresses avoids copying all of
+them into one array in every tilt cycle.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from tccm_ros.cuboids.part_map import PartMap
 
 
 class PartAddresses:
-    """The addresses of the moments and bounds of the part maps in a window."""
+    """Addresses of the moments and bounds of the part maps in a window."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
 
     def table(self, parts: Sequence[PartMap]) -> Int64:
-        """Return the addresses of the moments and the bounds of each cycle's part map.
+        """Return the addresses of the moments and bounds of each cycle's part map.
 
         Parameters
         ----------
@@ -32,8 +32,8 @@ class PartAddresses:
 
         Returns
         -------
-        int64 (K, 2), a row per cycle from that of the oldest part map on, 0 where there is none.
-        Valid until the next call, while this object exists.
+        int64 (K, 2), a row per cycle from the oldest part map on, 0 for a missing one. Valid until
+        the next call, while this object exists.
         """
         known = self._known
         self._known = {

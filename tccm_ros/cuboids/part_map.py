@@ -1,7 +1,7 @@
 """The part map of one tilt cycle, and its builder (sections III.A and III.B of the paper).
 
-Scans are projected and binned as they come. At the end of the tilt cycle it remains to merge the
-intervals of each cell and to sum the moments (docs/design/tccm.md, "Part map").
+Scans are projected and binned as they arrive. At the end of the tilt cycle, the intervals of each
+cell are merged and the moments summed (docs/design/tccm.md, "Part map").
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from tccm_ros.records import PosedScan
 _LOW = np.int64(0xFFFFFFFF)
 
 _MAX_GEOMETRIES = 8
-"""Scan geometries whose bearings are cached. Chosen."""
+"""Number of scan geometries with cached bearings. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class PartPoints:
         int64 (M, 2): z in ticks and position within the cell, ``z << 32 | x << 16 | y``; depth in
         ticks and number of the scan within the tilt cycle, ``depth << 32 | scan``.
     first
-        int32 (N,), first point of each cuboid; a cuboid's points follow each other.
+        int32 (N,), first point of each cuboid; the points of a cuboid are contiguous.
     """
 
     packed: Int64
@@ -62,14 +62,14 @@ class PartPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartMap:
-    """The cuboids of one tilt cycle, sorted by (ix, iy, bottom). Never changed once made.
+    """The cuboids of one tilt cycle, sorted by (ix, iy, bottom); immutable.
 
     Attributes
     ----------
     cycle
         Number of the cycle.
     start_ns, end_ns
-        Time of the first and of the last used beam.
+        Times of the first and the last used beam.
     cell_size
         Edge of a cell, m.
     keys
@@ -83,9 +83,9 @@ class PartMap:
         int64 (N, 2), stamps of the first and the last scan that measured the cuboid.
     void_keys, void_bounds
         int64 (V,) and int32 (V, 2), as `keys` and `bounds`: where beams of this tilt cycle passed
-        through cuboids of older part maps, which it removes there (`clearing`).
+        through cuboids of older part maps, which are removed there (`clearing`).
     points
-        The points, or None where they are not kept.
+        The points; None if they are not kept.
     """
 
     cycle: int
@@ -104,7 +104,7 @@ class PartMap:
         return len(self.keys)
 
     def without_cuboids(self) -> PartMap:
-        """Return the part map with its times alone, for histories of bounded memory."""
+        """Return the part map with its times only, for histories of bounded memory."""
         return PartMap(
             self.cycle,
             self.start_ns,
@@ -117,7 +117,7 @@ class PartMap:
         )
 
     def without_points(self) -> PartMap:
-        """Return the same part map without its points."""
+        """Return the part map without its points."""
         return self if self.points is None else replace(self, points=None)
 
     def point_cuboids(self) -> Int32:
@@ -127,7 +127,7 @@ class PartMap:
         return np.repeat(np.arange(len(self), dtype=np.int32), self.moments[:, 0])
 
     def lines(self, chosen: Int64) -> Int64:
-        """Return the number of the scan of some points (indices, int64 (K,)) within the cycle."""
+        """Return the scan number in the cycle of points with indices int64 (K,)."""
         if self.points is None:
             return np.zeros(0, np.int64)
         return self.points.packed[chosen, 1] & _LOW
@@ -138,7 +138,7 @@ class PartMap:
         Parameters
         ----------
         chosen
-            bool (M,) or indices, which points; all by default.
+            bool (M,) or indices of the points; all by default.
 
         Returns
         -------
@@ -157,7 +157,7 @@ class PartMap:
         return np.stack([x, y, word >> 32], axis=1) * TICK
 
     def cuboids(self) -> Cuboids:
-        """Return the part map alone as cuboids."""
+        """Return the part map as cuboids."""
         ix, iy = key_cells(self.keys)
         n = len(self)
         return Cuboids(
@@ -175,7 +175,7 @@ class PartMap:
         )
 
     def caps(self) -> Caps:
-        """Return the caps of the cuboids; none are known where the points are not kept."""
+        """Return the caps of the cuboids; unknown if the points are not kept."""
         if self.points is None:
             return no_caps()
         n = len(self)
@@ -192,7 +192,7 @@ def _cell_ticks(config: Config) -> int:
     Raises
     ------
     ConfigError
-        If `map.cell_size` is not a whole number of ticks: cells and moments would not be exact.
+        If `map.cell_size` is not a multiple of a tick: cells and moments would not be exact.
     """
     ticks = round(config.map.cell_size * TICKS_PER_M)
     if abs(ticks - config.map.cell_size * TICKS_PER_M) > 1e-6:
@@ -203,14 +203,14 @@ def _cell_ticks(config: Config) -> int:
 
 
 class PartMapBuilder:
-    """Collects the scans of one cycle after another.
+    """Builds the part maps of one cycle after another.
 
     Parameters
     ----------
     config
         Group `map`.
     rule
-        How points become cuboids; `baselines.union_as_printed` has another.
+        Rule that turns points into cuboids; `baselines.union_as_printed` has another one.
     """
 
     def __init__(self, config: Config, rule: CuboidRule = UNION) -> None:
@@ -235,7 +235,7 @@ class PartMapBuilder:
         self._max_points = 0
 
     def set_region(self, region: tuple[float, ...] | None) -> None:
-        """Set the region of interest, in `map.region_frame`, m; None for all."""
+        """Set the region of interest, in `map.region_frame`, m; None for no limit."""
         frame = RegionFrame.BASE if self._config.region_frame == "base" else RegionFrame.ODOM
         self._settings["region_frame"] = RegionFrame.NONE if region is None else frame
         if region is not None:
@@ -243,25 +243,25 @@ class PartMapBuilder:
 
     @property
     def points(self) -> int:
-        """Points binned since the last `close`."""
+        """Number of points binned since the last `close`."""
         return self._tiles.points
 
     @property
     def scans(self) -> int:
-        """Scans added since the last `close`."""
+        """Number of scans added since the last `close`."""
         return len(self._stamps)
 
     def add(self, posed: PosedScan, keep: Bool, first: int = 0, last: int | None = None) -> None:
-        """Project and bin beams of a scan.
+        """Project and bin the beams of a scan.
 
         Parameters
         ----------
         posed
-            The scan with its poses.
+            A posed scan.
         keep
-            bool (N,), the valid beams.
+            bool (N,), mask of the valid beams.
         first, last
-            The beams [first, last) belong to this tilt cycle; all by default.
+            Range of beams [first, last) in this tilt cycle; all by default.
         """
         scan, tiles = posed.scan, self._tiles
         n = len(scan.ranges)
@@ -288,17 +288,17 @@ class PartMapBuilder:
         self._end_scan(scan.stamp_ns, points)
 
     def add_points(self, points: Float64, stamp_ns: int = 0, gaps: Float64 | None = None) -> None:
-        """Bin points that are already in the map's frame.
+        """Bin points in the map's frame.
 
         Parameters
         ----------
         points
             float64 (N, 3), m; points that are not finite are left out, the region is ignored.
         stamp_ns
-            Their time.
+            Stamp of the points.
         gaps
-            float64 (N,), distance to the next line of measurements, m: with `map.gap adaptive` the
-            depth of a point grows with it; all have `map.cuboid_depth` without.
+            float64 (N,), distance to the next scan line, m: with `map.gap adaptive`, the depth of a
+            point grows with it; without, all points have `map.cuboid_depth`.
         """
         n, tiles, first = len(points), self._tiles, 0
         self._make_room(n)
@@ -318,9 +318,9 @@ class PartMapBuilder:
         Parameters
         ----------
         cycle
-            Its number.
+            Number of the cycle.
         start_ns, end_ns
-            Time of the first and of the last used beam.
+            Times of the first and the last used beam.
         """
         tiles, n = self._tiles, self._tiles.points
         records, _, counts, _, _ = tiles.arrays
@@ -359,7 +359,7 @@ class PartMapBuilder:
         )
 
     def clear(self) -> None:
-        """Forget the scans added since the last `close`."""
+        """Discard the scans added since the last `close`."""
         self._tiles.clear(listed=False)
         self._begin()
 
@@ -395,7 +395,7 @@ class PartMapBuilder:
 
 
 class _Scratch:
-    """Scratch arrays for `room` points, cells and cuboids, reused from cycle to cycle."""
+    """Scratch arrays for `room` points, cells and cuboids, reused in each cycle."""
 
     def __init__(self, room: int) -> None:
         n, self.room = room, room
@@ -408,6 +408,6 @@ class _Scratch:
 
 
 def _writable(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array for which kernels are compiled: read-only ones would need their own."""
+    """Return a writable array; kernels are not compiled for read-only ones."""
     flags = array.flags
     return array if flags.writeable and flags.c_contiguous else array.copy()

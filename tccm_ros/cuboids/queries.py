@@ -1,7 +1,7 @@
-"""Queries of a manipulation planner: is a place free, occupied or unknown, and when was it seen.
+"""Map queries for manipulation planning: is a place free, occupied or unknown, and since when.
 
-All queries are vectorised and in the map's frame. Occupied space is exact to the cell; free space
-is known per column of ``views.cell_size``, from the beams of the tilt cycles in the window.
+All queries are vectorised and in the map's frame. Occupied space has the resolution of cells; free
+space has that of ``views.cell_size``, from the beams of the tilt cycles in the window.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tccm_ros.geometry import transform
 from tccm_ros.kernels import kernel
 
 MAX_POINTS = 1_000_000
-"""Points of a box that are looked at, at most. Chosen: 0.1 s."""
+"""Maximum number of grid points in a box query. Chosen: 0.1 s."""
 
 
 class Occupancy(IntEnum):
@@ -35,18 +35,18 @@ class Occupancy(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One cuboid of a part map at a place of the map.
+    """One cuboid of a part map at a queried place.
 
     Attributes
     ----------
     cycle
-        Its cycle.
+        Number of the cycle.
     start_ns, end_ns
-        First and last used beam of the cycle.
+        Times of the first and last used beam of the cycle.
     first_ns, last_ns
         Stamps of the first and the last scan that measured the cuboid.
     points
-        Its points.
+        Number of points.
     """
 
     cycle: int
@@ -59,15 +59,15 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class BoxAnswer:
-    """Whether anything is in a box.
+    """Occupancy of a box.
 
     Attributes
     ----------
     occupancy
-        Of the box.
+        Occupancy of the box.
     cycle, stamp_ns
-        The newest tilt cycle that looked into it, and the end of that, or the middle where it saw
-        nothing but free space; -1 and `NEVER` where none did.
+        The newest tilt cycle that observed it, and its end, or its middle if it observed free space
+        only; -1 and `NEVER` for an unobserved box.
     """
 
     occupancy: Occupancy
@@ -76,14 +76,14 @@ class BoxAnswer:
 
 
 class MapQuery:
-    """Queries to an integration map as it is now; what is added to the map later is not in it.
+    """Queries to a snapshot of an integration map; later changes of the map have no effect.
 
     Parameters
     ----------
     map_
         The map.
     seen_free
-        Free space of the tilt cycles in the window; without it nothing is known to be free.
+        Free space of the tilt cycles in the window; without it, no place is free.
     """
 
     def __init__(self, map_: IntegrationMap, seen_free: FreeSpace | None = None) -> None:
@@ -104,14 +104,14 @@ class MapQuery:
         return result
 
     def boxes(self, boxes: ArrayLike, spacing: float = 0.02) -> NDArray[np.int8]:
-        """Return the `Occupancy` of boxes along the axes.
+        """Return the `Occupancy` of axis-aligned boxes.
 
         Parameters
         ----------
         boxes
             (N, 6), m: x_min x_max y_min y_max z_min z_max, as `map.region`.
         spacing
-            A box is free if all points of a grid in it, of at most this spacing, are free, m.
+            A box is free if all points of a grid with at most this spacing are free, m.
 
         Returns
         -------
@@ -129,17 +129,17 @@ class MapQuery:
         return result
 
     def box(self, T_map_box: Float64, size: Float64, spacing: float = 0.01) -> BoxAnswer:
-        """Return whether anything is in a box of any orientation.
+        """Return the occupancy of a box of any orientation.
 
         Parameters
         ----------
         T_map_box
-            float64 (4, 4), pose of its middle.
+            float64 (4, 4), pose of its centre.
         size
             float64 (3,), edges along its own axes, m.
         spacing
-            Of the points that are looked at; half a cell, and a third of a cuboid's depth. It grows
-            in large boxes, to at most `MAX_POINTS` points, m.
+            Spacing of the grid points, m; the default is half a cell, and a third of a cuboid's
+            depth. It is larger in large boxes, to limit the grid to `MAX_POINTS` points.
         """
         spacing = max(spacing, (float(np.prod(size)) / MAX_POINTS) ** (1.0 / 3.0))
         axes = [
@@ -164,21 +164,21 @@ class MapQuery:
         return BoxAnswer(state, self._free.cycle_at(stamp_ns), stamp_ns)
 
     def last_seen(self, points: ArrayLike) -> Int64:
-        """Return when the places of points (N, 3) were last seen, free or occupied; ns or NEVER."""
+        """Return when points (N, 3) were last observed, free or occupied; ns or NEVER."""
         xyz = np.asarray(points, np.float64).reshape(-1, 3)
         free = self._free.last_seen(xyz) if self._free else np.full(len(xyz), NEVER, np.int64)
         at, c = self._at(xyz), self.cuboids
         newest = np.full(len(c) + 1, NEVER, np.int64)
         if len(c):
-            # Cycles are in order, the newest is the last.
+            # Cycles are in order: the last is the newest.
             cycles = c.cycles[c.cycle_offsets[1:] - 1]
             newest[:-1] = [self._parts[int(cycle)].end_ns for cycle in cycles]
         return np.maximum(free, newest[at])
 
     def trace(self, point: ArrayLike) -> list[Measurement]:
-        """Return the measurements behind the cuboid at a point (3,), oldest cycle first.
+        """Return the measurements of the cuboid at a point (3,), oldest cycle first.
 
-        These are all part maps' cuboids that touch each other there; an empty list without cuboid.
+        These are the touching cuboids of all part maps there; empty where there is no cuboid.
         """
         at = int(self._at(np.asarray(point, np.float64).reshape(1, 3))[0])
         if at < 0:
@@ -198,7 +198,7 @@ class MapQuery:
         return result
 
     def _at(self, xyz: Float64) -> Int64:
-        """Return the cuboid at each point, -1 for none."""
+        """Return the index of the cuboid at each point, -1 for none."""
         ticks = np.floor(xyz * TICKS_PER_M + 0.5).astype(np.int64)
         wanted = cell_keys(ticks[:, 0] // self._cell, ticks[:, 1] // self._cell)
         columns, heights = self._columns, ticks[:, 2].copy()
@@ -229,14 +229,14 @@ def _first_of(keys: Any, key: Any) -> Any:
 
 @kernel
 def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -> Any:
-    """Return the cuboid at each (cell, height); of two that touch there, the upper one.
+    """Return the cuboid at each (cell, height); of two touching ones, the upper.
 
     Parameters
     ----------
     keys, first, spans
         The fields of `Columns`.
     wanted, heights
-        int64 (N,), keys of cells, and heights, ticks; both ends of a cuboid are inside it.
+        int64 (N,), keys of cells, and heights, ticks; a cuboid includes both its ends.
 
     Returns
     -------

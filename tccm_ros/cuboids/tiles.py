@@ -1,7 +1,7 @@
-"""Binned points: counts per cell in tiles of 64 x 64 cells, which are made where points fall.
+"""Binned points: counts per cell in tiles of 64 x 64 cells, allocated where points are.
 
-So the memory grows with the cells seen and not with the box around them. A cell's address is
-``slot * 4096 + x * 64 + y``; a bitmap of the counted cells lets them be listed in order without
+Memory thus grows with the number of observed cells, not with their bounding box. A cell's address
+is ``slot * 4096 + x * 64 + y``; a bitmap of the counted cells allows listing them in order without
 sorting.
 """
 
@@ -20,13 +20,13 @@ TILE = 64
 CELLS_PER_TILE = TILE * TILE
 
 GROW_TILES, GROW_SLOTS = -1, -2
-"""What must grow before `binning` can continue."""
+"""Codes of the array to enlarge before `binning` can continue."""
 
 _FIRST_SLOTS = 16
-"""Tiles that there is room for at first. Chosen."""
+"""Initial number of tiles. Chosen."""
 
 _TILE_MARGIN = 6
-"""Tiles that the directory covers beyond those needed. Chosen."""
+"""Margin of the directory around the tiles in use, tiles. Chosen."""
 
 _NO_HEIGHTS = 2**40, -(2**40)
 
@@ -41,26 +41,26 @@ _COUNTERS = np.dtype(
         )
     ]
 )
-"""What kernels count: points, tiles in use, and the beam at which they stopped; first tile and
-shape of the directory; the box of tiles that it must cover; the span of heights, ticks."""
+"""Counters of kernels: points, tiles in use, and the beam at which they stopped; first tile and
+shape of the directory; bounding box of tiles that it must cover; range of heights, ticks."""
 
 
 class Tiles(NamedTuple):
-    """The arrays that kernels count points in.
+    """Arrays in which kernels count points.
 
     Attributes
     ----------
     records
-        int64 (2 M,), two words for each point: ``z << 32 | x << 16 | y`` within the cell, and
-        ``depth << 32 | address``.
+        int64 (2 M,), two words per point: ``z << 32 | x << 16 | y`` within the cell, and ``depth <<
+        32 | address``.
     directory
-        int32, tile -> slot or -1; row by row along y.
+        int32, slot of each tile or -1; row-major along y.
     counts
         int32, points per address.
     bits
-        uint64, bitmap of the addresses that have points.
+        uint64, bitmap of the addresses with points.
     counters
-        One element of `_COUNTERS`: kernels get at it as ``counters[0]``.
+        Array with one element of `_COUNTERS`; kernels use ``counters[0]``.
     """
 
     records: Int64
@@ -71,12 +71,12 @@ class Tiles(NamedTuple):
 
 
 class BinnedPoints:
-    """Binned points, scan by scan, in arrays that grow.
+    """Binned points, scan by scan, in growing arrays.
 
     Attributes
     ----------
     room
-        Points that there is room for.
+        Number of points that fit in the arrays.
     """
 
     def __init__(self) -> None:
@@ -90,17 +90,17 @@ class BinnedPoints:
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """The fields of `Tiles`, as a plain tuple: numba takes it in half the time."""
+        """The fields of `Tiles`, as a plain tuple, which numba passes in half the time."""
         return self._records, self._directory, self._counts, self._bits, self._counters
 
     @property
     def points(self) -> int:
-        """Points binned so far."""
+        """Number of points binned so far."""
         return int(self._counters["points"][0])
 
     @property
     def next_beam(self) -> int:
-        """Beam at which the kernel stopped."""
+        """Index of the beam at which the kernel stopped."""
         return int(self._counters["next_beam"][0])
 
     @property
@@ -111,21 +111,21 @@ class BinnedPoints:
         return int(self._counters["lowest"][0]), int(self._counters["highest"][0])
 
     def make_room(self, count: int) -> None:
-        """Make room for so many points in all."""
+        """Make room for a total number of points."""
         if count > self.room:
             records = np.zeros(4 * count, np.int64)
             records[: 2 * self.points] = self._records[: 2 * self.points]
             self._records, self.room = records, 2 * count
 
     def grow(self, wanted: int) -> None:
-        """Enlarge what a kernel returned: `GROW_TILES` or `GROW_SLOTS`."""
+        """Enlarge the array with a code from a kernel: `GROW_TILES` or `GROW_SLOTS`."""
         if wanted == GROW_TILES:
             self._grow_directory()
         else:
             self._counts, self._bits = _doubled(self._counts), _doubled(self._bits)
 
     def clear(self, *, listed: bool) -> None:
-        """Forget all points; `listed` if counts and bits are already back at zero."""
+        """Clear all points; `listed` if counts and bits are already zero."""
         slots = int(self._counters["slots"][0])
         if not listed:
             self._counts[: slots * CELLS_PER_TILE] = 0
@@ -135,7 +135,7 @@ class BinnedPoints:
         self._counters[["lowest", "highest"]] = _NO_HEIGHTS
 
     def _grow_directory(self) -> None:
-        """Extend the directory to the box of tiles in the counters, and to the tiles in use."""
+        """Extend the directory to the bounding box in the counters and to the tiles in use."""
         c: Any = self._counters[0]
         x0, x1 = c["box_x0"] - _TILE_MARGIN, c["box_x1"] + _TILE_MARGIN + 1
         y0, y1 = c["box_y0"] - _TILE_MARGIN, c["box_y1"] + _TILE_MARGIN + 1

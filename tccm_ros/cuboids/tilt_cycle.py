@@ -1,9 +1,9 @@
 """Tilt cycles from the samples of the tilt joint alone.
 
-Time is cut into spans that follow each other without gaps. A span is a tilt cycle, in which the
-joint moves one way, or belongs to none: the joint rests, its samples are missing, or it moved by
-less than `cycle.min_sweep`. The limits of a span are final once it is closed; a beam belongs to the
-span of its own time.
+Time is divided into contiguous spans. A span is a tilt cycle, in which the joint moves in one
+direction, or no cycle: the joint rests, its samples are missing, or it moved by less than
+`cycle.min_sweep`. The limits of a span are final once it is closed; a beam belongs to the span that
+contains its time.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from tccm_ros.config import Config
 from tccm_ros.records import START_OF_TIME
 
 NEAR_END = 0.25
-"""The joint has arrived at its furthest angle within this fraction of the dead band. Chosen: above
-the jitter of encoders."""
+"""Fraction of the dead band within which the joint is at its extreme angle. Chosen: above the
+jitter of encoders."""
 
 SURE_REVERSAL = 4.0
-"""A joint at a known end has reversed when it is back by this many times its mean jitter. Chosen:
-jitter alone hardly ever makes so large a step."""
+"""A joint near a known end has reversed if it is back by this multiple of its mean jitter. Chosen:
+jitter alone hardly ever causes so large a step."""
 
 JITTER_WEIGHT = 0.1
-"""Weight of the newest sample in the mean jitter. Chosen: the mean is over some ten samples."""
+"""Weight of the newest sample in the mean jitter. Chosen: a mean over some ten samples."""
 
 
 class CycleEnd(StrEnum):
-    """Why a tilt cycle ended."""
+    """Reason for the end of a tilt cycle."""
 
     REVERSAL = "turn"
     REST = "rest"
@@ -43,7 +43,7 @@ class CycleEnd(StrEnum):
 
 
 class NoCycle(StrEnum):
-    """Why a span of time belongs to no tilt cycle."""
+    """Reason why a span is no tilt cycle."""
 
     BEFORE_JOINT_SAMPLES = "before joint samples"
     NO_JOINT_SAMPLES = "no joint samples"
@@ -52,7 +52,7 @@ class NoCycle(StrEnum):
 
 
 class _State(Enum):
-    """What the joint does."""
+    """State of the joint."""
 
     SILENT = auto()
     STARTING = auto()
@@ -67,11 +67,11 @@ class Span:
     Attributes
     ----------
     start_ns, end_ns
-        Limits; the first span of all begins at the start of time.
+        Limits; the first span begins at the start of time.
     cycle
-        Number of its cycle, from 0; None if it belongs to none.
+        Number of the cycle, from 0; None for no cycle.
     reason
-        Why the cycle ended, or why it is none.
+        Reason for the end of the cycle, or for no cycle.
     """
 
     start_ns: int
@@ -81,21 +81,21 @@ class Span:
 
 
 class TiltCycles:
-    """Cuts time at the reversals of the tilt joint.
+    """Divides time at the reversals of the tilt joint.
 
     Parameters
     ----------
     config
-        Group `cycle`; a change counts from the next sample on.
+        Group `cycle`; a change takes effect with the next sample.
     numbers
-        Gives the numbers of cycles; they count from 0 by default.
+        Iterator of cycle numbers; from 0 by default.
 
     Attributes
     ----------
     closed
-        Closed spans, in order of time; the reader removes those that it has used.
+        Closed spans in order of time; the reader removes them.
     decided_ns
-        Whatever limits the open span gets, time before this belongs to it.
+        Time up to which the open span is certain, whatever its final limits.
     """
 
     def __init__(self, config: Config, numbers: Iterator[int] | None = None) -> None:
@@ -105,7 +105,7 @@ class TiltCycles:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all samples, as after a jump of the clock; cycles are counted on."""
+        """Clear all samples, after a jump of the clock; cycle numbers continue."""
         self.closed.clear()
         self._state = _State.SILENT
         self._start_ns = START_OF_TIME
@@ -120,14 +120,14 @@ class TiltCycles:
         return self._state in (_State.STARTING, _State.MOVING)
 
     def advance_to(self, start_ns: int, T_odom_base: Float64) -> None:
-        """Do nothing: it is the joint that closes tilt cycles, not the records."""
+        """Do nothing: tilt cycles are closed by the joint, not by records."""
 
     def is_certain(self, record: Any) -> bool:
-        """Return whether a record belongs to the open span, whatever limits that gets."""
+        """Return whether a record is certain to belong to the open span."""
         return bool(record.end_ns < self.decided_ns)
 
     def add(self, stamp_ns: int, angle: float) -> None:
-        """Take the next sample, in stamp order; angle in rad. Repeated stamps are ignored."""
+        """Add the next sample, in stamp order; angle in rad. Repeated stamps are ignored."""
         if self._last is not None:
             if stamp_ns <= self._last[0]:
                 return
@@ -149,17 +149,17 @@ class TiltCycles:
         self._last = (stamp_ns, angle)
 
     def _update_jitter(self, step: float) -> None:
-        """Update the mean jitter: how much the joint's steps differ, acceleration included."""
+        """Update the mean jitter: the mean change of the joint's steps, including acceleration."""
         self._jitter += JITTER_WEIGHT * (abs(step - self._step) - self._jitter)
         self._step = step
 
     def advance(self, now_ns: int) -> None:
-        """Close the open span if no sample can come any more that would continue it."""
+        """Close the open span if no further sample can continue it."""
         if self._last is not None and now_ns - self._last[0] > _ns(self._limits.max_gap):
             self._lose_joint()
 
     def finish(self) -> None:
-        """Close the open span: the input has ended."""
+        """Close the open span at the end of the input."""
         if self._state != _State.SILENT and self._last is not None:
             self._end_motion(CycleEnd.END)
 
@@ -178,12 +178,12 @@ class TiltCycles:
         self.decided_ns = end_ns
 
     def _close_cycle(self, end_ns: int, reason: CycleEnd) -> None:
-        """Close the open span: a tilt cycle if the joint has moved far enough one way."""
+        """Close the open span; it is a tilt cycle if the joint has moved far enough."""
         is_cycle = self._travel >= self._limits.min_sweep
         self._close(end_ns, reason if is_cycle else NoCycle.SHORT_CYCLE)
 
     def _close(self, end_ns: int, reason: CycleEnd | NoCycle) -> None:
-        """Close the open span and begin the next one where it ends."""
+        """Close the open span and begin the next one at its end."""
         if end_ns > self._start_ns:
             cycle = next(self._numbers) if isinstance(reason, CycleEnd) else None
             self.closed.append(Span(self._start_ns, end_ns, cycle, reason))
@@ -198,7 +198,7 @@ class TiltCycles:
         self._anchor_at(stamp_ns, angle)
 
     def _anchor_at(self, stamp_ns: int, angle: float) -> None:
-        """Remember where the joint last moved on by more than the dead band."""
+        """Set the anchor, where the joint last moved by more than the dead band."""
         self._anchor, self._anchor_ns = angle, stamp_ns
         self._since: deque[tuple[int, float]] = deque([(stamp_ns, angle)])
 
@@ -247,11 +247,11 @@ class TiltCycles:
             self.decided_ns = max(self.decided_ns, arrival_ns)
 
     def _reversal_angle(self) -> float:
-        """Return the angle, rad, by which the joint must be back to have reversed.
+        """Return the angle, rad, by which the joint must move back to have reversed.
 
         Near its last reversal the joint is expected to reverse again, and need not cross the whole
-        dead band. If it moves on instead, the cycle has ended that much too early and no second one
-        is made: the rest is too short for a cycle.
+        dead band. If it continues instead, the cycle ends slightly early, and the remainder is too
+        short to become a second cycle.
         """
         end, dead_band = self._ends.get(self._direction), self._limits.dead_band
         is_far_enough = abs(self._extreme - self._leg_start) >= self._limits.min_sweep
@@ -260,7 +260,7 @@ class TiltCycles:
         return min(max(NEAR_END * dead_band, SURE_REVERSAL * self._jitter), dead_band)
 
     def _arrival_ns(self) -> int:
-        """Return when the joint came within `NEAR_END` of its furthest angle."""
+        """Return when the joint came within `NEAR_END` of its extreme angle."""
         near = self._extreme - self._direction * NEAR_END * self._limits.dead_band
         while len(self._since) > 1 and self._direction * (self._since[0][1] - near) < 0.0:
             self._since.popleft()

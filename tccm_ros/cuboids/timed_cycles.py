@@ -1,4 +1,4 @@
-"""Cycles where no laser tilts: they close after a time, or when the base has moved."""
+"""Cycles without a tilting laser: closed after a period, or when the base has moved."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from tccm_ros.cuboids.tilt_cycle import CycleEnd, Span
 from tccm_ros.records import START_OF_TIME
 
 MAX_DISTANCE = 0.2
-"""A cycle closes when the base has moved by this much, m,"""
+"""Maximum motion of the base in a cycle, m,"""
 
 MAX_ROTATION = float(np.deg2rad(10.0))
-"""or has turned by this much, rad: the drift of odometry within a part map stays small."""
+"""and maximum rotation, rad: limits the drift of odometry within a part map."""
 
 
 class TimedCycles:
-    """Cuts time into cycles at the records themselves, in the order of their stamps.
+    """Divides time into cycles at the records themselves, in stamp order.
 
     Parameters
     ----------
     config
-        `cycle.period`.
+        Parameter `cycle.period`.
     numbers
-        Gives the numbers of cycles.
+        Iterator of cycle numbers.
 
     Attributes
     ----------
     closed
-        Closed spans, in order of time; the reader removes those that it has used.
+        Closed spans in order of time; the reader removes them.
     """
 
     is_moving = True
-    """All that is measured belongs to a cycle."""
+    """Every measurement belongs to a cycle."""
 
     def __init__(self, config: Config, numbers: Iterator[int]) -> None:
         self._limits = config.cycle
@@ -47,12 +47,12 @@ class TimedCycles:
         self._T_odom_base: Float64 = np.eye(4)
 
     def clear(self) -> None:
-        """Forget the open cycle, as after a jump of the clock; cycles are counted on."""
+        """Discard the open cycle, after a jump of the clock; cycle numbers continue."""
         self.closed.clear()
         self._start_ns = None
 
     def advance_to(self, start_ns: int, T_odom_base: Float64) -> None:
-        """Take note of the next record: its time, and where the base was then (4, 4)."""
+        """Note the next record: its time, and the pose of the base (4, 4)."""
         if self._start_ns is not None:
             period_ns = self._period_ns()
             if start_ns >= self._start_ns + period_ns:
@@ -63,16 +63,16 @@ class TimedCycles:
             self._start_ns, self._T_odom_base = start_ns, T_odom_base
 
     def is_certain(self, record: Any) -> bool:
-        """Return whether it is known to which cycle a record belongs: by its first measurement."""
+        """Return True: a record belongs to the cycle of its first measurement."""
         return True
 
     def advance(self, now_ns: int) -> None:
-        """Close the open cycle if no record can come any more that would belong to it."""
+        """Close the open cycle if no further record can belong to it."""
         if self._start_ns is not None and now_ns > self._start_ns + self._period_ns():
             self._close(self._start_ns + self._period_ns(), CycleEnd.TIME)
 
     def finish(self) -> None:
-        """Close the open cycle: the input has ended."""
+        """Close the open cycle at the end of the input."""
         if self._start_ns is not None:
             self._close(self._start_ns + self._period_ns(), CycleEnd.END)
 
@@ -86,7 +86,7 @@ class TimedCycles:
 
 
 def _has_moved(a: Float64, b: Float64) -> bool:
-    """Return whether two poses (4, 4) are further from each other than a cycle may be."""
+    """Return whether the motion between two poses (4, 4) exceeds that of a cycle."""
     cosine = 0.5 * (np.trace(a[:3, :3].T @ b[:3, :3]) - 1.0)
     rotation = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return float(np.linalg.norm(b[:3, 3] - a[:3, 3])) > MAX_DISTANCE or rotation > MAX_ROTATION

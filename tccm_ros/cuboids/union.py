@@ -1,17 +1,17 @@
-"""The union of intervals in each cell: from binned points to the cuboids of a part map.
+"""Union of intervals in each cell: from binned points to the cuboids of a part map.
 
 A point at height z with depth d covers [z - d, z]; a cuboid is a connected component of the union
-of its cell's intervals (touching counts as connected). Moments are whole ticks, so that the result
-is exact and does not depend on the order of the points.
+of its cell's intervals (touching intervals are connected). Moments are integers in ticks, so that
+the result is exact and independent of the order of the points.
 
-Points are sorted by cell and height (radix sort: first by height, then by cell, whose counts are
-known); where cells hold many points, as those of depth images do, first by cell and then by height
-within each, which stays in the cache. One pass downwards finds the cuboids, one upwards sums their
-moments. Of a laser most cuboids have one to three points, and no processor can predict where they
-end; so the pass downwards does not branch on it: the cases are masked.
-Arrays are flat, so that rows have a length that the compiler knows. Points of 22,760 beams become
-cuboids with moments in 0.29 ms; numpy's lexsort and reduceat take 3.3 to 5.4 ms, and a linked list
-in each cell 1.1 ms (`bench/bench_tccm.py` measures it, and each step).
+Points are sorted by cell and height (radix sort: first by height, then by cell with known counts).
+Cells with many points, as from depth images, are sorted one by one after sorting by cell, which
+stays in the cache. A downward pass finds the cuboids, an upward pass sums their moments. With a
+laser, most cuboids have one to three points, and their ends are unpredictable; the downward pass
+therefore uses masks instead of branches. Arrays are flat, so that row lengths are compile-time
+constants. Points of 22,760 beams become cuboids with moments in 0.29 ms; numpy's lexsort and
+reduceat take 3.3 to 5.4 ms, and a linked list per cell 1.1 ms (`bench/bench_tccm.py` measures it,
+and each step).
 """
 
 from __future__ import annotations
@@ -24,30 +24,31 @@ import numpy as np
 from tccm_ros.kernels import kernel
 
 _DIGIT_BITS = 8
-"""Maximum number of bits of a digit: the ends of 256 runs of points fit into the first cache."""
+"""Maximum number of bits of a digit: the ends of 256 runs of points fit in the first-level
+cache."""
 
 HISTOGRAM_SIZE = 2 << _DIGIT_BITS
-"""Elements of `histogram`: the counts of a digit and of the next."""
+"""Number of elements of `histogram`: the counts of a digit and of the next."""
 
 _DIGIT_SIZE, _DIGIT_MASK = 1 << _DIGIT_BITS, np.uint64((1 << _DIGIT_BITS) - 1)
 
 DENSE = 32
-"""Points per cell from which on cells are sorted one by one. Chosen: for fewer the counts of a
-digit take longer than the points."""
+"""Points per cell from which cells are sorted one by one. Chosen: with fewer, the counts of a digit
+take longer than the points."""
 
 _LOW = np.int64(0xFFFFFFFF)
 _U0, _U1, _U2, _U10, _U32 = (np.uint64(k) for k in (0, 1, 2, 10, 32))
 
 
 class CuboidRule(NamedTuple):
-    """How the points of a cell become cuboids.
+    """Rule that turns the points of a cell into cuboids.
 
     Attributes
     ----------
     merge
-        Makes the cuboids of ordered points; arguments and result as in `merge_intervals`.
+        Kernel from ordered points to cuboids; arguments and result as in `merge_intervals`.
     is_by_height
-        Whether it takes the points of a cell by rising height, or in the order in which they came.
+        Whether it needs the points of a cell by ascending height, or in order of arrival.
     """
 
     merge: Callable[..., int]
@@ -56,18 +57,18 @@ class CuboidRule(NamedTuple):
 
 @kernel
 def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
-    """Order points by rising height, equal ones as they came: radix sort, lowest digit first.
+    """Sort points by ascending height with a stable radix sort, lowest digit first.
 
     Parameters
     ----------
     records, n
-        int64 (>= 2 n,), two words for each of n points, see `tiles.Tiles`.
+        int64 (>= 2 n,), two words per point, see `tiles.Tiles`.
     heights
         Minimum and maximum height, ticks.
     scratch
         uint64 (>= n,) twice, and int64 (HISTOGRAM_SIZE,).
     order
-        int32 (>= n,), receives the points' numbers.
+        int32 (>= n,), written: indices of the points.
     """
     lowest, highest = heights
     pairs, spare, histogram = scratch
@@ -110,14 +111,14 @@ def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any
 
 @kernel
 def sort_cells(points: Any, starts: Any, n_cells: Any, scratch: Any) -> None:
-    """Order the points of each cell by rising height, equal ones as they are.
+    """Sort the points of each cell by ascending height; stable.
 
     Parameters
     ----------
     points
-        int64 (2 n,) of `gather_points`, by cell; changed.
+        int64 (2 n,) from `gather_points`, by cell; sorted in place.
     starts, n_cells
-        int32, first point of each cell, and after the last the number of points.
+        int32, start position of each cell and, last, the number of points.
     scratch
         uint64 (>= n,) twice, and int64 (HISTOGRAM_SIZE,).
     """
@@ -141,7 +142,7 @@ def sort_cells(points: Any, starts: Any, n_cells: Any, scratch: Any) -> None:
 
 @kernel
 def _order_cell(points: Any, first: Any, n: Any, lowest: Any, highest: Any, scratch: Any) -> Any:
-    """Return the points of a cell by rising height, as uint64: number in the low 32 bits."""
+    """Return the points of a cell by ascending height, as uint64 with the index in the low bits."""
     pairs, spare, histogram = scratch
     for i in range(n):
         height = np.uint64((points[_U2 * (first + i)] >> 32) - lowest)
@@ -169,18 +170,18 @@ def _order_cell(points: Any, first: Any, n: Any, lowest: Any, highest: Any, scra
 def gather_points(
     records: Any, n: Any, order: Any, scan_ends: Any, scan_of: Any, counts: Any, points: Any
 ) -> None:
-    """Order the records by cell, and within a cell as `order` says.
+    """Sort the records by cell, and within a cell by `order`.
 
     Parameters
     ----------
     records, n, order
         As in `order_by_height`.
     scan_ends, scan_of
-        int32 (S,), the number of records after each scan; scratch, int32 (>= n,).
+        int32 (S,), number of records up to the end of each scan; int32 (>= n,), scratch.
     counts
-        int32, per address: the next free position; left as the position after the last.
+        int32, next free position per address; afterwards one past the last.
     points
-        int64 (2 n,), receives (z << 32 | place) and (depth << 32 | number of the scan).
+        int64 (2 n,), written: (z << 32 | place) and (depth << 32 | number of the scan).
     """
     i = np.uint64(0)
     for scan in range(len(scan_ends)):
@@ -194,7 +195,7 @@ def gather_points(
 
 @kernel
 def gather_as_they_came(records: Any, scan_ends: Any, counts: Any, points: Any) -> None:
-    """Order the records by cell, and within a cell as they came; arguments of `gather_points`."""
+    """Sort the records by cell, in order of arrival; arguments as in `gather_points`."""
     i = np.uint64(0)
     for scan in range(len(scan_ends)):
         end = np.uint64(scan_ends[scan])
@@ -216,16 +217,16 @@ def _gather_point(records: Any, i: Any, scan: Any, counts: Any, points: Any) -> 
 
 @kernel
 def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
-    """Mark where cells begin, and the end of the last; reset their counts to zero.
+    """Mark the first point of each cell, and the end of the last; reset the counts to zero.
 
     Parameters
     ----------
     starts, n_cells, addresses
         Results of `binning.list_cells`.
     counts
-        int32, per address, changed.
+        int32, per address, reset.
     begins
-        int8 (n + 1,), receives -1 where a cell begins and at n, else 0.
+        int8 (n + 1,), written: -1 where a cell begins and at n, else 0.
     """
     begins[: np.int64(starts[n_cells]) + 1] = 0
     for cell in range(np.uint64(n_cells)):
@@ -240,24 +241,24 @@ def merge_intervals(
 ) -> Any:
     """Merge the intervals of each cell, from the last point to the first.
 
-    Cuboids are written from the end of the arrays on, so that they come out in rising order.
+    Cuboids are written from the end of the arrays, so that they are in ascending order.
 
     Parameters
     ----------
     points, n
-        int64 (2 n,) of `gather_points`, by cell and rising height.
+        int64 (2 n,) from `gather_points`, by cell and ascending height.
     begins
-        int8 (n + 1,), -1 where a cell begins, and at n; then where a cuboid begins.
+        int8 (n + 1,), -1 where a cell begins, and at n; afterwards where a cuboid begins.
     cell_keys, n_cells
         int64 (>= n_cells,), the cells in order.
     found
-        int64 (>= n,), int32 (>= 2 n,) and int32 (>= n,): receive each cuboid's cell, bottom and
-        top, and first point, in the rows up to n.
+        int64 (>= n,), int32 (>= 2 n,) and int32 (>= n,), written: cell, bottom and top, and first
+        point of each cuboid, in the rows up to n.
 
     Returns
     -------
     int
-        Row of the first cuboid; the rows before it are not used.
+        Row of the first cuboid; the rows before it are unused.
     """
     keys, bounds, firsts = found
     k, cell = np.int64(n), np.int64(n_cells)
@@ -267,7 +268,7 @@ def merge_intervals(
         z = points[_U2 * i] >> 32
         bottom = z - (points[_U2 * i + _U1] >> 32)
         # Masks: -1 for true, 0 for false. A point is the top of a new cuboid if the point above is
-        # of another cell, or if the interval above ends above this point.
+        # in another cell, or if the interval above ends above this point.
         left = np.int64(begins[i + _U1])
         is_new = left | ((z - lowest) >> 63)
         begins[i + _U1] = is_new
@@ -285,7 +286,7 @@ def merge_intervals(
 
 
 UNION = CuboidRule(merge_intervals, is_by_height=True)
-"""The union of the points' intervals, whatever their order."""
+"""The union of the points' intervals, independent of their order."""
 
 
 @kernel
@@ -295,15 +296,15 @@ def sum_cuboids(points: Any, n: Any, begins: Any, stamps: Any, sums: Any, seen: 
     Parameters
     ----------
     points, n
-        int64 (2 n,) of `gather_points`, the points of a cuboid one after the other.
+        int64 (2 n,) from `gather_points`; the points of a cuboid are contiguous.
     begins
         int8 (>= n,), -1 where a cuboid begins.
     stamps
-        int64 (S,), of the scans.
+        int64 (S,), stamps of the scans.
     sums
-        int64 (10 C,), receives count, sums x y z, sums of xx xy xz yy yz zz.
+        int64 (10 C,), written: count, sums x y z, sums of xx xy xz yy yz zz.
     seen
-        int64 (2 C,), receives the stamps of the first and the last scan.
+        int64 (2 C,), written: the stamps of the first and the last scan.
     """
     m = s = first = _U0
     while first < np.uint64(n):

@@ -1,1 +1,1 @@
-"""The TCCM as one processor: from points to planes, objects and the surface message."""
+"""The TCCM processor: from points to planes, objects and the surface message."""

@@ -1,4 +1,4 @@
-"""The surface message: what a tilt cycle tells the surface map (docs/reference/nodes.md)."""
+"""Surface message of a tilt cycle: points, free intervals, objects (docs/reference/nodes.md)."""
 
 from __future__ import annotations
 
@@ -34,35 +34,36 @@ from tccm_ros.sensors.point_cloud import first_in_voxels
 from tccm_ros.tabletop.objects import find_objects
 
 Segmentation = Callable[[Float64], Int32]
-"""Surface of each point float64 (N, 3), m, in the base frame: int32 (N,), -1 for none."""
+"""Function from points float64 (N, 3), m, in the base frame, to surface indices int32 (N,), -1 for
+none."""
 
 PLANE_SIGMAS = 3.0
-"""Points further from their plane than this many times its rms plus `PLANE_SLACK` are not of its
-surface. Chosen: 0.3 % of Gaussian noise is cut off."""
+"""Points further from their plane than this multiple of its rms plus `PLANE_SLACK` are outliers of
+the surface. Chosen: rejects 0.3 % of Gaussian noise."""
 
 PLANE_SLACK = 0.005
-"""m. Chosen: the rms of a clean plane is that of its noise alone, and surfaces are not perfectly
+"""m. Chosen: the rms of a clean plane contains only sensor noise, but surfaces are not perfectly
 flat."""
 
 BEAMS_PER_COLUMN = 2.0
-"""So many beams of a scan pass a column at the distance `views.reach`; the others are not
-followed. Chosen."""
+"""Beams of a scan per column at the distance `views.reach`; further beams are not traced. Chosen.
+"""
 
 HITS_CUBE = 0.04
-"""Edge of the cubes whose points are one hit, m. Chosen: two cells of the map."""
+"""Edge of the cubes in which hits are combined, m. Chosen: two cells of the map."""
 
 HITS_DISTANCE = 0.4
-"""Hits are kept this near to a surface, seen from above, and up to twice as far, m. Chosen: a door
-of a cupboard that stands open."""
+"""Hits within this horizontal distance of a surface are kept, m; the grid keeps some up to twice as
+far. Chosen: an open door of a cupboard."""
 
 HITS_FROM, HITS_TO = 0.15, 2.2
-"""Range of the heights of hits over the base's z = 0, m. Chosen: what arms work between."""
+"""Range of heights of hits above z = 0 of the base, m. Chosen: the workspace of arms."""
 
 
 def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
-    """Return the plane of the map at each of the part map's cuboids, int32 (N,), -1 for none.
+    """Return the plane index of each cuboid of a part map, int32 (N,), -1 for none.
 
-    A part map's cuboid lies within one cuboid of the map that it was added to.
+    Each cuboid of a part map lies within one cuboid of the map that contains it.
     """
     if len(fits.cuboids) == 0 or len(part) == 0:
         return np.full(len(part), -1, np.int32)
@@ -70,7 +71,10 @@ def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
 
 
 def _map_cuboids(part: PartMap, fits: PlaneFits) -> Int64:
-    """Return the map's cuboid of each cuboid of the part map, int64 (N,); neither is empty."""
+    """Return the index of the map's cuboid that contains each part map cuboid, int64 (N,).
+
+    Both maps have at least one cuboid.
+    """
     c = fits.cuboids
     return np.asarray(owners(c.ix, c.iy, c.bottom, part.keys, part.bounds), np.int64)
 
@@ -96,15 +100,15 @@ def surface_cloud(
     T_odom_base
         float64 (4, 4), the base at the stamp.
     viewpoint
-        float64 (3,), the laser in odom: of surfaces above it only the underside is seen.
+        float64 (3,), position of the laser in odom; surfaces above it are seen from below.
     frame_id
         The base frame.
     wanted
-        Otherwise the cloud is empty.
+        Whether the cloud is needed; otherwise it is empty.
     config
         Uses `views.voxel_size` and `sensors.depth_sigma`.
     segmentation
-        Tells the surfaces in place of the planes.
+        Function that finds the surfaces instead of the planes.
     """
     part, T_base_odom = cycle.part, inverse(T_odom_base)
     points, surface = np.zeros((0, 3)), np.zeros(0, np.int64)
@@ -129,10 +133,10 @@ def surface_cloud(
 def _horizontal_points(
     cycle: TiltCycleData, fits: PlaneFits, viewpoint: Float64, config: Config
 ) -> tuple[Float64, Int64]:
-    """Return the points of horizontal planes and strips, and their surface's index, from 0.
+    """Return the points of horizontal planes and strips, and their surface indices, from 0.
 
-    Strips are made of scan lines alone. Of other points, which a camera measures again with each
-    image, one stays in each voxel.
+    Strips consist of scan lines. A camera measures the same points with each image, so other points
+    are thinned to one per voxel of edge `views.voxel_size`.
     """
     part, voxel = cycle.part, config.views.voxel_size
     labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
@@ -186,7 +190,7 @@ def _are_too_thick(
 
 
 def _kept(points: Float64, in_line: Bool, surface: Int64, voxel: float) -> Int64:
-    """Return the surface of each point; -1 but for one point off scan lines in each voxel."""
+    """Return the surface indices; outside scan lines, only one point per voxel keeps its index."""
     dense = np.flatnonzero(~in_line & (surface >= 0))
     is_kept = in_line.copy()
     is_kept[dense[first_in_voxels(points[dense], voxel)]] = True
@@ -194,7 +198,7 @@ def _kept(points: Float64, in_line: Bool, surface: Int64, voxel: float) -> Int64
 
 
 def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: int) -> Int64:
-    """Return the rows of the points that are near their plane, where that is one of the chosen."""
+    """Return the rows of the inliers of the chosen planes, int64 (K,)."""
     is_chosen = np.zeros(planes + 1, np.bool_)  # the last is for -1
     normals, offsets, slack = np.zeros((planes, 3)), np.zeros(planes), np.zeros(planes)
     for fit in chosen:
@@ -210,7 +214,7 @@ def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: i
 def view_intervals(
     cycle: TiltCycleData, config: Config, T_odom_base: Float64, frame_id: str
 ) -> ViewIntervals:
-    """Return what a tilt cycle's beams passed through, in the base frame at the cycle's stamp.
+    """Return the free intervals along a tilt cycle's beams, in the base frame at the cycle's stamp.
 
     Parameters
     ----------
@@ -225,7 +229,8 @@ def view_intervals(
     """
     columns = FreeIntervalTracer(config.views.cell_size, config.views.reach)
     T_base_odom = inverse(T_odom_base)
-    # Half again: `views.reach` is a distance on the floor, the beam goes down as well.
+    # `views.reach` is a distance on the floor; a beam that also descends is up to 1.5 times as
+    # long.
     longest = 1.5 * min(config.views.reach, config.scan.max_range)
     enough = config.views.cell_size, config.views.reach * BEAMS_PER_COLUMN
     for record in cycle.records:
@@ -234,14 +239,14 @@ def view_intervals(
 
 
 def hits_near(cycle: TiltCycleData, surfaces: SurfaceCloud, T_odom_base: Float64) -> Float32:
-    """Return what the beams of a tilt cycle ended on near its horizontal surfaces but the floor.
+    """Return the hits of a tilt cycle near its horizontal surfaces, without the floor.
 
     Parameters
     ----------
     cycle
         The tilt cycle.
     surfaces
-        Its surface message.
+        Surface message of the cycle.
     T_odom_base
         float64 (4, 4), the base at the cycle's stamp.
 
@@ -290,17 +295,16 @@ def object_boxes(
     frame_id: str,
     wanted: bool,
 ) -> ObjectBoxes:
-    """Return the objects that the newest part map measured, each where this tilt cycle saw it.
+    """Return the objects that the newest part map measured, at their position in this tilt cycle.
 
-    The objects of the integration map are up to `map.window_cycles` old, and have drifted with
-    odometry since.
+    Objects of the integration map may be `map.window_cycles` old; odometry has drifted since.
 
     Parameters
     ----------
     cycle
         The newest tilt cycle.
     fits, planes
-        Planes of the map, in odom, and the tracked ones.
+        Plane fits of the map, in odom, and the tracked planes.
     config
         Group `objects`.
     T_odom_base
@@ -308,7 +312,7 @@ def object_boxes(
     frame_id
         The base frame.
     wanted
-        Otherwise there are none.
+        Whether objects are needed; otherwise the result is empty.
     """
     part = cycle.part
     objects: Sequence[TabletopObject] = ()

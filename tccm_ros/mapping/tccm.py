@@ -1,4 +1,4 @@
-"""The TCCM as one processor: events in, planes and the surface message of each tilt cycle out."""
+"""The TCCM as one processor: takes events, returns planes and a surface message per tilt cycle."""
 
 from __future__ import annotations
 
@@ -56,24 +56,24 @@ DETECTORS = {
     "center_cores": find_core_planes,
     "neighbours": find_neighbour_planes,
 }
-"""Detectors of planes by `planes.detector`."""
+"""Plane detectors by `planes.detector`."""
 
 OnPlanes = Callable[["CyclePlanes"], object]
 
 STILL_SPEED = 0.02
-"""Below this the base stands still, m/s (`views.when: still`). Chosen."""
+"""Speed below which the base counts as still, m/s (`views.when: still`). Chosen."""
 
 STILL_ANGULAR_SPEED = np.deg2rad(0.5)
-"""Below this the base stands still, rad/s. Chosen."""
+"""Angular speed below which the base counts as still, rad/s. Chosen."""
 
 
 class CyclePlanes(NamedTuple):
-    """The planes of a tilt cycle, known before the rest of its result: as in `CycleResult`.
+    """The planes of a tilt cycle, available before the other fields of its `CycleResult`.
 
     Attributes
     ----------
     stamp_ns
-        Of the tilt cycle.
+        Stamp of the tilt cycle.
     frame_id
         Frame of the planes.
     planes
@@ -87,14 +87,14 @@ class CyclePlanes(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleResult:
-    """What one tilt cycle gives.
+    """The result of one tilt cycle.
 
     Attributes
     ----------
     cycle
-        Its number, from 0.
+        Index of the tilt cycle, from 0.
     stamp_ns, start_ns, end_ns
-        Middle of the first and the last used beam, and these two.
+        Middle time of the first and the last used beam, and their times.
     frame_id
         Frame of planes, objects, free places and part map: the odometry frame.
     base_frame_id
@@ -102,17 +102,18 @@ class CycleResult:
     T_odom_base
         float64 (4, 4), the base at `stamp_ns`.
     planes, objects
-        Tracked planes, and what stands on them.
+        Tracked planes, and the objects on them.
     surfaces, view, boxes
-        What goes to the surface map.
+        Messages to the surface map.
     part
         The newest part map, with its points.
     scans
-        Scans, images and clouds that were used.
+        Number of scans, images and clouds used.
     base_speed, base_angular_speed
-        Largest of the base during the tilt cycle, m/s and rad/s.
+        Maximum speed of the base during the tilt cycle, m/s and rad/s.
     ended_by
-        Why the cycle ended: ``turn``, ``rest``, ``gap``, ``time``, ``motion`` or ``end``.
+        Reason for the end of the cycle: ``turn``, ``rest``, ``gap``, ``time``, ``motion`` or
+        ``end``.
     """
 
     cycle: int
@@ -145,7 +146,7 @@ class CycleResult:
 
 
 class TccmProcessor:
-    """Maps what tilting lasers, depth cameras and lidars see, cycle by cycle.
+    """Maps the measurements of tilting lasers, depth cameras and lidars, one tilt cycle at a time.
 
     Parameters
     ----------
@@ -155,11 +156,11 @@ class TccmProcessor:
     Attributes
     ----------
     map, seen_free
-        The integration map, and what its tilt cycles saw through (`query`).
+        The integration map, and the free space that its tilt cycles observed (see `query`).
     counts
-        ``cycles``, ``scans used``, ``resets``.
+        Numbers of ``cycles``, ``scans used`` and ``resets``.
     used
-        Records used, by role.
+        Number of records used, by role.
     """
 
     def __init__(self, config: Config) -> None:
@@ -168,12 +169,12 @@ class TccmProcessor:
         self.used: Counter[str] = Counter()
         self.map = IntegrationMap(config)
         self.seen_free = FreeSpace(config)
-        # The baselines are chosen here, and handed down as functions.
+        # Baselines are selected here and passed on as functions: `cuboids` imports none of them.
         self._rule = AS_PRINTED if config.map.mode == "paper" else UNION
         self._cycles = CycleBuilder(config, self._rule)
         is_seed = config.surfaces.segmentation == "seed"
         self._segmentation = partial(segment, config=config) if is_seed else None
-        # Those of the streams for it, and of what concerns everybody.
+        # Own streams, and events without a role.
         self._roles = {None, *roles_of("tccm", config)}
         self._planes = PlaneTracker(config)
         self._objects = ObjectTracker(config)
@@ -190,16 +191,16 @@ class TccmProcessor:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Posed scans that were not used, by reason."""
+        """Number of posed records that were not used, by reason."""
         return self._cycles.dropped
 
     def takes(self, event: Event) -> bool:
-        """Return whether an event is for this processor.
+        """Return whether this processor handles an event.
 
         Raises
         ------
         TypeError
-            For a posed record of one of its streams that it cannot map: the class has no handler.
+            For a posed record of one of its streams whose class has no handler.
         """
         if getattr(event, "role", None) not in self._roles:
             return False
@@ -212,8 +213,8 @@ class TccmProcessor:
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Take one event; return the tilt cycles that are complete now, in order.
 
-        Events that are for others are left alone. `on_planes` is called with the planes of each
-        tilt cycle as soon as they are known: the rest takes about as long again.
+        Events of other processors are ignored. `on_planes` is called with the planes of each tilt
+        cycle as soon as they are found; the remaining steps take about as long again.
         """
         if not self.takes(event):
             return []
@@ -244,22 +245,22 @@ class TccmProcessor:
         self.clear_map()
 
     def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
-        """Close the open tilt cycle: the input has ended."""
+        """Close the open tilt cycle at the end of the input; return the complete cycles."""
         return [self._result(cycle, on_planes) for cycle in self._cycles.finish()]
 
     def reset(self) -> None:
-        """Begin anew; tilt cycles count from 0 again."""
+        """Clear the map and restart the count of tilt cycles from 0."""
         self.clear_map()
         dropped = self.dropped
         self._cycles = CycleBuilder(self.config, self._rule)
         self._cycles.dropped = dropped
 
     def take_view(self) -> None:
-        """Give out the surfaces of the next tilt cycle, also where `views.when` would not."""
+        """Publish the surfaces of the next tilt cycle even if `views.when` excludes it."""
         self._view_is_asked = True
 
     def clear_map(self) -> None:
-        """Forget the map and the open tilt cycle."""
+        """Clear the map and the open tilt cycle."""
         self.counts["resets"] += 1
         self._cycles.clear()
         self.map.clear()
@@ -268,7 +269,7 @@ class TccmProcessor:
         self._objects.reset()
 
     def query(self) -> MapQuery:
-        """Return the map as it is now, to be asked (`queries`)."""
+        """Return a snapshot of the map for queries (`cuboids.queries`)."""
         return MapQuery(self.map, self.seen_free)
 
     def _result(self, cycle: TiltCycleData, on_planes: OnPlanes) -> CycleResult:
@@ -291,7 +292,7 @@ class TccmProcessor:
         still = speed < STILL_SPEED and angular_speed < STILL_ANGULAR_SPEED
         wanted = self.config.views.when == "always" or still or self._view_is_asked
         self._view_is_asked = False
-        # As published, surfaces are segmented in 3D scans: one scan line is in a plane in any case.
+        # As published, segmentation needs a 3D scan: a single scan line always fits a plane.
         is_segmented = (
             self._segmentation is None or cycle.swept_angle() >= self.config.cycle.min_sweep
         )

@@ -1,7 +1,7 @@
 """all_in_one: both nodes in one process and one executor, with one robot.
 
-tccm_node receives what is known of the robot and the tilting laser's scans, slam_node the level
-laser's; each record is checked once, and its events go to the workers of both.
+tccm_node subscribes to the robot's topics and the tilting laser, slam_node to the level laser. Each
+record is checked once, and its events go to the workers of both.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether the base stands, as odometry or tf says."""
+"""Detection of a base at rest, from odometry or tf."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.shared_robot import SharedRobot
 
 STANDING_NS = 500_000_000
-"""The base stands where it has not moved for so long, ns. Chosen."""
+"""The base is at rest if it has not moved for this time, ns. Chosen."""
 
 STANDING_M, STANDING_RAD = 0.01, np.deg2rad(0.25)
-"""Motions that are none: speeds of 0.02 m/s and 0.5 deg/s over that time, as for still views."""
+"""Tolerated motion: speeds of 0.02 m/s and 0.5 deg/s over that time, as for still views."""
 
 
 class BaseWatch:
-    """Looks at the newest motion of the base.
+    """Monitors the newest motion of the base.
 
     Parameters
     ----------
     robot, frames
-        What is known of the robot, and its frames.
+        The robot, and the poses of its frames.
     """
 
     def __init__(self, robot: SharedRobot, frames: KnownFrames):
@@ -35,12 +35,12 @@ class BaseWatch:
         Raises
         ------
         FrameError
-            Where nothing is known of it.
+            If nothing is known of it.
         """
         return planar(self._frames.T_odom_frame(self._frames.base))
 
     def is_standing(self) -> bool:
-        """Return whether the base is known not to have moved for `STANDING_NS` of message time."""
+        """Return whether the base has data and has not moved for `STANDING_NS` of message time."""
         with self._robot.lock:
             try:
                 base = self._frames.base
@@ -60,7 +60,7 @@ class BaseWatch:
 
 
 def is_near(pose: Float64, other: Float64) -> bool:
-    """Return whether two planar poses (x, y, yaw) are the same but for the jitter of odometry."""
+    """Return whether two planar poses (x, y, yaw) differ by no more than odometry jitter."""
     dx, dy, dyaw = pose - other
     dyaw = (dyaw + np.pi) % (2.0 * np.pi) - np.pi
     return bool(np.hypot(dx, dy) < STANDING_M and abs(dyaw) < STANDING_RAD)

@@ -1,4 +1,4 @@
-"""~/check_box of tccm_node: whether anything is in a box, and which tilt cycle says so."""
+"""~/check_box of tccm_node: occupancy of a box, and the tilt cycle that observed it."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from tccm_ros.records.building import pose_matrix
 from tccm_ros.ros.types import stamp_message
 
 STATES = {-1: 0, 0: 1, 1: 2}
-"""UNKNOWN, FREE and OCCUPIED of CheckBox by `Occupancy`."""
+"""Values of the state in CheckBox by `Occupancy`."""
 
 MAX_VOLUME_M3 = 8.0
-"""Largest box that is looked through, point by point. Chosen: 1 million points, 0.1 s."""
+"""Maximum volume of a box, which is sampled in points. Chosen: 1 million points, 0.1 s."""
 
 
 class BoxService:
     """Answers ~/check_box from the integration map after the newest tilt cycle.
 
-    An answer does not wait for the tilt cycle that is being worked on. Where somebody has asked
-    since the last tilt cycle, the map after the next one is prepared at once; else who asks waits
-    for that.
+    A response does not wait for the tilt cycle in progress. If there was a request since the last
+    tilt cycle, the map after the next one is prepared at once; otherwise the next request waits for
+    it.
 
     Parameters
     ----------
     node
-        The node that offers it; its worker owns the processor.
+        Node of the service; its worker owns the processor.
     processor
-        Has the map.
+        Holds the map.
     """
 
     def __init__(self, node: SensorNode, processor: TccmProcessor):
@@ -62,7 +62,7 @@ class BoxService:
         return response
 
     def _box(self, request: Any) -> tuple[Float64, Float64]:
-        """Return pose (4, 4) in odom and edges (3,) of a box; TccmError where it is none."""
+        """Return pose (4, 4) in odom and edges (3,) of a box; raise TccmError if it is invalid."""
         size = np.array([request.size.x, request.size.y, request.size.z])
         if not (np.isfinite(size).all() and (size > 0.0).all()):
             raise MessageError(f"a box of {_text(size)} m; expected positive edges")
@@ -79,7 +79,7 @@ class BoxService:
         return self._frames.T_odom_frame(frame) @ T, size
 
     def note(self) -> None:
-        """Prepare the map where it has changed and somebody asks (in the worker)."""
+        """Prepare the map if it has changed and there was a request (in the worker)."""
         if self._noted == self._changes:
             return
         is_wanted, self._is_asked = self._is_asked, False
@@ -87,7 +87,7 @@ class BoxService:
         self._noted = self._changes
 
     def _prepare(self) -> MapQuery:
-        """Return the map as it is, and answer from it (in the worker)."""
+        """Prepare the current map for requests and return it (in the worker)."""
         if not self._processor.counts["cycles"]:
             raise MessageError("no tilt cycle has been mapped yet")
         if self._query is None:
@@ -96,7 +96,7 @@ class BoxService:
 
     @property
     def _changes(self) -> int:
-        """How often the map has changed."""
+        """Number of changes of the map."""
         return self._processor.counts["cycles"] + self._processor.counts["resets"]
 
 

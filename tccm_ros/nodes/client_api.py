@@ -1,4 +1,4 @@
-"""What slam_node offers programs: typed messages, events, questions, frames, MoveIt's objects."""
+"""Client interfaces of slam_node: services, events, the view action and MoveIt objects."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from tccm_ros.surfaces.scene import Scene
 
 
 def offered(topics: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics whose types are installed."""
+    """Return the topics whose message types are installed."""
     return {name: kind for name, kind in topics.items() if is_installed(kind)}
 
 
 class ClientApi:
-    """All that is for programs, of the newest solution.
+    """Interfaces for clients of the newest solution.
 
     Parameters
     ----------
     node, live
-        The node, and where the robot is; services and publishers are made here.
+        The node, which owns the services and publishers, and the pose of the robot.
     begin_save
-        Has the map saved into a folder; the future has a sentence.
+        Starts saving the map into a folder; returns a future of a sentence.
     load
-        Goes on with the map of a folder (in the worker).
+        Continues the map of a folder (in the worker).
     correct_label
-        Has the label of a surface corrected.
+        Queues the correction of a surface's label.
     """
 
     def __init__(
@@ -66,19 +66,19 @@ class ClientApi:
             offer_labels(node, self._surfaces, correct_label)
 
     def receive(self, solved: Solved) -> None:
-        """Prepare a solution for questions (in the thread that receives solutions)."""
+        """Prepare a solution for queries (in the thread that receives solutions)."""
         scene = unpack_scene(solved.scene)
         self._received[solved.number] = scene
         if self._surfaces is not None:
             self._surfaces.prepared[solved.number] = SceneQueries(scene, self._node.types)
 
     def show(self, number: int) -> None:
-        """Answer from a solution that was received, and publish what has changed (in the worker).
+        """Answer queries from a received solution and publish its changes (in the worker).
 
         Parameters
         ----------
         number
-            Of the solution; those before it are let go.
+            Number of the solution; older ones are freed.
         """
         scene = self._received[number]
         for old in [n for n in self._received if n <= number]:
@@ -91,22 +91,22 @@ class ClientApi:
         self._live.show_surfaces(scene)
 
     def forget(self, *, is_map_loaded: bool) -> None:
-        """Answer nothing before the next solution."""
+        """Answer no queries until the next solution."""
         self._events.forget(is_map_loaded=is_map_loaded)
         if self._surfaces is not None:
             self._surfaces.forget()
 
     def note_view_part(self, stamp_ns: int, number: int) -> None:
-        """Note a part of a view, and the number of the first solution that has it."""
+        """Note a message of a view, and the number of the first solution that contains it."""
         if self._view_action is not None:
             self._view_action.note_view_part(stamp_ns, number)
 
     def close(self) -> None:
-        """End the action that takes views."""
+        """End the action server."""
         if self._view_action is not None:
             self._view_action.close()
 
     def problems(self) -> Iterator[str]:
-        """Yield what is missing."""
+        """Yield the reason if tccm_interfaces is missing."""
         if missing_interfaces():
             yield missing_interfaces()

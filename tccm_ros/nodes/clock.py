@@ -1,4 +1,4 @@
-"""Stamps and jumps of the node clock."""
+"""Clock jumps of a node, stamps on receipt, and timers on a steady clock."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 PATIENCE_S = 1.0
-"""Stamps that follow a step of the clock do so within this time, or came this much before it."""
+"""Maximum time between a step of the clock and the step of the message stamps, s."""
 
 
 class ClockWatch:
     """Reports a backward jump of the node clock that the message stamps did not follow.
 
-    Where records come, their own stamps tell the step (`robot.StampGuard`), and tell exactly which
-    records are from before: /clock overtakes them, or comes late. So their word is waited for.
+    If there are records, their stamps show the step (`robot.StampGuard`) and separate old records
+    from new ones exactly, whereas /clock may arrive before or after them. A jump is therefore
+    reported only if the stamps have shown none.
 
     Parameters
     ----------
     node
-        Its clock is watched.
+        Node whose clock is watched.
     threshold_s
-        Smaller steps are none.
+        Smaller steps are ignored, s.
     callback
-        Called with a reason, in the executor, when the stamps have said nothing for `PATIENCE_S`.
+        Called with the reason, in the executor, if the stamps show no step for `PATIENCE_S`.
     """
 
     def __init__(self, node: Node, threshold_s: float, callback: Callable[[str], None]):
@@ -43,20 +44,20 @@ class ClockWatch:
             min_backward=Duration(nanoseconds=-round(threshold_s * 1e9)),
             on_clock_change=False,
         )
-        # The callback is gone with its handle.
+        # The callback exists only as long as its handle.
         self._handle = node.get_clock().create_jump_callback(threshold, post_callback=self._jumped)
 
     def note_stamps(self) -> None:
-        """Note that the stamps of the records went back."""
+        """Note that the stamps of the records stepped back."""
         self._told_s = time.monotonic()
 
     @property
     def just_went_back(self) -> bool:
-        """Whether the stamps of the records went back a moment ago."""
+        """Whether the stamps of the records stepped back within `PATIENCE_S`."""
         return time.monotonic() < self._told_s + PATIENCE_S
 
     def close(self) -> None:
-        """Report nothing any more."""
+        """Stop the reports."""
         self._end_timer()
         self._handle.unregister()
 
@@ -81,18 +82,18 @@ class ClockWatch:
 def stamp_on_receipt(
     node: Node, record: Any, time_span: Callable[[Any], tuple[int, int]] | None = None
 ) -> Any:
-    """Return a record with the time of its arrival, for drivers that have no clock.
+    """Return a record stamped with its arrival time, for drivers without a clock.
 
-    What a sensor measures over a time span is sent at its end: its stamp is so much earlier.
+    A measurement over a time span is sent at its end, so its stamp is earlier by the span.
 
     Parameters
     ----------
     node
-        Its clock is read.
+        Node whose clock is read.
     record
         Records without a stamp (a robot description) are returned as they are.
     time_span
-        Gives the first and last ns of a record; None for what is measured at one time.
+        Returns the first and last time of a record, ns; None for instantaneous records.
     """
     if not hasattr(record, "stamp_ns"):
         return record
@@ -103,14 +104,14 @@ def stamp_on_receipt(
 
 
 def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:
-    """Return a timer that also runs while the node clock stands still, as without /clock.
+    """Return a timer that runs even while the node clock does not, as without /clock.
 
     Parameters
     ----------
     node
-        Owns the timer.
+        Node of the timer.
     period_s
-        Between two calls, s of a clock that never jumps.
+        Period, s of a monotonic clock.
     callback
         Called by the node's executor.
     """
@@ -118,5 +119,5 @@ def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> A
 
 
 def is_clock_missing(node: Node) -> bool:
-    """Return whether the node waits for /clock, which nobody has published yet."""
+    """Return whether the node uses sim time and has received no /clock yet."""
     return bool(node.get_parameter("use_sim_time").value) and not node.get_clock().now().nanoseconds

@@ -1,6 +1,7 @@
-"""collision_object: surfaces and objects for MoveIt, where moveit_msgs is installed.
+"""collision_object: surfaces and objects for MoveIt, if moveit_msgs is installed.
 
-MoveIt's planning scene monitor listens on that topic. What has left the map is removed.
+MoveIt's planning scene monitor subscribes to that topic. Objects that have left the map are
+removed.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from tccm_ros.ros.types import MessageTypes
 from tccm_ros.surfaces.scene import Scene
 
 COLLISION_PROFILE = QoSProfile(depth=500, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""A late subscriber gets the newest 500 messages, in their order: each solution sends all surfaces
-and objects, so that this is more than the newest map."""
+"""A late subscriber receives the newest 500 messages in order. Each solution sends all surfaces and
+objects, so these include the newest map."""
 
 
 class CollisionObjects:
@@ -37,10 +38,12 @@ class CollisionObjects:
             )
 
     def publish(self, scene: Scene) -> None:
-        """Publish all surfaces but the floor and all objects, unless the node is ending."""
+        """Publish all surfaces except the floor and all objects, unless the node is ending."""
         if self._publisher is None or not self._context.ok():
             return
-        shapes = collision_shapes([known.surface for known in scene.surfaces], scene.objects)
+        shapes = collision_shapes(
+            [known.surface for known in scene.surfaces], scene.objects, scene.compartments
+        )
         gone = self._shown - shapes.keys()
         for message in collision_messages(
             self._types, scene.stamp_ns, scene.frame_id, shapes, gone

@@ -1,4 +1,4 @@
-"""/diagnostics at 1 Hz: what comes in, what was dropped and why, and what to do."""
+"""/diagnostics at 1 Hz: inputs, dropped records with reasons, and advice."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tccm_ros.nodes.refusals import kind_of
 NAMES = {DiagnosticStatus.WARN: "the warning", DiagnosticStatus.ERROR: "the error"}
 
 PERIOD_S = 1.0
-"""Between two messages on /diagnostics, s: the rate that diagnostic_updater has by default."""
+"""Period of /diagnostics, s: the default of diagnostic_updater."""
 
 
 @dataclass(frozen=True, slots=True)
 class InputStatus:
-    """What is published of one input.
+    """Diagnostics of one input.
 
     Attributes
     ----------
     topic
-        Resolved name.
+        Resolved name of the topic.
     problems
-        What is wrong with it, `Blocking` where the node cannot work without it.
+        Its problems, `Blocking` if the node cannot work without it.
     values
-        Its figures.
+        Values to show.
     """
 
     topic: str
@@ -38,20 +38,20 @@ class InputStatus:
 
 
 class Diagnostics:
-    """Publishes the node's state and that of each input once a second; logs new problems once.
+    """Publishes the states of the node and its inputs once a second; logs each new problem once.
 
     Parameters
     ----------
     node
-        The node that publishes.
+        Node of the publisher.
     problems
-        Returns the present problems, one line each; none is OK, a `Blocking` one an error.
+        Returns the current problems, one line each; no problem is OK, a `Blocking` one an error.
     values
-        Returns the figures to show.
+        Returns the values to show.
     inputs
         Returns the state of each input.
     said
-        Returns problems that are logged elsewhere.
+        Returns the problems that are logged elsewhere.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Diagnostics:
         self._timer = steady_timer(node, PERIOD_S, self.publish)
 
     def publish(self) -> None:
-        """Publish one DiagnosticArray, the node's own status first; log what is new."""
+        """Publish a DiagnosticArray, the node's own status first, and log new problems."""
         if not self._node.context.ok():
             return
         problems = list(self._problems())
@@ -90,7 +90,7 @@ class Diagnostics:
         self._publisher.publish(message)
 
     def _say_better(self, problems: Sequence[str]) -> None:
-        """Say that a level has gone down, and what is left."""
+        """Log that the level has decreased, with the remaining problems."""
         before, self._level = self._level, _level(problems)
         if self._level < before:
             left = f"; still: {'; '.join(problems)}" if problems else ""
@@ -105,14 +105,14 @@ class Diagnostics:
 
 
 def _level(problems: Sequence[str]) -> bytes:
-    """Return the level of the gravest problem."""
+    """Return the level of the most severe problem."""
     if any(isinstance(text, Blocking) for text in problems):
         return bytes(DiagnosticStatus.ERROR)
     return bytes(DiagnosticStatus.WARN if problems else DiagnosticStatus.OK)
 
 
 def _status(name: str, problems: Sequence[str], values: Mapping[str, object]) -> DiagnosticStatus:
-    """Return a status whose level is that of the gravest problem."""
+    """Return a status with the level of the most severe problem."""
     return DiagnosticStatus(
         level=_level(problems),
         name=name,

@@ -1,4 +1,4 @@
-"""What dropped scans mean, and what to do about them."""
+"""Reasons for dropped scans, with advice."""
 
 from __future__ import annotations
 
@@ -45,25 +45,25 @@ ADVICE = {
 
 
 PAUSED = "paused"
-"""Reason why records of a node that was told to pause are not used."""
+"""Reason for records dropped while the node is paused."""
 
 ORDINARY = ("short tilt cycle", "joint rests", "clock jump", PAUSED)
-"""No fault of the scans: the laser came to rest, the map begins anew, which has been said, or the
-node was told to pause."""
+"""Reasons that are no problem: the laser came to rest, a new map began, which was logged, or the
+node is paused."""
 
 MIN_NEW = 3
-"""Fewer new drops than this between two diagnostics are no problem. Chosen: starts and ends of
+"""Minimum number of new drops between two diagnostics that is a problem. Chosen: starts and ends of
 streams drop one or two."""
 
 
 class DropWatch:
-    """Tells which drops are new since it was asked before."""
+    """Finds the drops since the previous check."""
 
     def __init__(self) -> None:
         self._seen: Counter[str] = Counter()
 
     def problems(self, dropped: Counter[str]) -> list[str]:
-        """Return one line for each reason by which more scans were dropped than before."""
+        """Return one line for each reason with new drops."""
         new = {why: n for why, n in (dropped - self._seen).items() if why not in ORDINARY}
         self._seen = Counter(dropped)
         many = sorted(why for why, n in new.items() if n >= MIN_NEW)

@@ -1,8 +1,8 @@
-"""The end of a process that was told to stop: how long it may take, and what was saved in it.
+"""Shutdown of the process: its time limits, and a record of the saves.
 
-The newest solution is saved at once, whatever happens. Then what came last is worked on, solved and
-saved, for `WORK_S` and no longer than until the process is told again; `END_S` after the first
-signal the process ends in any case, and says what it left out.
+The newest solution is saved at once. Then the input received last is processed, solved and saved,
+for at most `WORK_S` and until the user signals again. `END_S` after the first signal the process
+exits in any case and reports the input that was left out.
 """
 
 from __future__ import annotations
@@ -10,32 +10,32 @@ from __future__ import annotations
 import time
 
 SAME_S = 0.1
-"""Signals within this time of the one before are one press: a terminal signals the whole process
-group, and launch passes the same on (3 to 20 ms after it on two busy cores)."""
+"""Signals closer than this are one key press: a terminal signals the whole process group, and
+launch passes the same signal on (3 to 20 ms later on two busy cores)."""
 
 HASTE, HASTE_S = 3, 2.0
-"""The third press, or one so long (s) after the first, is of a user who is in a hurry: those who
-start a node send a second signal within milliseconds, or after seconds; chosen."""
+"""Number of key presses, or time after the first (s), that mean an impatient user. Chosen:
+launchers send a second signal within milliseconds or after several seconds."""
 
 WORK_S = 5.0
-"""Time for what came last to be worked on and solved. Chosen: a drive of half an hour is solved in
-3 s."""
+"""Time to process and solve the input received last. Chosen: the solution of a half-hour drive
+takes 3 s."""
 
 END_S = 8.0
-"""Time for everything. Chosen: launch kills after 45 s, `docker stop` after 10 s."""
+"""Time until the process exits. Chosen: launch kills after 45 s, `docker stop` after 10 s."""
 
 
 class Ending:
-    """When the process has to end, and how its saves went.
+    """Deadlines of a shutdown, and the results of its saves.
 
     Attributes
     ----------
     saved
-        What was saved, a sentence by the name of the node.
+        Sentences about successful saves, by node name.
     failed
-        Why a save failed, by the name of the node.
+        Reasons of failed saves, by node name.
     left_out
-        What was not worked on, by the name of the node.
+        Input that was not processed, by node name.
     """
 
     def __init__(self) -> None:
@@ -48,13 +48,13 @@ class Ending:
         self.left_out: dict[str, str] = {}
 
     def begin(self) -> Ending:
-        """Count the time from now on, unless it is counted already."""
+        """Start the deadline, unless it is running already."""
         if self._start_s is None:
             self._start_s = time.monotonic()
         return self
 
     def note_signal(self, now_s: float) -> None:
-        """Note that the process was told to stop, at a time of `time.monotonic`."""
+        """Note a stop signal at a time of `time.monotonic`, s."""
         self._start_s = now_s if self._start_s is None else self._start_s
         if not self._presses or now_s - self._last_s > SAME_S:
             self._presses += 1
@@ -69,12 +69,12 @@ class Ending:
 
     @property
     def is_over(self) -> bool:
-        """Whether what came last is not waited for any more."""
+        """Whether the time to process the input received last is over."""
         return self.is_hurried or self._elapsed_s > WORK_S
 
     @property
     def left_s(self) -> float:
-        """Time until the process ends in any case, s."""
+        """Time until the process exits in any case, s."""
         return max(END_S - self._elapsed_s, 0.0)
 
     @property
@@ -83,16 +83,16 @@ class Ending:
 
     @property
     def why(self) -> str:
-        """Why what came last was not waited for."""
+        """Reason why the input received last was not processed."""
         return "told again to stop" if self.is_hurried else f"not done within {WORK_S:g} s"
 
     @property
     def status(self) -> int:
-        """The exit status: 1 where a save failed."""
+        """Exit status: 1 if a save failed."""
         return 1 if self.failed else 0
 
     def sentence(self) -> str:
-        """Return what was saved, what not, and what was left out."""
+        """Return the saves, failed saves and omissions as one sentence."""
         parts = [f"saved {text}" for text in self.saved.values()]
         parts += [f"not saved: {text}" for text in self.failed.values()]
         parts += [f"left out: {text}" for text in self.left_out.values()]

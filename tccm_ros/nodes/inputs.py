@@ -1,7 +1,8 @@
-"""The inputs of a node: subscriptions that are counted and watched.
+"""The inputs of a node: subscriptions with message counts and diagnostics.
 
-"Running but nothing published" is what users of such nodes complain of most. Every input that has
-no publisher, another type, an incompatible QoS or no messages is named, with what to do.
+"Running but nothing published" is the most frequent complaint of users of such nodes. Each input
+without a publisher, with another type, with an incompatible QoS or without messages is reported
+with advice.
 """
 
 from __future__ import annotations
@@ -21,60 +22,60 @@ from tccm_ros.nodes.qos import subscription_events
 from tccm_ros.nodes.ros_types import message_class
 
 Watch = Literal["needed", "stream", "event"]
-"""How the silence of a topic is rated.
+"""When a silent topic is a problem.
 
-needed: it is a problem until the first message, and so is the lack of a publisher; a pause is none,
-as many tilting lasers and cameras measure while the robot stands. stream: it is a problem where
-there is a publisher. event: it is none.
+needed: without a publisher or before the first message; later pauses are normal, since many tilting
+lasers and cameras only measure while the robot stands still. stream: whenever it has a publisher.
+event: never.
 """
 
 MAX_GAP = 100_000
-"""A larger step of a publisher's sequence number is another publisher, not a loss. Chosen."""
+"""A larger step of the sequence number means another publisher, not lost messages. Chosen."""
 
 
 SAME_CLOCK_S = 60.0
-"""A latency above this is none: stamps are a recording's, or another clock's. Chosen."""
+"""A larger latency is ignored: the stamps come from a recording or another clock. Chosen."""
 
 
 LATENCIES = 15
-"""Records whose median latency is compared with that of other inputs. Chosen: 0.3 s of odometry, 15
-s of a slow camera; what arrives late once is none."""
+"""Number of records behind the median latency of an input. Chosen: 0.3 s of odometry, 15 s of a
+slow camera; a single late record has no effect."""
 
 
 class Blocking(str):
-    """A problem that keeps the node from its work; other problems are warnings."""
+    """A problem that keeps the node from working; other problems are warnings."""
 
     __slots__ = ()
 
 
 @dataclass(slots=True)
 class Input:
-    """One subscription and what has come in.
+    """One subscription with its counts.
 
     Attributes
     ----------
     topic
-        Resolved name.
+        Resolved name of the topic.
     name
-        As it was subscribed to.
+        Name as subscribed to, before resolving.
     type_name
         ``package/msg/Name``.
     watch
-        How its silence is rated.
+        When its silence is a problem.
     count
-        Messages received.
+        Number of messages received.
     lost
-        Messages that were sent but not received, by the sequence numbers of publications.
+        Number of messages sent but not received, from the publisher's sequence numbers.
     last_ns
-        When the last message came, ns of the node clock; None before the first.
+        Arrival time of the last message, ns of the node clock; None before the first.
     sequence
-        Of the last message; None before the first and where the middleware gives none.
+        Sequence number of the last message; None before the first or if the middleware has none.
     refused
-        Messages that could not be used.
+        Number of messages that could not be used.
     latency_s
-        Between the stamp and the arrival of the last record; None where that tells nothing.
+        Arrival time minus stamp of the last record; None if the clocks are not comparable.
     latencies_s
-        Of the last records.
+        Latencies of the last records.
     """
 
     topic: str
@@ -91,7 +92,7 @@ class Input:
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
 
     def note(self, arrival_ns: int, stamp_ns: int) -> None:
-        """Note when a record came and its stamp."""
+        """Note the arrival time and the stamp of a record."""
         latency_s = (arrival_ns - stamp_ns) * 1e-9
         self.latency_s = latency_s if abs(latency_s) < SAME_CLOCK_S else None
         if self.latency_s is None:
@@ -101,7 +102,7 @@ class Input:
 
 
 class Inputs:
-    """Subscribes, counts, and tells what is wrong.
+    """Subscribes to topics, counts messages and reports problems.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ class Inputs:
     silence_s
         An input without messages for this long, in s of the node clock, is a problem.
     intake
-        Takes the messages; by default the node's executor does.
+        Receives the messages; by default the node's executor does.
     """
 
     def __init__(self, node: Node, silence_s: float, intake: Intake | None = None):
@@ -133,7 +134,7 @@ class Inputs:
         raw: bool = False,
         instead: Sequence[str] = (),
     ) -> Input:
-        """Subscribe to a topic, and return what is counted of it.
+        """Subscribe to a topic and return its counts.
 
         Parameters
         ----------
@@ -142,15 +143,16 @@ class Inputs:
         topic
             Relative to the node's namespace, before remapping.
         callback
-            Takes a message, or its bytes where `raw`.
+            Called with each message, or with its bytes if `raw`.
         qos
-            Of the subscription.
+            QoS of the subscription.
         watch
-            How the topic's silence is rated in /diagnostics.
+            When the topic's silence is a problem in /diagnostics.
         raw
-            Whether messages are given serialised (CDR).
+            Whether messages are passed serialised (CDR).
         instead
-            Resolved names of topics: where one of them is heard, this one is not needed.
+            Resolved names of alternative topics; if one of them is published, this one is not
+            needed.
         """
         name = self._node.resolve_topic_name(topic)
         entry = Input(name, topic, type_name, watch, instead=tuple(instead))
@@ -160,7 +162,7 @@ class Inputs:
             entry.last_ns = self._now()
             self._count_lost(entry, info["publication_sequence_number"])
             callback(message)
-            entry.count += 1  # now, so that who sees the count finds the record queued
+            entry.count += 1  # after the callback: a reader of the count finds the record queued
 
         def warn(text: str) -> None:
             self._incompatible[entry.topic] = text
@@ -181,7 +183,7 @@ class Inputs:
         return entry
 
     def unsubscribe(self) -> None:
-        """End all subscriptions, of which nothing is known afterwards; the intake stands still."""
+        """Destroy all subscriptions and forget their counts; the intake must be stopped."""
         for subscription in self._subscriptions:
             if self._intake is not None:
                 self._intake.remove(subscription)
@@ -195,19 +197,19 @@ class Inputs:
         return iter(self._inputs)
 
     def has(self, topic: str) -> bool:
-        """Return whether a topic is subscribed to; its name is resolved."""
+        """Return whether a topic, given by its resolved name, is subscribed to."""
         return any(entry.topic == topic for entry in self._inputs)
 
     def counts(self) -> dict[str, int]:
-        """Return the messages received by topic."""
+        """Return the number of messages received, by topic."""
         return {entry.topic: entry.count for entry in self._inputs}
 
     def lost(self) -> dict[str, int]:
-        """Return the messages that were sent but not received, by topic, where there are any."""
+        """Return the number of messages lost, by topic, where there are any."""
         return {entry.topic: entry.lost for entry in self._inputs if entry.lost}
 
     def latencies(self) -> dict[str, float]:
-        """Return the median latency of each stream of measurements, s, by topic."""
+        """Return the median latency of each stream with enough records, s, by topic."""
         return {
             entry.topic: statistics.median(tuple(entry.latencies_s))
             for entry in self._inputs
@@ -215,35 +217,35 @@ class Inputs:
         }
 
     def awaited(self, optional: Collection[str] = ()) -> list[str]:
-        """Return the topics that nothing has come on yet, without those that may stay silent.
+        """Return the topics without a message so far, except events and optional ones.
 
         Parameters
         ----------
         optional
-            Resolved names of such, beside events.
+            Resolved names of topics that may stay silent.
         """
         silent = (e for e in self._inputs if not e.count and e.watch != "event")
         return [entry.topic for entry in silent if entry.topic not in optional]
 
     def is_published(self, topic: str) -> bool:
-        """Return whether there is a publisher of a topic."""
+        """Return whether a topic has a publisher."""
         return self._node.count_publishers(topic) > 0
 
     def is_absent(self, topic: str) -> bool:
-        """Return whether nobody has published a topic for the time of a silence."""
+        """Return whether a topic has had no publisher and no message for the silence period."""
         entry = next(e for e in self._inputs if e.topic == topic)
         return not entry.count and not self.is_published(topic) and self._is_silent(entry)
 
     def problems(self) -> list[str]:
-        """Return one line for each input that gives nothing, and what to do about it."""
+        """Return one line for each silent input, with advice."""
         return [text for text in map(self.problem, self._inputs) if text]
 
     def problem(self, entry: Input) -> str | None:
-        """Return why an input gives nothing, `Blocking` where it is needed, and what to do."""
+        """Return why an input is silent, with advice; `Blocking` if the input is needed."""
         if self._start_ns is None:
             self._start_ns = self._now()
         text, is_needed = self._problem(entry), self._is_needed(entry)
-        # Who is there and has said nothing yet may be about to.
+        # A publisher that has sent nothing yet may be about to.
         is_awaited = not entry.count and self.is_published(entry.topic)
         return Blocking(text) if text and is_needed and not is_awaited else text
 
@@ -251,7 +253,7 @@ class Inputs:
         return int(self._node.get_clock().now().nanoseconds)
 
     def _count_lost(self, entry: Input, sequence: int | None) -> None:
-        """Count gaps in the sequence numbers of the one publisher of a topic."""
+        """Count gaps in the sequence numbers, if the topic has a single publisher."""
         before, entry.sequence = entry.sequence, sequence
         if sequence is None or before is None or not 1 < sequence - before < MAX_GAP:
             return
@@ -289,17 +291,17 @@ class Inputs:
         )
 
     def _is_needed(self, entry: Input) -> bool:
-        """Return whether the node works with nothing else: what a robot lacks it does without."""
+        """Return whether the input is needed and no alternative topic replaces it."""
         others = (other for other in self._inputs if other.topic in entry.instead)
         is_replaced = any(other.count or self.is_published(other.topic) for other in others)
         return entry.watch == "needed" and not is_replaced
 
     def _has_ended(self, entry: Input) -> bool:
-        """Return whether all inputs have ended together, as a drive or a recording does."""
+        """Return whether all inputs ended together, as at the end of a drive or a recording."""
         return entry.count > 0 and all(e.watch == "event" or self._is_silent(e) for e in self)
 
     def _elsewhere(self, entry: Input) -> str:
-        """Return where a topic of the same name and type is published."""
+        """Return a hint if a topic of the same name and type is published in another namespace."""
         name = entry.topic.rpartition("/")[2]
         found = [
             topic

@@ -1,12 +1,12 @@
-"""Sensor messages, taken by a thread that waits for nothing else.
+"""Intake of sensor messages in a thread of its own, without the cost of an executor.
 
-An executor of rclpy makes, for each callback, a wait set of all that its nodes have (services,
-timers, events, subscriptions), a task and two coroutines, and wakes up once more after it: a
-millisecond of processor time. A laser, joints and odometry are 200 messages a second. Here the
-subscriptions alone are waited for, in one wait set, as `rclpy.wait_for_message` does; executors
-have the rest of the node as ever. The events of a subscription (an incompatible QoS) are waited for
-here as well: with Fast DDS, who waits for these wakes up at each message. So are timers of a high
-rate.
+For each callback, an executor of rclpy builds a wait set of all entities of its nodes (services,
+timers, events, subscriptions), a task and two coroutines, and wakes up once more afterwards: a
+millisecond of processor time. A laser, joints and odometry are 200 messages a second. The intake
+waits for subscriptions alone, in one wait set, as `rclpy.wait_for_message` does; an executor
+handles the rest of the node. The intake also waits for the events of its subscriptions (an
+incompatible QoS), because with Fast DDS their waiter wakes up at each message, and for timers of a
+high rate.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 LOOK_NS = 500_000_000
-"""Period, ns, at which is checked whether the context was shut down, which a signal does without
-notice. Chosen."""
+"""Period of the check for a context shutdown, ns: a signal shuts it down without waking the wait
+set. Chosen."""
 
 
 class Intake:
-    """Calls the callbacks of subscriptions and quick timers, in a thread of its own.
+    """Runs the callbacks of subscriptions and frequent timers in a thread of its own.
 
     Parameters
     ----------
     node
-        Its subscriptions and timers are to be made in the callback group `group`.
+        Its subscriptions and timers must be created in the callback group `group`.
     on_error
-        Called in the thread with what a callback raised; the intake goes on.
+        Called in the thread with the exception of a callback; the intake continues.
 
     Attributes
     ----------
     group
-        Keeps executors from what is in it.
+        Callback group that executors ignore.
     """
 
     def __init__(self, node: Node, on_error: Callable[[Exception], None]):
@@ -56,31 +56,31 @@ class Intake:
         self._thread: threading.Thread | None = None
 
     def add(self, subscription: Subscription) -> None:
-        """Take the messages of a subscription, from the next `start` on."""
+        """Receive the messages of a subscription from the next `start` on."""
         self._subscriptions.append(subscription)
 
     def remove(self, subscription: Subscription) -> None:
-        """Take no messages of a subscription any more, while the intake stands still."""
+        """Stop receiving the messages of a subscription; the intake must be stopped."""
         self._subscriptions.remove(subscription)
 
     def add_timer(self, timer: Timer) -> None:
-        """Call a timer back when it is due, from the next `start` on."""
+        """Run a timer's callback when it is due, from the next `start` on."""
         self._timers.append(timer)
 
     def start(self) -> None:
-        """Take messages from now on, also those of what was added since the last start."""
+        """Start or restart the thread, with everything added since the last start."""
         self.stop()
         self._is_done = False
         self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; messages that wait are not taken any more."""
+        """End the thread for good; queued messages are not received."""
         self.stop()
         self._stop.destroy()
 
     def stop(self) -> None:
-        """Stand still until the next `start`; messages that wait are not taken before."""
+        """End the thread until the next `start`; messages stay queued in between."""
         self._is_done = True
         with suppress(_rclpy.RCLError, _rclpy.InvalidHandle):
             self._stop.trigger()
@@ -92,7 +92,7 @@ class Intake:
         context = self._context.handle
         if context is None:
             return
-        # Another node of the process may add to them: those count from the next start on.
+        # Another node of the process may add entities; they count from the next start on.
         subscriptions, timers = tuple(self._subscriptions), tuple(self._timers)
         entities: list[Any] = [*subscriptions, *timers]
         events: list[Any] = []
@@ -118,7 +118,7 @@ class Intake:
         timers: Sequence[Timer],
         events: Sequence[Any],
     ) -> None:
-        """Wait for something and take it."""
+        """Wait until an entity is ready and run the callbacks of all that are."""
         wait_set.clear_entities()
         for subscription in subscriptions:
             wait_set.add_subscription(subscription.handle)
@@ -131,7 +131,7 @@ class Intake:
         ready = wait_set.get_ready_entities("subscription")
         due = wait_set.get_ready_entities("timer")
         for subscription in subscriptions:
-            if self._is_done:  # what is not taken waits for the next start
+            if self._is_done:  # messages not taken stay queued for the next start
                 return
             if subscription.handle.pointer in ready:
                 handle = subscription.handle
@@ -157,7 +157,7 @@ class Intake:
 
 
 class _Kept(CallbackGroup):
-    """A callback group whose callbacks no executor takes."""
+    """A callback group whose callbacks no executor runs."""
 
     def can_execute(self, entity: Any) -> bool:
         return False
@@ -166,4 +166,4 @@ class _Kept(CallbackGroup):
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing is counted."""
+        """Do nothing: executions are not counted."""

@@ -1,4 +1,4 @@
-"""The types of tccm_interfaces, where that package can be imported and is of this version."""
+"""Availability of tccm_interfaces in this version, and its service classes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MISSING = (
     "tccm_interfaces is not installed: no typed messages, events and questions; build it "
     "(interfaces/README.md) and source the workspace"
 )
-"""What /diagnostics says without it."""
+"""Message on /diagnostics without the package."""
 
 OLD = (
     "tccm_interfaces is of another version ({name} has other fields): no typed messages, events "
@@ -21,7 +21,7 @@ OLD = (
 
 
 def missing_interfaces() -> str:
-    """Return why the package cannot be used, a sentence; empty where it can."""
+    """Return why the package cannot be used, as a sentence; empty if it can."""
     try:
         installed = import_module("tccm_interfaces.msg")
         import_module("tccm_interfaces.srv")
@@ -32,7 +32,7 @@ def missing_interfaces() -> str:
 
 @cache
 def _difference(installed: Any) -> str:
-    """Return in which message the package is of another version: such messages cannot be read."""
+    """Return a sentence with the first message that has other fields; empty if there is none."""
     types = TypestoreMessages()
     for path in sorted(DEFINITIONS.glob("*.msg")):
         kind = getattr(installed, path.stem, None)

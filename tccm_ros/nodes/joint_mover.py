@@ -1,4 +1,4 @@
-"""Moves joints by their controller: a client of control_msgs/FollowJointTrajectory."""
+"""Client of a joint controller's action, control_msgs/FollowJointTrajectory."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from tccm_ros.errors import MotionError
 from tccm_ros.nodes.ros_types import message_class
 
 MIN_DURATION_S = 0.1
-"""Shortest time of a movement, s. Chosen."""
+"""Minimum duration of a movement, s. Chosen."""
 
 ANSWER_S = 5.0
-"""A controller takes a trajectory, or gives one up, within this time, s. Chosen."""
+"""Timeout for a controller to accept or cancel a trajectory, s. Chosen."""
 
 LATE_S = 10.0
-"""A movement may take twice its time and so much longer, s. Chosen."""
+"""A movement may take twice its duration plus this, s. Chosen."""
 
 Wait = Callable[[Callable[[], bool], float, str], None]
-"""Returns when a condition holds; raises what ends the wait, and a MotionError of this text after
-the time in s."""
+"""Returns when a condition holds. Raises when the wait is cancelled, and MotionError with the given
+text after the timeout in s."""
 
 
 def has_controllers() -> bool:
@@ -38,12 +38,12 @@ def has_controllers() -> bool:
 
 
 class JointMover:
-    """Sends joints to positions.
+    """Moves joints to positions.
 
     Parameters
     ----------
     node
-        Owns the client; its executor has to run meanwhile, in another thread.
+        Node of the client; its executor must run in another thread meanwhile.
     controller
         Name of the action.
     """
@@ -54,7 +54,7 @@ class JointMover:
         self._client = ActionClient(node, self._kind, controller)
 
     def close(self) -> None:
-        """Let go of the client."""
+        """Destroy the client."""
         self._client.destroy()
 
     def move(self, positions: Mapping[str, float], duration_s: float, wait: Wait) -> None:
@@ -63,16 +63,16 @@ class JointMover:
         Parameters
         ----------
         positions
-            By joint, rad or m.
+            Positions by joint, rad or m.
         duration_s
-            Of the movement, s.
+            Duration of the movement, s.
         wait
-            Waits; where it raises, the movement is given up.
+            Waits for a condition; if it raises, the movement is cancelled.
 
         Raises
         ------
         MotionError
-            Where there is no controller, or it refuses or fails.
+            If there is no controller, or it refuses or fails.
         """
         wait(
             self._client.server_is_ready, ANSWER_S,
@@ -104,7 +104,7 @@ class JointMover:
 
 
 STATUS_SUCCEEDED = 4
-"""As action_msgs/GoalStatus numbers it."""
+"""Value of SUCCEEDED in action_msgs/GoalStatus."""
 
 
 def _trajectory(positions: Mapping[str, float], duration_s: float) -> Any:

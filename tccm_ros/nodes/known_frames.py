@@ -1,4 +1,4 @@
-"""Poses of the frames that a node knows: those of the robot, of odometry and of the map."""
+"""Poses of the robot's frames, known to a node from tf, URDF, joints and odometry."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tccm_ros.robot.frames import build_chain, find_path, frames_of
 
 
 class KnownFrames:
-    """Says where frames are now.
+    """Returns the current poses of frames.
 
     Parameters
     ----------
     robot
-        What is known of the robot.
+        The robot, with its frames, joints and odometry.
     config
         Groups `frames` and `rig`.
     """
@@ -34,7 +34,7 @@ class KnownFrames:
 
     @property
     def base(self) -> str:
-        """Name of the base frame; FrameError where nothing is known of it."""
+        """Name of the base frame; raises FrameError if nothing is known of the robot."""
         with self._robot.lock:
             return self._base()
 
@@ -44,7 +44,7 @@ class KnownFrames:
         Raises
         ------
         FrameError
-            Where the frame is not known, or nothing was heard of what moves it.
+            If the frame is unknown, or if a joint or the odometry that moves it has no data.
         """
         frame = frame.lstrip("/")
         if frame == self.odom_frame:

@@ -1,4 +1,4 @@
-"""~/set_label of slam_node: a person corrects the label of a surface."""
+"""~/set_label of slam_node: corrects the label of a surface."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tccm_ros.surfaces.corrected_labels import label_to_give
 def offer_labels(
     node: Node, surfaces: SurfaceServices, correct: Callable[[LabelCorrection], Future]
 ) -> None:
-    """Offer ~/set_label.
+    """Create ~/set_label.
 
     Parameters
     ----------
     node
-        The node that offers it.
+        Node of the service.
     surfaces
-        Know the surfaces of the newest solution.
+        Finds surfaces of the newest solution.
     correct
-        Has a label corrected.
+        Queues the correction of a label.
     """
 
     async def set_label(request: Any, response: Any) -> Any:

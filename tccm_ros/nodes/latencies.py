@@ -1,4 +1,4 @@
-"""Inputs that lag behind the others."""
+"""Detection of inputs that lag behind the others."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Mapping
 
 
 def lagging(latencies_s: Mapping[str, float], limit_s: float) -> dict[str, str]:
-    """Return what is wrong with inputs that lag, by topic.
+    """Return a problem for each input that lags, by topic.
 
-    An input is compared with the median of the others, the later one of two: one that is ahead of
-    all others makes none of them late.
+    An input is compared with the median of the others (the higher one of two), so that a single
+    early input makes none of the others late.
 
     Parameters
     ----------
     latencies_s
-        From stamp to arrival, s, by topic.
+        Latency from stamp to arrival, s, by topic.
     limit_s
-        Lags up to this are none: `sync_timeout`, for which records wait for each other.
+        Tolerated lag, s: `sync_timeout`, for which records wait for each other.
     """
     found = {}
     for topic, latency_s in latencies_s.items():

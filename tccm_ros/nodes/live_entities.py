@@ -1,4 +1,4 @@
-"""Messages of tccm_interfaces as the live page shows them."""
+"""Conversion of messages of tccm_interfaces to entities of the live page."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def entities_of(message: Any) -> Entities:
     found["world"] = {
         "ground": round(ground, 3),
         "start": min((seconds(s.first_seen) for s in message.surfaces), default=0.0),
-        # Whole steps: the extent of a map that grows by a centimetre is the same.
+        # Rounded to whole metres, so that small growth of the map does not change the extent.
         "extent": [
             np.floor(every.min(axis=0) - MARGIN_M).tolist(),
             np.ceil(every.max(axis=0) + MARGIN_M).tolist(),
@@ -81,7 +81,7 @@ def entities_of(message: Any) -> Entities:
 
 
 def event_text(event: MapEvent) -> str:
-    """Return a change of the map as a line."""
+    """Return a sentence about a change of the map."""
     kind = event.kind.replace("_", " ")
     ids = (event.ids_before, event.ids_after)
     shown = " -> ".join(", ".join(map(str, part)) for part in ids if part)

@@ -1,4 +1,4 @@
-"""Where the robot is now: map -> odom, the pose with its covariance, and frames of surfaces."""
+"""Live pose of the robot: map -> odom, the pose with covariance, and frames of surfaces."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ class LivePosePublisher:
     node, types, config
         The node, its message classes, and groups `frames` and `tf`.
     intake
-        Of the node: calls back when /tf is due.
+        Intake of the node, which runs the timer of /tf.
     robot
-        Whose odometry may be kept near an origin of its own.
+        Its odometry may be relative to a nearby origin (`T_near_odom`).
 
     Attributes
     ----------
     map_frame, odom_frame
         Names of the two frames; the second follows the odometry.
     is_localised
-        Whether the place of this session in a map that was loaded is known.
+        Whether this session is localised in the loaded map.
     """
 
     def __init__(
         self, node: Node, types: MessageTypes, config: Config, intake: Intake, robot: SharedRobot
     ):
         self._types, self._config, self._robot = types, config, robot
-        # Where another program localises the robot, map -> odom is that program's.
+        # An external localisation publishes map -> odom itself.
         self._is_ours = not config.localisation.is_external
         self.map_frame = config.frames.map_name
         self.odom_frame = config.frames.odom_name
@@ -72,13 +72,13 @@ class LivePosePublisher:
         return TfPublisher(node, intake, self._config.tf, self._transforms)
 
     def forget(self, *, is_localised: bool = True) -> None:
-        """Publish nothing until the next scan, and before this session is found in its map."""
+        """Publish nothing until the next scan, nor before the session is localised in its map."""
         self.is_localised = is_localised
         self._live, self._newest_ns = None, -1
         self._surface_frames = ()
 
     def show_surfaces(self, scene: Scene) -> None:
-        """Take the frames of the surfaces of a new solution, where they are asked for."""
+        """Use the surfaces of a new solution as frames, if `tf.surfaces` is set."""
         frames: list[TransformSample] = []
         if self._config.tf.surfaces:
             surfaces = [known.surface for known in scene.surfaces]
@@ -87,17 +87,17 @@ class LivePosePublisher:
         self._surface_frames = tuple(transform_message(self._types, frame) for frame in frames)
 
     def note_scan(self, stamp_ns: int) -> None:
-        """Note the stamp of a scan that has come in.
+        """Note the stamp of a scan that has arrived.
 
-        While a long step runs, map -> odom is still stamped with the newest scan. A scan that lies
-        ahead of all others by more than a clock jump does not count.
+        It becomes the stamp of map -> odom while a long step runs. A scan ahead of all others by
+        more than a clock jump is ignored.
         """
         ahead_ns = stamp_ns - max(self._newest_ns, self._live.stamp_ns if self._live else -1)
         if self._live is not None and 0 < ahead_ns < self._config.clock_jump * 1e9:
             self._newest_ns = stamp_ns
 
     def show(self, live: LivePose, cov: Float64) -> None:
-        """Publish the pose of a scan; nothing before it is known in a map that was loaded.
+        """Publish the pose at a scan, once the session is localised in its map.
 
         Parameters
         ----------
@@ -116,13 +116,13 @@ class LivePosePublisher:
             self._transform.publish(self.transform())
 
     def correct(self, live: LivePose) -> None:
-        """Take another estimate for the same stamp: map -> odom jumps, as REP-105 allows."""
+        """Replace the estimate at the same stamp; map -> odom may jump (REP-105)."""
         self._live = live if self.is_localised and live.stamp_ns >= 0 else None
 
     def _transforms(self) -> list[Any]:
-        """Return map -> odom, then the frames of surfaces as of the same time.
+        """Return map -> odom, then the frames of surfaces with the same stamp.
 
-        A frame with the older stamp of its solution would be placed against where the robot was.
+        With the older stamp of its solution, tf would place a frame relative to a past robot pose.
         """
         first = self.transform()
         if first is None:
@@ -133,7 +133,7 @@ class LivePosePublisher:
         return [first, *frames] if self._is_ours else list(frames)
 
     def transform(self) -> Any | None:
-        """Return map -> odom as a geometry_msgs/TransformStamped, None before the first scan."""
+        """Return map -> odom as a geometry_msgs/TransformStamped; None before the first scan."""
         live = self._live
         if live is None:
             return None

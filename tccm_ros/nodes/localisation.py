@@ -1,4 +1,4 @@
-"""Whether the robot knows where it is: ``~/localisation``, /initialpose and ``~/set_pose``."""
+"""Localisation state of the robot: ``~/localisation``, ``/initialpose`` and ``~/set_pose``."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from tccm_ros.slam.tracking import LocalisationState, Tracker
 LOCALISATION = "tccm_interfaces/msg/Localisation"
 
 PERIOD_NS = 1_000_000_000
-"""``~/localisation`` comes at each change, and at least so often while scans come."""
+"""Maximum period of ``~/localisation`` while scans arrive; each change is published at once."""
 
 ROUGH_GUESS = np.diag([0.5**2, 0.5**2, np.radians(15.0) ** 2])
-"""Covariance of a guess that comes without one (srv/SetPose)."""
+"""Covariance of a user-supplied pose without one (srv/SetPose)."""
 
 BY_START, BY_REQUEST, BY_SCAN, BY_LOOP, BY_SIGN = range(5)
-"""As msg/Localisation numbers what placed the robot."""
+"""Values of `placed_by` in msg/Localisation: the source of the robot's pose."""
 
 REASONS = {
     LocalisationState.UNKNOWN: "there has been no level scan yet",
@@ -39,13 +39,13 @@ REASONS = {
         "it was carried"
     ),
 }
-"""Of each state; why a place is searched depends on what was asked."""
+"""Reason by state; that of a search depends on the request."""
 
 NO_MAP = "nothing is mapped yet that a pose could be told in"
 
 
 class LocalisationPublisher:
-    """Publishes ``~/localisation`` where tccm_interfaces is installed.
+    """Publishes ``~/localisation`` if tccm_interfaces is installed.
 
     Parameters
     ----------
@@ -54,13 +54,12 @@ class LocalisationPublisher:
     map_frame
         Name of the map's frame.
     on_guess
-        Called with each pose that somebody tells; it returns a future of a sentence, or raises
-        there.
+        Called with each user-supplied pose; returns a future of a sentence, or raises FrameError.
 
     Attributes
     ----------
     map_name
-        Name that the map was saved or loaded under; empty where it has none.
+        Name under which the map was saved or loaded; empty if it has none.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class LocalisationPublisher:
         self._subscription: Any = None
 
     def listen(self, node: Node) -> None:
-        """Take poses that somebody tells on ``initialpose``."""
+        """Subscribe to ``initialpose``."""
         self._subscription = node.create_subscription(
             message_class("geometry_msgs/msg/PoseWithCovarianceStamped"),
             "initialpose",
@@ -94,20 +93,20 @@ class LocalisationPublisher:
         )
 
     def unsubscribe(self, node: Node) -> None:
-        """Take no poses any more."""
+        """Destroy the subscription of ``initialpose``."""
         if self._subscription is not None:
             node.destroy_subscription(self._subscription)
             self._subscription = None
 
     def offer_service(self, node: Node, answer: Callable[[Any, Any], Any]) -> None:
-        """Offer ``~/set_pose`` where tccm_interfaces is installed.
+        """Create ``~/set_pose`` if tccm_interfaces is installed.
 
         Parameters
         ----------
         node
-            That offers it.
+            Node of the service.
         answer
-            Fills a response with what a future returns, or why it failed.
+            Fills a response with the result of a future, or with the reason for its failure.
         """
 
         async def set_pose(request: Any, response: Any) -> Any:
@@ -132,22 +131,22 @@ class LocalisationPublisher:
             self._logger.error(f"initialpose: {error}")
 
     def name_map(self, name: str) -> None:
-        """Give the map the name of its folder; empty for a new map."""
+        """Set the name of the map; empty for a new map."""
         self.map_name = name
 
     def note_search(self, reason: str, placed_by: int) -> None:
-        """Note why the place of a session is looked for, and what will have placed it."""
+        """Note why the session's pose is searched for, and the source of the pose to be found."""
         self._searching, self._next_by = reason, placed_by
 
     def note_wait(self, reason: str) -> None:
-        """Note what the search for a place waits for."""
+        """Note the condition that the search waits for."""
         if reason and reason != self._searching:
             self._searching, self._shown_ns = reason, -1
             if self._state == LocalisationState.SEARCHING:
                 self._logger.info(f"searching: {reason}")
 
     def note_told(self, tracker: Tracker, *, is_taken: bool) -> None:
-        """Note whether the pose that was told fits, or the one that was known fits better."""
+        """Note whether the user-supplied pose was accepted or the known one fits better."""
         if is_taken:
             self._place(BY_REQUEST, tracker.current_pose().stamp_ns, tracker)
             self._logger.info("the pose that was told fits what the scans see, and is taken")
@@ -157,7 +156,9 @@ class LocalisationPublisher:
         self.show(tracker)
 
     def show(self, tracker: Tracker) -> None:
-        """Publish the state of the newest scan, where it has changed or is a second old."""
+        """Publish the state at the newest scan if it has changed or the last message is a second
+        old.
+        """
         state, live = tracker.state, tracker.current_pose()
         if state != self._state:
             self._note(state, live.stamp_ns, tracker)
@@ -187,7 +188,7 @@ class LocalisationPublisher:
 
     @property
     def reason(self) -> str:
-        """Why the state is not tracking; empty while it is."""
+        """Reason for a state other than tracking; empty while tracking."""
         return REASONS.get(self._state, self._searching)
 
     def _message(self, tracker: Tracker, stamp_ns: int, T_map_base: Float64) -> Any:
@@ -215,7 +216,7 @@ def guess_of(message: Any, map_frame: str) -> PoseGuess:
     Raises
     ------
     FrameError
-        Where it is in another frame than the map's, or no pose.
+        If it is not in the map's frame, or not a valid pose.
     """
     frame = str(message.header.frame_id).lstrip("/")
     if frame not in ("", map_frame):

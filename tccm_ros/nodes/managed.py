@@ -1,8 +1,8 @@
-"""The nodes as managed ones: a lifecycle manager, such as Nav2's, says when they work.
+"""Lifecycle versions of the nodes, for a lifecycle manager such as Nav2's.
 
-configure declares parameters, loads kernels and makes publishers and services; activate subscribes;
-deactivate ends the subscriptions, and what was mapped stays; cleanup and shutdown save as the plain
-node does when it ends, and drop all that configure made.
+configure declares parameters, loads kernels and creates publishers and services. activate
+subscribes. deactivate ends the subscriptions and keeps the map. cleanup and shutdown save, as a
+plain node does when it ends, and destroy everything that configure created.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from tccm_ros.nodes.tccm_node import TccmNode
 
 
 class ManagedNode(SensorNode, LifecycleNode):
-    """A `SensorNode` that takes its steps when it is told to.
+    """A `SensorNode` whose steps are lifecycle transitions.
 
-    Its services answer while it is active; otherwise they say that it is not.
+    Its services work while it is active; otherwise they answer that the node is not active.
     """
 
     _is_configuring = False
 
     def come_up(self) -> None:
-        """Wait to be configured."""
+        """Wait for the configure transition."""
         self._is_declared = self._is_configured = False
         self._kept = frozenset(vars(self)) | {"config", "_kept", "_kept_entities"}
         self._kept_entities = frozenset(id(entity) for entity, _ in self._entities())
@@ -41,7 +41,7 @@ class ManagedNode(SensorNode, LifecycleNode):
     # --- transitions ---
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Declare parameters, load kernels, make the processor, publishers and services."""
+        """Declare parameters, load kernels, create the processor, publishers and services."""
         return self._attempt(self._configure, "inactive; waits to be activated")
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -49,23 +49,23 @@ class ManagedNode(SensorNode, LifecycleNode):
         return self._attempt(self.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the subscriptions, and work on what has come."""
+        """End the subscriptions and process the messages received."""
         return self._attempt(self.deactivate, "inactive; the map is kept")
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Save, and drop what was configured: Nav2's manager does this before a shutdown."""
+        """Save, and destroy everything configured; Nav2's manager calls this before a shutdown."""
         return self._attempt(self._save_and_drop, "unconfigured; waits to be configured")
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Save, and drop what was configured."""
+        """Save, and destroy everything configured."""
         return self._attempt(self._save_and_drop, "finalized")
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Drop what there is: the node can be configured anew."""
+        """Destroy everything configured, so that the node can be configured again."""
         return self._attempt(self._drop, "unconfigured after an error")
 
     def _attempt(self, step: Callable[[], None], said: str = "") -> TransitionCallbackReturn:
-        """Take a step; what it raises is said, which rclpy does not do."""
+        """Run a transition step and log its exception, which rclpy does not do."""
         try:
             step()
         except Exception as error:
@@ -79,7 +79,7 @@ class ManagedNode(SensorNode, LifecycleNode):
     # --- steps ---
 
     def declare(self) -> None:
-        """Declare the parameters the first time; afterwards they are as they were left."""
+        """Declare the parameters on the first configure; later ones keep the current values."""
         if not self._is_declared:
             super().declare()
             self._is_declared = True
@@ -93,17 +93,17 @@ class ManagedNode(SensorNode, LifecycleNode):
         self.warming.load()
 
     def activate(self) -> None:
-        """Subscribe, and say what is known and waited for."""
+        """Subscribe, and log the known sensors and silent inputs."""
         super().activate()
         self.say_ready()
 
     def save_quickly(self, ending: Ending) -> None:
-        """Save what was found so far, if there is something."""
+        """Save the newest result if the node is configured."""
         if self._is_configured:
             super().save_quickly(ending)
 
     def close(self, ending: Ending | None = None) -> None:
-        """Save, if asked to and if there is something."""
+        """Save if the node is configured and saving is enabled."""
         if self._is_configured:
             super().close(ending)
 
@@ -115,9 +115,9 @@ class ManagedNode(SensorNode, LifecycleNode):
             self._drop()
 
     def _drop(self) -> None:
-        """Let go of all that configure made, as far as it came."""
+        """Destroy everything that configure created, also after it failed half-way."""
         self.is_active = self._is_configured = False
-        with suppress(AttributeError):  # where configure has failed half-way
+        with suppress(AttributeError):  # after a configure that failed half-way
             self.warming.stop()
             self.intake.stop()
             self.unsubscribe()
@@ -135,12 +135,12 @@ class ManagedNode(SensorNode, LifecycleNode):
         yield from ((timer, self.destroy_timer) for timer in self.timers)
 
     def interrupt(self) -> None:
-        """End the process where it loads kernels, in which no signal would be heeded."""
+        """End the process while it loads kernels, where signals are not handled."""
         if self._is_configured and not self.warming.is_loaded:
             super().close()
 
     def destroy_node(self) -> None:
-        """Drop what there is, and the state machine, which rclpy leaves alive."""
+        """Destroy the node and its state machine, which rclpy leaves alive."""
         self._drop()
         LifecycleNode.destroy_node(self)
         self._state_machine.destroy_when_not_in_use()
@@ -148,7 +148,7 @@ class ManagedNode(SensorNode, LifecycleNode):
     # --- services ---
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
-        """Return a service; one that configure makes answers while the node is active."""
+        """Create a service; one created by configure works only while the node is active."""
         if self._is_configuring:
             callback = self._while_active(callback)
         return super().create_service(srv_type, srv_name, callback, **options)
@@ -164,9 +164,9 @@ class ManagedNode(SensorNode, LifecycleNode):
         return answer
 
     def _refusing(self, callback: Any) -> Any:
-        """Return a callback of change_state that refuses a transition which is not possible now.
+        """Return a change_state callback that refuses transitions that are not possible now.
 
-        rclpy would end the node.
+        Without it, rclpy would end the node.
         """
 
         def change(request: Any, response: Any) -> Any:
@@ -183,8 +183,8 @@ class ManagedNode(SensorNode, LifecycleNode):
 
 
 class ManagedTccmNode(ManagedNode, TccmNode):
-    """tccm_node, managed."""
+    """tccm_node as a lifecycle node."""
 
 
 class ManagedSlamNode(ManagedNode, SlamNode):
-    """slam_node, managed."""
+    """slam_node as a lifecycle node."""

@@ -1,6 +1,6 @@
-"""`SurfaceMapClient`: the surface map for Python nodes, as plain objects.
+"""`SurfaceMapClient`: client of the surface map for Python nodes, with plain objects as results.
 
-It needs `tccm_interfaces`, and the node that it is given spun by its owner.
+It needs `tccm_interfaces`, and its owner must spin the node passed to it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, Vector3
 from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -17,6 +17,7 @@ from rclpy.task import Future
 from tccm_interfaces.msg import Localisation, SurfaceEvent, SurfaceFilter, SurfaceMap
 from tccm_interfaces.srv import (
     CheckBox,
+    FindObjects,
     FindPlacements,
     FindSurfaces,
     ListMaps,
@@ -29,6 +30,7 @@ from tccm_interfaces.srv import (
 from tccm_ros.errors import QuestionError
 from tccm_ros.nodes.map_records import (
     Found,
+    MapCompartment,
     MapEvent,
     MapLocalisation,
     MapObject,
@@ -36,7 +38,9 @@ from tccm_ros.nodes.map_records import (
     MapSurface,
     MapWall,
     box_state_of,
+    compartments_of,
     event_of,
+    found_objects_of,
     localisation_of,
     objects_of,
     placements_of,
@@ -51,46 +55,47 @@ from tccm_ros.ros.types import pose_message
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 EVENTS_DEPTH = 100
-"""That of ~/events."""
+"""Queue depth of ~/events."""
 
 MAP_SERVICES = {
     FindSurfaces: "find_surfaces",
     FindPlacements: "find_placements",
+    FindObjects: "find_objects",
     SetLabel: "set_label",
     SetPose: "set_pose",
     SaveMap: "save_named_map",
     LoadMap: "load_named_map",
     ListMaps: "list_maps",
 }
-"""What is asked of the node that has the map."""
+"""Services of the node that owns the map."""
 
 
-ANYWHERE = FindPlacements.Request()
-"""Its fields are what is asked for by default."""
+ANYWHERE, ANY_OBJECT = FindPlacements.Request(), FindObjects.Request()
+"""Hold the default values of the requests."""
 
 
 class SurfaceMapClient:
-    """Asks both nodes, and hears of changes.
+    """Client of slam_node's and tccm_node's services, topics and events.
 
-    Each question returns a future at once; it has the answer, or `QuestionError` with a sentence
-    where the question was wrong, its work failed, or nobody is there to answer it. A node that ends
-    before it has answered leaves the future undone.
+    Each request returns a future at once. It resolves to the answer, or to `QuestionError` if the
+    request was invalid, its processing failed or the service is not available. If a node ends
+    before it has answered, the future stays pending.
 
     Parameters
     ----------
     node
-        Whose executor calls back.
+        Node that is spun by the caller; its executor runs the callbacks.
     name
-        Of the node that has the map.
+        Name of the node that owns the surface map.
     tilt_name
-        Of the node that has the integration map, which answers `check_box`.
+        Name of the node that owns the integration map and answers `check_box`.
 
     Attributes
     ----------
-    surfaces, objects, walls, signs
-        Of the newest map that came; empty before.
+    surfaces, objects, compartments, walls, signs
+        Contents of the newest map received; empty before the first.
     localisation
-        Whether the robot knows where it is; None before the first message of it.
+        Whether the robot is localised; None before the first message.
     """
 
     def __init__(self, node: Node, name: str = "surface_slam", tilt_name: str = "tccm"):
@@ -99,6 +104,7 @@ class SurfaceMapClient:
         self._on_map: list[Callable[[], object]] = []
         self.surfaces: tuple[MapSurface, ...] = ()
         self.objects: tuple[MapObject, ...] = ()
+        self.compartments: tuple[MapCompartment, ...] = ()
         self.walls: tuple[MapWall, ...] = ()
         self.signs: tuple[MapSign, ...] = ()
         self.localisation: MapLocalisation | None = None
@@ -116,20 +122,20 @@ class SurfaceMapClient:
 
     @property
     def is_ready(self) -> bool:
-        """Whether a map has come, and the services of its node are there."""
+        """Whether a map has been received and the services of its node are available."""
         return bool(self.surfaces) and self.has_services
 
     @property
     def has_services(self) -> bool:
-        """Whether the services of the node that has the map are there.
+        """Whether all services of the node that owns the map are available.
 
-        No message tells that a service is there: who waits for it spins with a timeout.
+        No message announces a service; to wait for one, spin with a timeout.
         """
         return all(client.service_is_ready() for client in self._clients.values())
 
     @property
     def can_check_boxes(self) -> bool:
-        """Whether the service is there that answers `check_box`."""
+        """Whether the service behind `check_box` is available."""
         return self._check_box.service_is_ready()
 
     def on_event(self, callback: Callable[[MapEvent], object]) -> None:
@@ -141,30 +147,30 @@ class SurfaceMapClient:
         self._on_map.append(callback)
 
     def objects_on(self, surface: MapSurface) -> list[MapObject]:
-        """Return what stands on a surface of the newest map."""
+        """Return the objects on a surface of the newest map."""
         return [item for item in self.objects if item.surface_id == surface.id]
 
     def objects_of_class(self, label: str) -> list[MapObject]:
-        """Return the objects of the newest map that are of a class, the surest first."""
+        """Return the objects of a class in the newest map, the most confident first."""
         found = [item for item in self.objects if item.label == label]
         return sorted(found, key=lambda item: -item.confidence)
 
-    # --- questions ---
+    # --- queries ---
 
     def find_surfaces(self, filter: SurfaceFilter | None = None, max_count: int = 0) -> Future:
-        """Ask for surfaces; the future has `MapSurface` as `Found`.
+        """Find surfaces; the future resolves to `Found` of `MapSurface`.
 
         Parameters
         ----------
         filter
-            Conditions; all but the floor by default.
+            Conditions; by default all surfaces except the floor.
         max_count
-            How many are wanted at most; 0 for all.
+            Maximum number of surfaces; 0 for all.
 
         Raises
         ------
         TypeError
-            For a filter that is none.
+            If the filter is not a SurfaceFilter.
         """
         request = FindSurfaces.Request(filter=_checked(filter), max_count=max_count)
         return self._ask_map(
@@ -179,6 +185,9 @@ class SurfaceMapClient:
         filter: SurfaceFilter | None = None,
         *,
         clearance: float = ANYWHERE.clearance,
+        approach: int = ANYWHERE.approach,
+        hand_width: float = ANYWHERE.hand_width,
+        hand_height: float = ANYWHERE.hand_height,
         base: int = ANYWHERE.base,
         reach: float = ANYWHERE.reach,
         min_reach_height: float = ANYWHERE.min_reach_height,
@@ -187,23 +196,26 @@ class SurfaceMapClient:
         max_count: int = ANYWHERE.max_count,
         max_base_poses: int = ANYWHERE.max_base_poses,
     ) -> Future:
-        """Ask where an object can be put down; the future has `MapPlacement` as `Found`.
+        """Find positions where an object can be put down; the future resolves to `Found` of
+        `MapPlacement`.
 
         Parameters
         ----------
         size
             (3,), length, width and height of the object, m.
         filter
-            Of the surfaces; all but the floor by default, seats and steps among them.
-        clearance, base, reach, min_reach_height, max_reach_height, robot_radius
-            As in the request tccm_interfaces/FindPlacements; `base` is one of its constants.
+            Conditions for surfaces; by default all except the floor, including seats and steps.
+        clearance, approach, hand_width, hand_height
+            As in the request tccm_interfaces/FindPlacements; `approach` is one of its constants.
+        base, reach, min_reach_height, max_reach_height, robot_radius
+            As there; `base` is one of its constants.
         max_count, max_base_poses
-            How many are wanted at most.
+            Maximum numbers.
 
         Raises
         ------
         TypeError, ValueError
-            For a filter or a size that is none.
+            If the filter or the size is invalid.
         """
         x, y, z = _lengths(size)
         request = FindPlacements.Request(
@@ -212,6 +224,9 @@ class SurfaceMapClient:
             size_y=y,
             height=z,
             clearance=float(clearance),
+            approach=approach,
+            hand_width=float(hand_width),
+            hand_height=float(hand_height),
             base=base,
             reach=float(reach),
             min_reach_height=float(min_reach_height),
@@ -226,17 +241,67 @@ class SurfaceMapClient:
             lambda answer: Found(placements_of(answer.placements), answer.message),
         )
 
+    def find_objects(
+        self,
+        labels: Sequence[str] = (),
+        *,
+        surface_ids: Sequence[int] = (),
+        min_size: float = ANY_OBJECT.min_size,
+        max_size: float = ANY_OBJECT.max_size,
+        near: PointStamped | None = None,
+        max_distance: float = ANY_OBJECT.max_distance,
+        hand_width: float = ANY_OBJECT.hand_width,
+        hand_height: float = ANY_OBJECT.hand_height,
+        clearance: float = ANY_OBJECT.clearance,
+        max_count: int = ANY_OBJECT.max_count,
+    ) -> Future:
+        """Ask for objects, and from where a hand can take each; `MapFoundObject` as `Found`.
+
+        Parameters
+        ----------
+        labels
+            Classes that detectors gave; any by default.
+        surface_ids, min_size, max_size, max_distance, hand_width, hand_height, clearance, max_count
+            As in the request tccm_interfaces/FindObjects.
+        near
+            A point in any frame that is known.
+
+        Raises
+        ------
+        TypeError
+            For a text where a list of labels is expected.
+        """
+        if isinstance(labels, str):
+            raise TypeError(f"labels is {labels!r}; expected a list of labels")
+        request = FindObjects.Request(
+            labels=list(labels),
+            surface_ids=list(surface_ids),
+            min_size=float(min_size),
+            max_size=float(max_size),
+            near=PointStamped() if near is None else near,
+            max_distance=float(max_distance),
+            hand_width=float(hand_width),
+            hand_height=float(hand_height),
+            clearance=float(clearance),
+            max_count=max_count,
+        )
+        return self._ask_map(
+            FindObjects,
+            request,
+            lambda answer: Found(found_objects_of(answer.objects), answer.message),
+        )
+
     def check_box(self, T_frame_box: ArrayLike, size: Sequence[float], frame: str) -> Future:
-        """Ask whether anything is in a box; the future has a `BoxState`.
+        """Check whether a box is free; the future resolves to a `BoxState`.
 
         Parameters
         ----------
         T_frame_box
-            float64 (4, 4), middle and orientation of the box.
+            float64 (4, 4), centre and orientation of the box.
         size
-            (3,), edges along its own axes, m.
+            (3,), edge lengths along the box's axes, m.
         frame
-            Of the pose: a link of the robot or the odometry frame.
+            Frame of the pose: a link of the robot or the odometry frame.
         """
         x, y, z = _lengths(size)
         stamped = PoseStamped(pose=self._pose(T_frame_box))
@@ -244,33 +309,33 @@ class SurfaceMapClient:
         request = CheckBox.Request(pose=stamped, size=Vector3(x=x, y=y, z=z))
         return self._ask(self._check_box, request, box_state_of)
 
-    # --- what a person knows ---
+    # --- corrections by a user ---
 
     def set_label(self, surface_id: int, label: str) -> Future:
-        """Correct the label of a surface; the future has a sentence with what it was called.
+        """Set the label of a surface; the future resolves to a sentence with the previous label.
 
-        The label holds from the next solution on, and in saved maps.
+        The label applies from the next solution on, and in saved maps.
 
         Parameters
         ----------
         surface_id
-            Its id, or one that was merged into it.
+            Id of the surface, or one that was merged into it.
         label
-            One of the labels but ``floor``; empty: the rules decide again.
+            One of the labels except ``floor``; empty to let the rules decide again.
         """
         request = SetLabel.Request(surface_id=surface_id, label=label)
         return self._ask_map(SetLabel, request, lambda answer: answer.message)
 
     def set_pose(self, T_map_base: ArrayLike, covariance: ArrayLike | None = None) -> Future:
-        """Tell where the robot is; the future has nothing. `localisation` tells what comes of it.
+        """Set the robot's pose; the future resolves to None, and `localisation` shows the outcome.
 
         Parameters
         ----------
         T_map_base
-            float64 (4, 4), of the base.
+            float64 (4, 4), pose of the base.
         covariance
-            float64 (6, 6) of (x, y, z, rotations about x, y, z), m and rad; a rough guess by
-            default.
+            float64 (6, 6) of (x, y, z, rotations about x, y, z), m and rad; a coarse default if
+            None.
         """
         stamped = PoseWithCovarianceStamped()
         stamped.pose.pose = self._pose(T_map_base)
@@ -281,25 +346,25 @@ class SurfaceMapClient:
     # --- saved maps ---
 
     def save_named_map(self, name: str, *, overwrite: bool = False) -> Future:
-        """Save the map; the future has a `SavedMap`.
+        """Save the map under a name; the future resolves to a `SavedMap`.
 
         Parameters
         ----------
         name
-            Letters, digits, ``.``, ``-`` and ``_``, not beginning with a dot.
+            Letters, digits, ``.``, ``-`` and ``_``; the first character is not a dot.
         overwrite
-            Whether a map of this name may be replaced.
+            Whether an existing map of this name may be replaced.
         """
         request = SaveMap.Request(name=name, overwrite=overwrite)
         return self._ask_map(SaveMap, request, lambda answer: saved_map_of(answer.map))
 
     def load_named_map(self, name: str) -> Future:
-        """Go on with a saved map; the future has a `SavedMap`."""
+        """Load a saved map and continue it; the future resolves to a `SavedMap`."""
         request = LoadMap.Request(name=name)
         return self._ask_map(LoadMap, request, lambda answer: saved_map_of(answer.map))
 
     def list_maps(self) -> Future:
-        """Ask which maps are saved; the future has a list of `SavedMap`, ordered by name."""
+        """List the saved maps; the future resolves to a list of `SavedMap`, sorted by name."""
         return self._ask_map(
             ListMaps, ListMaps.Request(), lambda answer: [saved_map_of(m) for m in answer.maps]
         )
@@ -308,11 +373,11 @@ class SurfaceMapClient:
         return self._ask(self._clients[kind], request, read)
 
     def _ask(self, client: Any, request: Any, read: Callable[[Any], object]) -> Future:
-        """Return a future with the plain answer, or QuestionError with the node's sentence.
+        """Return a future of the converted response, or of QuestionError with the node's message.
 
-        It has no executor, so that what waits for it is told at once. As tasks of an executor, the
-        callbacks that each `rclpy.spin_until_future_complete` adds in every step would be left to
-        the next question, which would take longer each time (rclpy 7.1; ros2/rclpy#1702).
+        The future has no executor, so its callbacks run at once. With an executor, the callbacks
+        that `rclpy.spin_until_future_complete` adds in every step would pile up as tasks until the
+        next request, and each request would take longer (rclpy 7.1; ros2/rclpy#1702).
         """
         future = Future()
         if not client.service_is_ready():
@@ -333,11 +398,12 @@ class SurfaceMapClient:
     def _pose(self, T: ArrayLike) -> Any:
         return pose_message(self._types, _rigid(T))
 
-    # --- what comes by itself ---
+    # --- subscriptions ---
 
     def _take_map(self, message: Any) -> None:
         self.surfaces = tuple(surfaces_of(message.surfaces))
         self.objects = tuple(objects_of(message.objects))
+        self.compartments = tuple(compartments_of(message.compartments))
         self.walls = tuple(walls_of(message.walls))
         self.signs = tuple(signs_of(message.signs))
         for callback in self._on_map:
@@ -353,12 +419,14 @@ class SurfaceMapClient:
 
 
 def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:
-    """Return a filter that messages take: what they do not take ends the process, or says nothing.
+    """Return a filter that is valid in a request; None becomes the default filter.
+
+    An invalid field would end the process or be ignored silently.
 
     Raises
     ------
     TypeError
-        Where it is none.
+        If it is not a SurfaceFilter, or if its labels are a string.
     """
     if filter is None:
         return SurfaceFilter()
@@ -370,12 +438,12 @@ def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:
 
 
 def _rigid(T: ArrayLike) -> NDArray[np.float64]:
-    """Return a pose as float64 (4, 4).
+    """Return a pose as float64 (4, 4) after checking it.
 
     Raises
     ------
     ValueError
-        Where it is none: a matrix of zeros has a quaternion all the same.
+        If it is not a rigid transform; a matrix of zeros would also give a quaternion.
     """
     matrix = np.asarray(T, np.float64)
     if matrix.shape != (4, 4):
@@ -388,12 +456,12 @@ def _rigid(T: ArrayLike) -> NDArray[np.float64]:
 
 
 def _lengths(size: Sequence[float]) -> tuple[float, float, float]:
-    """Return the three lengths of a box.
+    """Return the three edge lengths of a box.
 
     Raises
     ------
     ValueError
-        Where there are others than three.
+        If there are not exactly three.
     """
     lengths = np.asarray(size, np.float64)
     if lengths.shape != (3,):

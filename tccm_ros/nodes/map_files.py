@@ -1,4 +1,4 @@
-"""The files of a saved map, as the process that solves makes them, and the map read from them."""
+"""The files of a saved map, built by the solver process, and the map read from them."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 GRID_NAME = "map"
-"""Of map.pgm and map.yaml, for nav2_map_server."""
+"""Stem of map.pgm and map.yaml, for nav2_map_server."""
 
 MASK_NAME = "keepout"
-"""Of keepout.pgm and keepout.yaml, for the costmap filters of Nav2."""
+"""Stem of keepout.pgm and keepout.yaml, for the costmap filters of Nav2."""
 
 
 def map_files(
     processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str, saved: SavedMap
 ) -> dict[str, bytes]:
-    """Return the files of a map by their names.
+    """Return the files of a map by name.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def read_map(folder: Path) -> SavedMap:
 
 
 def pack_files(files: Mapping[str, bytes], stream: Any) -> None:
-    """Write an archive: one line with names and sizes, then the contents end to end."""
+    """Write an archive: one line of JSON with names and sizes, then the concatenated contents."""
     sizes = {name: len(content) for name, content in files.items()}
     stream.write(json.dumps(sizes).encode() + b"\n")
     for content in files.values():

@@ -1,7 +1,7 @@
-"""The folder that ~/save_map of the SLAM node writes and ~/load_map reads.
+"""The folder that slam_node's ~/save_map writes and ~/load_map reads.
 
-The process that solves packs the files of each solution into an archive, a file without a name; the
-node unpacks the newest one when a map is saved. So saving waits for no solution, and it works when
+The solver process packs the files of each solution into an archive, an unnamed file. The node
+unpacks the newest archive when a map is saved. So a save waits for no solution, and it works after
 that process has died.
 """
 
@@ -19,14 +19,14 @@ from tccm_ros.nodes.previous_map import keep_previous
 from tccm_ros.results.map_file import MapContent, read_content
 
 MAP_FILE = "map.mcap"
-"""What a later session goes on with, beside the files that a replay writes."""
+"""The file from which a later session continues, beside the files that a replay writes."""
 
 
 class MapKeeper:
-    """Saves the maps of one session, and keeps the maps of others from being lost.
+    """Saves the maps of one session and protects the maps of other sessions.
 
-    A map of another session is not replaced by one that holds less; one that is replaced stays in
-    the folder beside it (`PREVIOUS`).
+    A map of another session is not replaced by a map with less content. A replaced map is kept in a
+    folder beside it (`PREVIOUS`).
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class MapKeeper:
         self._beside: Path | None = None
 
     def forget(self) -> None:
-        """Begin another session: what was saved so far is not its own."""
+        """Begin another session: the maps saved so far belong to the previous one."""
         self._own = self._beside = None
 
     def adopt(self, folder: Path) -> None:
-        """Take the map of a folder for this session's own, which goes on with it."""
+        """Treat the map of a folder as this session's own, because the session continues it."""
         self._own = _identity(folder / MAP_FILE)
 
     def save(
@@ -56,29 +56,29 @@ class MapKeeper:
         is_asked: bool,
         is_last: bool = False,
     ) -> Path:
-        """Unpack an archive into a folder; return that.
+        """Unpack an archive into a folder and return the folder.
 
         Parameters
         ----------
         archive
-            Descriptor of an archive.
+            File descriptor of an archive.
         content
-            How much its map holds.
+            Content of its map.
         folder
-            Files of the same names are replaced.
+            Output folder; files of the same names are replaced.
         is_asked
-            Whether this save was asked for: then the map that it replaces is kept in any case, else
-            only that of another session.
+            Whether a user requested this save. If so, any replaced map is kept; otherwise only that
+            of another session.
         is_last
-            Whether the session ends: where the folder has a map of another one that holds more,
-            this map goes into a new folder beside it.
+            Whether the session ends. If so, and if the folder has another session's map with more
+            content, the map goes into a new folder beside it.
 
         Raises
         ------
         MapError
-            Where nothing is mapped yet, or the folder has a map of another session that holds more.
+            If nothing is mapped yet, or the folder has another session's map with more content.
         OutputError
-            If the folder cannot be written; what was there is still there.
+            If the folder cannot be written; its previous content is kept.
         """
         if content.is_empty:
             raise MapError(
@@ -104,24 +104,24 @@ class MapKeeper:
 
 
 def _larger_map(folder: Path, content: MapContent) -> MapContent | None:
-    """Return how much the map of a folder holds, if that is more; None otherwise."""
+    """Return the content of a folder's map if it exceeds `content`, else None."""
     with suppress(OSError):
         finish_moves(folder)
     try:
         there = read_content(folder / MAP_FILE)
-    except MapError:  # none, or none that anybody can go on with
+    except MapError:  # no map, or one that cannot be loaded
         return None
     return there if content.is_less_than(there) else None
 
 
 def _free_folder(folder: Path) -> Path:
-    """Return a folder beside another that does not exist yet: `map.2`, `map.3`, ..."""
+    """Return a sibling folder that does not exist yet: `map.2`, `map.3`, ..."""
     names = (folder.with_name(f"{folder.name}.{n}") for n in itertools.count(2))
     return next(name for name in names if not name.exists())
 
 
 def _identity(path: Path) -> tuple[int, int, int] | None:
-    """Return what tells whether a file was replaced; None where there is none."""
+    """Return a key that changes when a file is replaced; None if there is no file."""
     try:
         found = path.stat()
     except OSError:
@@ -130,7 +130,7 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
 
 
 def _sizes(archive: int) -> dict[str, int]:
-    """Return the sizes of the files of an archive, by name."""
+    """Return the sizes of the files in an archive, bytes, by name."""
     with os.fdopen(os.dup(archive), "rb") as stream:
         stream.seek(0)
         sizes: dict[str, int] = json.loads(stream.readline())
@@ -138,19 +138,19 @@ def _sizes(archive: int) -> dict[str, int]:
 
 
 def save_archive(archive: int, folder: Path) -> None:
-    """Unpack an archive into a folder; after a kill at any moment the map is the old or the new.
+    """Unpack an archive into a folder; a kill at any moment leaves the old or the new map.
 
     Parameters
     ----------
     archive
-        Descriptor of the file; where it is read from now does not matter.
+        File descriptor; its current offset does not matter.
     folder
-        Files of the same names are replaced.
+        Output folder; files of the same names are replaced.
 
     Raises
     ------
     OutputError
-        If the folder cannot be written; what was there is still there.
+        If the folder cannot be written; its previous content is kept.
     """
     sizes = _sizes(archive)
     at = os.fstat(archive).st_size - sum(sizes.values())

@@ -1,4 +1,4 @@
-"""What the surface map tells Python nodes, as plain objects made of messages of tccm_interfaces."""
+"""Plain Python records of the surface map, converted from messages of tccm_interfaces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from tccm_interfaces.msg import Localisation, SurfaceEvent
+from tccm_interfaces.msg import Compartment, FoundObject, Localisation, SurfaceEvent
 from tccm_interfaces.srv import CheckBox
 
 from tccm_ros.arrays import Float64
@@ -26,6 +26,14 @@ LOCALISATION_STATES = {
     for name in ("UNKNOWN", "TRACKING", "SEARCHING", "LOST")
 }
 
+FACE_STATES = {
+    getattr(Compartment, f"FACE_{name}"): name.lower() for name in ("UNKNOWN", "MEASURED", "OPEN")
+}
+
+ACCESS_STATES = {
+    getattr(FoundObject, f"ACCESS_{name}"): name.lower() for name in ("UNKNOWN", "FREE", "BLOCKED")
+}
+
 BOX_STATES = {
     getattr(CheckBox.Response, name): name.lower() for name in ("UNKNOWN", "FREE", "OCCUPIED")
 }
@@ -35,12 +43,12 @@ Item = TypeVar("Item")
 
 
 class Found(list[Item]):
-    """What a question found, the best or nearest first.
+    """Results of a query, the best or nearest first.
 
     Attributes
     ----------
     message
-        The node's sentence: how much was found, or why nothing was.
+        The node's message: the number of results, or the reason why there are none.
     """
 
     def __init__(self, items: Iterable[Item], message: str) -> None:
@@ -55,21 +63,21 @@ class MapSurface:
     Attributes
     ----------
     id, label, room
-        What it is.
+        Id, semantic label and name of the room.
     T_map_surface
-        float64 (4, 4), middle of the smallest rectangle around it, x along the longer side.
+        float64 (4, 4), centre of the minimum-area rectangle, x along its longer side.
     size
-        float64 (2,), edges of that rectangle, m.
+        float64 (2,), edge lengths of that rectangle, m.
     height
-        Over the floor, m.
+        Height above the floor, m.
     area
         m2.
     boundary
-        float64 (N, 3), in map, counter-clockwise seen from above.
+        float64 (N, 3), in map, counter-clockwise from above.
     near_signs
         Texts of the signs near it.
     message
-        All that is known: tccm_interfaces/Surface.
+        The complete message: tccm_interfaces/Surface.
     """
 
     id: int
@@ -86,18 +94,18 @@ class MapSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapObject:
-    """Something that stands on a surface.
+    """An object on a surface.
 
     Attributes
     ----------
     id, surface_id
-        Of the object, and of the surface that it stands on.
+        Id of the object, and of the surface below it.
     label, confidence
-        Class and its score, 0 to 1, where a detector gave it one; else empty and nan.
+        Class and score (0 to 1) by a detector; empty and nan without one.
     T_map_object
-        float64 (4, 4), middle of its box.
+        float64 (4, 4), centre of its box.
     size
-        float64 (3,), edges of the box, m.
+        float64 (3,), edge lengths of the box, m.
     """
 
     id: int
@@ -109,21 +117,73 @@ class MapObject:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MapFoundObject:
+    """An object, and from where a hand can take it.
+
+    Attributes
+    ----------
+    item
+        The object.
+    above, front
+        ``free``, ``blocked`` or ``unknown``: from above, and straight through the front of its
+        compartment.
+    message
+        All that is known, what blocks it too: tccm_interfaces/FoundObject.
+    """
+
+    item: MapObject
+    above: str
+    front: str
+    message: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapCompartment:
+    """The space over a board of a rack.
+
+    Attributes
+    ----------
+    rack_id, board_id
+        Id of the lowest board of its rack, and of the surface that it is over.
+    T_map_front
+        float64 (4, 4), middle of its front edge, x in the direction of insertion, z up.
+    width, depth, height
+        Clear lengths, m.
+    left, right, back, ceiling
+        ``measured``, ``open`` or ``unknown``.
+    message
+        All that is known: tccm_interfaces/Compartment.
+    """
+
+    rack_id: int
+    board_id: int
+    T_map_front: Float64
+    width: float
+    depth: float
+    height: float
+    left: str
+    right: str
+    back: str
+    ceiling: str
+    message: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MapPlacement:
-    """Where an object can be put down.
+    """A position where an object can be put down.
 
     Attributes
     ----------
     surface_id
-        Of the surface.
+        Id of the surface.
     T_map_object
-        float64 (4, 4), middle of the object's lower side.
+        float64 (4, 4), centre of the object's bottom face.
     clearance
         Distance to the nearest edge or object, m.
     free_height
-        Height that is free above, m; inf where nothing is known above.
+        Free height above, m; inf if nothing is known above.
     T_map_bases
-        Where the base can stand, float64 (N, 4, 4), the best first.
+        float64 (N, 4, 4), possible poses of the base, the best first.
     """
 
     surface_id: int
@@ -143,13 +203,13 @@ class MapEvent:
         ``appeared``, ``moved``, ``merged``, ``split``, ``gone``, ``object_appeared`` or
         ``object_left``.
     ids_before, ids_after
-        Ids of the surfaces that it concerns.
+        Ids of the surfaces concerned.
     object_id
-        -1 where it is about surfaces alone.
+        Id of the object; -1 if only surfaces are concerned.
     label
-        Of the surface or the object.
+        Label of the surface or the object.
     T_before, T_after
-        float64 (4, 4) in map; None where there was none.
+        float64 (4, 4), poses in map; None if there is none.
     """
 
     kind: str
@@ -168,11 +228,11 @@ class MapWall:
     Attributes
     ----------
     id
-        Within this map; the next one may count otherwise.
+        Id within this map; later maps may number differently.
     endpoints
-        float64 (2, 3), ends of what was seen of it, in map, z = 0.
+        float64 (2, 3), ends of the observed extent, in map, z = 0.
     message
-        All that is known: tccm_interfaces/Wall.
+        The complete message: tccm_interfaces/Wall.
     """
 
     id: int
@@ -187,11 +247,11 @@ class MapSign:
     Attributes
     ----------
     id, text
-        What it is, and says.
+        Id, and the text on the sign.
     position, normal
-        float64 (3,), its middle, and the unit normal of its front, in map.
+        float64 (3,), centre, and unit normal of the front, in map.
     message
-        All that is known: tccm_interfaces/Sign.
+        The complete message: tccm_interfaces/Sign.
     """
 
     id: int
@@ -203,18 +263,18 @@ class MapSign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapLocalisation:
-    """Whether the robot knows where it is.
+    """Localisation state of the robot.
 
     Attributes
     ----------
     state
         ``unknown``, ``tracking``, ``searching`` or ``lost``.
     reason
-        Why, in a sentence; empty while tracking.
+        Reason for the state as a sentence; empty while tracking.
     T_map_base
-        float64 (4, 4); the pose of the robot only while tracking.
+        float64 (4, 4), pose of the base; valid only while tracking.
     message
-        All that is known: tccm_interfaces/Localisation.
+        The complete message: tccm_interfaces/Localisation.
     """
 
     state: str
@@ -225,14 +285,14 @@ class MapLocalisation:
 
 @dataclass(frozen=True, slots=True)
 class BoxState:
-    """Whether anything is in a box.
+    """Occupancy of a box.
 
     Attributes
     ----------
     state
         ``unknown``, ``free`` or ``occupied``.
     cycle, stamp_ns
-        The newest tilt cycle that says so, and its stamp; -1 and 0 where none looked there.
+        The newest tilt cycle that observed it, and its stamp; -1 and 0 if none did.
     """
 
     state: str
@@ -247,11 +307,11 @@ class SavedMap:
     Attributes
     ----------
     name
-        Under which it is loaded.
+        Name for loading it.
     saved_ns
-        When it was saved, on the clock of its machine.
+        Time of the save, ns of the clock of the machine that saved it.
     message
-        All that is known: tccm_interfaces/MapInfo.
+        The complete message: tccm_interfaces/MapInfo.
     """
 
     name: str
@@ -282,6 +342,39 @@ def objects_of(messages: Iterable[Any]) -> list[MapObject]:
     """Return tccm_interfaces/SurfaceObject messages as plain objects."""
     return [
         MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size))
+        for m in messages
+    ]
+
+
+def found_objects_of(messages: Iterable[Any]) -> list[MapFoundObject]:
+    """Return tccm_interfaces/FoundObject messages as plain objects."""
+    return [
+        MapFoundObject(
+            objects_of([m.object])[0],
+            ACCESS_STATES.get(m.above, "unknown"),
+            ACCESS_STATES.get(m.front, "unknown"),
+            m,
+        )
+        for m in messages
+    ]
+
+
+def compartments_of(messages: Iterable[Any]) -> list[MapCompartment]:
+    """Return tccm_interfaces/Compartment messages as plain objects."""
+    return [
+        MapCompartment(
+            m.rack_id,
+            m.board_id,
+            _pose(m.front),
+            m.width,
+            m.depth,
+            m.height,
+            FACE_STATES.get(m.left, "unknown"),
+            FACE_STATES.get(m.right, "unknown"),
+            FACE_STATES.get(m.back, "unknown"),
+            FACE_STATES.get(m.ceiling, "unknown"),
+            m,
+        )
         for m in messages
     ]
 
@@ -334,7 +427,7 @@ def localisation_of(message: Any) -> MapLocalisation:
 
 
 def box_state_of(answer: Any) -> BoxState:
-    """Return an answer of tccm_interfaces/CheckBox as a plain object."""
+    """Return a response of tccm_interfaces/CheckBox as a plain object."""
     return BoxState(BOX_STATES[answer.state], answer.cycle, _nanoseconds(answer.stamp))
 
 

@@ -1,6 +1,6 @@
 """Named maps of slam_node: ~/save_named_map, ~/load_named_map and ~/list_maps.
 
-A map is a folder of `save.directory` that bears its name.
+A map is a folder of its name in `save.directory`.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from tccm_ros.ros.surface_messages import PACKAGE
 from tccm_ros.ros.types import stamp_message
 
 NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
-"""What a map may be called: nothing that leaves the folder, or is hidden in it."""
+"""Valid map names: they cannot leave the folder, and are not hidden in it."""
 
 
 class MapServices:
-    """Saves, loads and lists maps by their names.
+    """Services that save, load and list maps by name.
 
     Parameters
     ----------
     node
-        The node that offers them.
+        Node of the services.
     begin_save, load
-        As for `ClientApi`.
+        As in `ClientApi`.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class MapServices:
         for folder in folders:
             try:
                 maps.append(self._info(folder))
-            except TccmError:  # damaged: nothing can be loaded from it
+            except TccmError:  # a damaged map cannot be loaded
                 continue
         response.maps, response.success = maps, True
         return response
@@ -112,7 +112,7 @@ def named_folder(root: Path, name: str) -> Path:
     Raises
     ------
     MapError
-        For a name that is none, or whose folder is a link to elsewhere.
+        If the name is invalid, or its folder is a link to another place.
     """
     if not NAME.fullmatch(name) or name.endswith(PREVIOUS):
         raise MapError(
@@ -126,7 +126,7 @@ def named_folder(root: Path, name: str) -> Path:
 
 
 def saved_folders(root: Path) -> list[Path]:
-    """Return the folders of maps, by name; none where there is no such folder."""
+    """Return the folders of maps, sorted by name; none if the root does not exist."""
     if not root.exists():
         return []
     names = (path.name for path in root.iterdir() if (path / MAP_FILE).is_file())

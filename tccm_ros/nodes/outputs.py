@@ -1,7 +1,7 @@
-"""Publishers that build a message only when someone listens, and again for a late viewer.
+"""Publishers that build a message only for subscribers, also for late ones.
 
-Messages are made of the typestore's classes and published as bytes: a map of markers has thousands
-of points, each of which would be an object of rosidl's classes.
+Messages use the typestore's classes and are published serialised: a map of markers has thousands of
+points, and rosidl's classes would make an object of each.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from tccm_ros.ros.topic_messages import TopicMessage
 
 
 class Outputs:
-    """The private topics of a node that show its newest result.
+    """Publishers of a node's newest result on private topics.
 
-    Messages are built in the thread of the worker that owns the results.
+    Messages are built in the worker thread, which owns the results.
 
     Parameters
     ----------
     node
-        The node that publishes.
+        Node of the publishers.
     types
-        Message classes of what is published.
+        Message classes.
     topics
-        Types by topic name; the name is private to the node, unless it is in `shared`.
+        Message types by topic name; a name is private to the node unless it is in `shared`.
     profiles
         QoS by topic name.
     post
-        Has a job done by the worker.
+        Queues a job for the worker.
     always
-        Topics of which every message is built and sent, listened to or not.
+        Topics whose messages are all built and published, with or without subscribers.
     shared
-        Topics in the namespace of the node.
+        Topics in the node's namespace.
 
     Attributes
     ----------
     built
-        Messages built since the start.
+        Number of messages built since the start.
     """
 
     def __init__(
@@ -73,15 +73,17 @@ class Outputs:
         }
 
     def publish(self, messages: Iterable[TopicMessage]) -> None:
-        """Publish what is listened to; keep the rest for who comes later (in the worker)."""
+        """Publish the topics with subscribers; keep the rest for late subscribers (in the
+        worker).
+        """
         for message in messages:
             self._newest[message.topic] = message
             self._send(message.topic)
 
     def _send(self, name: str) -> None:
-        """Send the newest message of a topic, if it was not sent and somebody listens.
+        """Publish the newest message of a topic if it is unsent and has a subscriber.
 
-        Nothing is published once the node is told to stop: its context is gone by then.
+        Nothing is published after a stop signal, because the context is no longer valid.
         """
         if name not in self._newest or not self._context.ok():
             return
@@ -100,22 +102,22 @@ class Outputs:
 
 
 class SolutionOutputs:
-    """The topics of a node whose messages another process builds.
+    """Publishers of a node whose messages the solver process builds.
 
     Parameters
     ----------
     node
-        The node that publishes.
+        Node of the publishers.
     topics
-        Types by topic name; the name is private to the node, unless it is in `shared`.
+        Message types by topic name; a name is private to the node unless it is in `shared`.
     profile
-        QoS of all.
+        QoS of all topics.
     ask
-        Asks for messages of the newest solution, which come by `publish` (in the worker).
+        Requests messages of the newest solution, which arrive by `publish` (in the worker).
     post
-        Has a job done by the worker.
+        Queues a job for the worker.
     shared
-        Topics in the namespace of the node.
+        Topics in the node's namespace.
     """
 
     def __init__(
@@ -146,26 +148,28 @@ class SolutionOutputs:
 
     @property
     def listened(self) -> frozenset[str]:
-        """Topics that somebody listens to."""
+        """Topics with subscribers."""
         if not self._context.ok():
             return frozenset()
         return frozenset(n for n, p in self._publishers.items() if p.get_subscription_count())
 
     def publish_solution(self, messages: Mapping[str, bytes]) -> None:
-        """Publish what was asked for of a new solution; the rest when somebody listens."""
+        """Publish the requested messages of a new solution; request the rest for later
+        subscribers.
+        """
         self._unsent = set(self._publishers)
         self.publish(messages)
         self._ask_for_unsent()
 
     def publish(self, messages: Mapping[str, bytes]) -> None:
-        """Publish messages of the newest solution; nothing once the node is told to stop."""
+        """Publish messages of the newest solution; nothing after a stop signal."""
         if self._context.ok():
             for name, message in messages.items():
                 self._publishers[name].publish(message)
                 self._unsent.discard(name)
 
     def forget(self) -> None:
-        """Ask for nothing before the next solution."""
+        """Request no messages until the next solution."""
         self._unsent.clear()
 
     def _ask_for_unsent(self) -> None:

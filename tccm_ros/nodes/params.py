@@ -1,7 +1,7 @@
-"""ROS parameters from the configuration classes: declared once, checked by the same rules.
+"""ROS parameters from the configuration classes: declared once and validated by the same rules.
 
-A parameter is named ``group.key`` as in the YAML files. What may be empty (None) in the
-configuration is an empty array here, as ROS parameters know no null.
+A parameter is named ``group.key`` as in the YAML files. Optional values (None) in the configuration
+are empty arrays here, because ROS parameters have no null.
 """
 
 from __future__ import annotations
@@ -50,9 +50,10 @@ GROUPS = {
         }
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
+    "approach": frozenset({"frames", "rig", "scan", "qos", "approach"}),
 }
-"""Groups of parameters that each node acts on, by `Stream.processor`; both have those of no
-group."""
+"""Parameter groups of each node, by `Stream.processor`; parameters without a group belong to
+both."""
 
 
 def ros_type(parameter: Parameter) -> RosParameter.Type:
@@ -94,7 +95,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=f"{parameter.meaning}{unit}" + (f"; {allowed}" if allowed else ""),
         additional_constraints=allowed,
         read_only=parameter.read_only,
-        # rclpy takes an empty list for bytes; our own check knows better.
+        # rclpy takes an empty list for a byte array; `check` validates the type instead.
         dynamic_typing=ros_type(parameter) in ARRAYS,
     )
     limits = (parameter.minimum, parameter.maximum)
@@ -116,21 +117,21 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 def declare_config(
     node: Node, base: Config | None = None, groups: Collection[str] | None = None
 ) -> Config:
-    """Declare parameters on a node and return the configuration that results.
+    """Declare parameters on a node and return the resulting configuration.
 
     Parameters
     ----------
     node
-        The node; overrides come from its command line and parameter files.
+        Node to declare them on; overrides come from its command line and parameter files.
     base
-        Defaults; those of `Config` if None.
+        Default values; those of `Config` if None.
     groups
-        Groups to declare, beside what is in none; all if None.
+        Groups to declare beside the parameters without a group; all if None.
 
     Raises
     ------
     ConfigError
-        For a value of the wrong type or out of range; the message says what to write.
+        If a value has the wrong type or is out of range; the message gives the correct form.
     """
     defaults = (base or Config()).model_dump()
     values = {}
@@ -145,14 +146,14 @@ def declare_config(
 
 
 def warn_of_unknown(node: Node, known: Collection[str]) -> None:
-    """Name what was set but is no parameter: a misspelt one would go unseen.
+    """Warn of parameter overrides that are removed or unknown, such as misspelt names.
 
     Parameters
     ----------
     node
-        The node; what was set comes from its command line and parameter files.
+        The node; overrides come from its command line and parameter files.
     known
-        Names of the parameters that there are, also where this node does not declare them.
+        Names of all parameters, including those that this node does not declare.
     """
     for name in node._parameter_overrides:
         if name in REMOVED:
@@ -169,7 +170,7 @@ def warn_of_unknown(node: Node, known: Collection[str]) -> None:
 
 
 def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
-    if node.has_parameter(parameter.name):  # declared before another one was wrong
+    if node.has_parameter(parameter.name):  # declared before an earlier configure failed
         return node.get_parameter(parameter.name).value
     try:
         return node.declare_parameter(
@@ -188,7 +189,7 @@ def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
 
 
 def type_advice(wanted: RosParameter.Type, found: Any) -> str:
-    """Return what to write where a value of another type was found."""
+    """Return advice for a value of the wrong type."""
     if wanted is RosParameter.Type.DOUBLE and isinstance(found, int):
         return f"a float is expected, found the integer {found}; write {found}.0"
     if wanted is RosParameter.Type.DOUBLE_ARRAY:
@@ -213,10 +214,10 @@ def _changed(config: Config, values: dict[str, Any]) -> Config:
 
 
 def follow_changes(node: Node, config: Config) -> None:
-    """Apply live parameter changes to the configuration object that the processors hold.
+    """Apply parameter changes at run time to the configuration object that the processors hold.
 
-    A change is checked as a whole before any of it is applied; read-only parameters are refused
-    by rclpy itself.
+    A set of changes is validated as a whole before it is applied; rclpy itself refuses changes of
+    read-only parameters.
     """
     known = {parameter.name: parameter for parameter in parameters()}
 

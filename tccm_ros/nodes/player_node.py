@@ -1,7 +1,7 @@
-"""player_node: plays a bag into topics where `ros2 bag` is not installed.
+"""player_node: plays a bag where `ros2 bag` is not installed.
 
-Topics are remapped as in every node (``-r /scan:=/base_scan``). The raw records are published, so
-that what arrives is what was recorded.
+Topics are remapped as in every node (``-r /scan:=/base_scan``). Messages are published in their
+recorded serialised form.
 """
 
 from __future__ import annotations
@@ -34,22 +34,21 @@ from tccm_ros.nodes.timeline import Timeline
 from tccm_ros.ros.types import stamp_message
 
 TICK_S = 0.002
-"""Period at which due messages are looked for, s. Chosen: a fifth of that of a topic of 100 Hz."""
+"""Period of the check for due messages, s. Chosen: a fifth of the period of a topic at 100 Hz."""
 
 CLOCK_PERIOD_NS = 10_000_000
-"""Between two messages on /clock, ns of the player's own time: 100 Hz, as `ros2 bag play` has at
-most."""
+"""Period of /clock, ns of wall time: 100 Hz, the maximum of `ros2 bag play`."""
 
 BURST = 100
-"""Messages published in one tick at most. Chosen: other callbacks get their turn, and queues of
-`qos.SENSOR_DEPTH` hold what comes after a delay."""
+"""Maximum number of messages published in a tick. Chosen: other callbacks get their turn, and
+queues of `qos.SENSOR_DEPTH` hold the messages after a delay."""
 
 STABLE_S = 0.5
-"""The set of subscribers must not have changed for this time before the first message, s. Chosen:
-nodes are discovered one after another."""
+"""The set of subscribers must be unchanged for this time before playing starts, s. Chosen: nodes
+are discovered one after another."""
 
 ACK_TIMEOUT = Duration(seconds=10)
-"""Longest wait for the acknowledgement of readers at the end of the bag. Chosen."""
+"""Timeout for acknowledgements by subscribers at the end of the bag. Chosen."""
 
 PARAMETERS = {
     "bag": ("", "rosbag2 folder, .mcap or .db3 file"),
@@ -66,14 +65,14 @@ PARAMETERS = {
 
 
 class PlayerNode(Node):
-    """Publishes the messages of a bag when they are due.
+    """Publishes the messages of a bag at their times.
 
     Attributes
     ----------
     is_done
-        Whether the end was reached and acknowledged by all reliable readers.
+        Whether the end is reached and all reliable subscribers have acknowledged it.
     sent
-        Messages published, by topic.
+        Number of messages published, by topic.
     """
 
     def __init__(self, **kwargs: Any):
@@ -102,14 +101,14 @@ class PlayerNode(Node):
         self.create_service(SetBool, "~/pause", self._on_pause)
         if self._timeline.is_paused:
             self.get_logger().info("ready; paused, waits for ~/pause")
-        # A wall-clock timer: the node clock may be the one that this node publishes.
+        # A timer on the wall clock, because this node may itself publish the node clock.
         self._timer = self.create_timer(
             TICK_S, self._tick, clock=RclClock(clock_type=ClockType.STEADY_TIME)
         )
 
     @property
     def published(self) -> int:
-        """Messages published in all."""
+        """Total number of messages published."""
         return self.sent.total()
 
     def close(self) -> None:
@@ -198,7 +197,7 @@ class PlayerNode(Node):
             self._end(now)
 
     def _tell_time(self, now: int, due_ns: int) -> None:
-        """Publish /clock, as often as is due and at the end."""
+        """Publish /clock if it is due, and at the end."""
         if self._clock_publisher is None or (now < self._clock_due_ns and self._next is not None):
             return
         self._clock_due_ns = now + CLOCK_PERIOD_NS
@@ -206,7 +205,7 @@ class PlayerNode(Node):
         self._clock_publisher.publish(Clock(clock=stamp_message(self._types, played)))
 
     def _is_ready(self, now: int) -> bool:
-        """Return whether playing has begun; begin when the subscribers of all topics are there."""
+        """Return whether playing has begun; begin it when all topics have subscribers."""
         if self._timeline.is_running or self._timeline.is_paused:
             return not self._timeline.is_paused
         is_first_look = self._waiting_since_ns is None
@@ -224,7 +223,7 @@ class PlayerNode(Node):
         return True
 
     def _find_lonely(self) -> list[str]:
-        """Return the topics that have no subscriber, or one that is not matched yet."""
+        """Return the topics without a subscriber, or with one that is not matched yet."""
         return [
             topic
             for topic, publisher in self._publishers_by_topic.items()
@@ -232,7 +231,7 @@ class PlayerNode(Node):
         ]
 
     def _are_subscribers_stable(self, now: int) -> bool:
-        """Return whether no subscriber came or went for `STABLE_S`."""
+        """Return whether the set of subscribers has been unchanged for `STABLE_S`."""
         matched = {t: p.get_subscription_count() for t, p in self._publishers_by_topic.items()}
         if matched != self._matched:
             self._matched, self._matched_since_ns = matched, now
@@ -246,10 +245,11 @@ class PlayerNode(Node):
             self._await_readers(publisher)
 
     def _await_readers(self, publisher: Publisher) -> None:
-        """Hold the bag's time until the readers have the first message of a topic.
+        """Pause until the subscribers have received the first message of a topic.
 
-        A writer knows of a match before the reader does, and keeps no more for that reader than the
-        depth of its queue. A reader that is not reliable acknowledges nothing, and is not awaited.
+        A publisher is notified of a match before the subscriber, and keeps only its queue depth of
+        messages for that subscriber. Best-effort subscribers acknowledge nothing and are not waited
+        for.
         """
         patience = float(self._value("wait_for_subscribers"))
         if patience > 0.0:
@@ -297,7 +297,7 @@ def _not_negative(name: str, value: float) -> float:
 
 
 def usage() -> str:
-    """Return how the player is started, with its parameters."""
+    """Return the usage text with the player's parameters."""
     lines = [f"  {name:22}{meaning} [{default}]" for name, (default, meaning) in PARAMETERS.items()]
     return "\n".join(
         [
@@ -309,5 +309,5 @@ def usage() -> str:
 
 
 def main() -> None:
-    """Play a bag and stop at its end."""
+    """Play a bag and exit at its end."""
     run(PlayerNode, usage=usage())

@@ -1,4 +1,4 @@
-"""The map that a save replaces, kept in the folder beside it."""
+"""Backup of the map that a save replaces, in a folder beside it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tccm_ros.atomic import finish_moves, output_folder
 from tccm_ros.errors import OutputError, one_line
 
 PREVIOUS = ".previous"
-"""Suffix of the folder that keeps the map which was replaced."""
+"""Suffix of the backup folder."""
 
 
 def keep_previous(folder: Path, names: Collection[str]) -> None:
-    """Keep the files of these names in the folder beside it that is called `.previous`.
+    """Keep files of a folder in its backup folder.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def keep_previous(folder: Path, names: Collection[str]) -> None:
 
 
 def _link(path: Path, target: Path) -> None:
-    """Give a file a second name, since it is replaced and never written again; else copy it."""
+    """Hard-link a file, since it is replaced and never rewritten; else copy it."""
     try:
         os.link(path, target)
     except OSError:

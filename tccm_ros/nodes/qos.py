@@ -1,4 +1,4 @@
-"""Quality of service: sensor data in, latched maps out."""
+"""QoS profiles: sensor data in, latched maps out."""
 
 from collections.abc import Callable
 
@@ -9,22 +9,22 @@ from rclpy.event_handler import (
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 SENSOR_DEPTH = 200
-"""Messages that a queue holds. Chosen: five seconds of a 40 Hz laser, longer than the longest
-step of the processors."""
+"""Queue depth. Chosen: five seconds of a 40 Hz laser, more than the longest step of the
+processors."""
 
 ADVICE = {
     "reliability": "set qos.reliability to best_effort, or make the publisher reliable",
     "durability": "make the publisher transient local",
 }
-"""What to do about a policy that does not fit."""
+"""Advice by incompatible policy."""
 
 SURFACE_MESSAGE_DEPTH = 50
-"""Messages that a queue holds. Chosen: one minute of tilt cycles, during which the SLAM node may be
-busy with a batch optimisation."""
+"""Queue depth. Chosen: one minute of tilt cycles, during which the SLAM node may be busy with a
+batch optimisation."""
 
 
 LARGE_DEPTH = 10
-"""Of images and point clouds: a third of a second of a camera, 6 MB."""
+"""Queue depth of images and point clouds: a third of a second of a camera, 6 MB."""
 
 
 def sensor(reliability: str = "best_effort", *, depth: int = SENSOR_DEPTH) -> QoSProfile:
@@ -38,7 +38,7 @@ def sensor(reliability: str = "best_effort", *, depth: int = SENSOR_DEPTH) -> Qo
 
 
 def latched() -> QoSProfile:
-    """Return the profile of maps, planes and markers: a late viewer gets the newest."""
+    """Return the profile of maps, planes and markers: a late subscriber gets the newest message."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=1,
@@ -48,7 +48,7 @@ def latched() -> QoSProfile:
 
 
 def static_transforms() -> QoSProfile:
-    """Return the profile of /tf_static: everything that its publishers have latched."""
+    """Return the profile of /tf_static: late subscribers get all latched transforms."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=SENSOR_DEPTH,
@@ -58,7 +58,7 @@ def static_transforms() -> QoSProfile:
 
 
 def surface_message() -> QoSProfile:
-    """Return the profile of the surface message between the two nodes: nothing is lost."""
+    """Return the profile of the surface message between the two nodes, which loses nothing."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=SURFACE_MESSAGE_DEPTH,
@@ -68,7 +68,7 @@ def surface_message() -> QoSProfile:
 
 
 def subscription_events(topic: str, warn: Callable[[str], object]) -> SubscriptionEventCallbacks:
-    """Return callbacks that name a publisher whose offer does not meet our request."""
+    """Return callbacks that report publishers with an incompatible QoS."""
 
     def incompatible(info: QoSRequestedIncompatibleQoSInfo) -> None:
         warn(
@@ -76,7 +76,7 @@ def subscription_events(topic: str, warn: Callable[[str], object]) -> Subscripti
             f"from it; {ADVICE.get(_policy(info), 'change the publisher')}"
         )
 
-    # Another type is told by `Inputs`: rclpy's own callback for it would only be waited for.
+    # `Inputs` reports other types; rclpy's own callback for it would add an event to wait for.
     return SubscriptionEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
 
 

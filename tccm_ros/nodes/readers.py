@@ -1,4 +1,4 @@
-"""Records of serialised messages, as a live node receives them."""
+"""Conversion of serialised messages to records, for live nodes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.nodes.ros_types import message_class
 
 RecordReader = Callable[[bytes], Sequence[Any]]
-"""Gives the records of a serialised message; MessageError for content that cannot be used."""
+"""Returns the records of a serialised message; raises MessageError if they cannot be used."""
 
 
 def record_reader(reader: MessageReader) -> RecordReader:
-    """Return what reads the messages of a node's topic.
+    """Return a function that converts the serialised messages of a topic to records.
 
-    Arrays of the records can be written to: kernels are compiled for such alone.
+    The arrays of the records are writable, because kernels are compiled only for writable arrays.
     """
 
     def read(data: bytes) -> Sequence[Any]:

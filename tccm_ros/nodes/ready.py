@@ -1,4 +1,4 @@
-"""What a node says of the robot in the line that tells that it is ready."""
+"""Description of the robot in a node's log line at its start."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from tccm_ros.robot import Robot
 
 
 def found_on(robot: Robot, roles: Collection[str]) -> str:
-    """Return what is known of a robot, in words.
+    """Return a description of the known sensors and odometry.
 
     Parameters
     ----------
     robot
-        What records have told of it.
+        The robot as known from its records.
     roles
-        Of the sensors that count.
+        Roles of the sensors to describe.
     """
     parts = []
     for role in sorted(roles):

@@ -1,4 +1,6 @@
-"""Messages that cannot be used: counted, said, and a problem of their input while they come."""
+"""Messages that cannot be used: counted, logged, and a problem of their input while they
+persist.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +15,22 @@ from tccm_ros.errors import one_line
 from tccm_ros.nodes.inputs import Blocking
 
 WINDOW_S = 10.0
-"""Refusals of this time set the level of an input: ten messages of /diagnostics. Chosen."""
+"""Age up to which refusals set the level of an input: ten messages of /diagnostics. Chosen."""
 
 REPEAT_S = 60.0
-"""What goes on being refused is said so often. Chosen."""
+"""Period of the log message for a persistent refusal, s. Chosen."""
 
 NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 def kind_of(text: str) -> str:
-    """Return a sentence without its figures: what says the same has the same."""
+    """Return a sentence with its numbers masked, which is equal for equal problems."""
     return NUMBER.sub("#", text)
 
 
 @dataclass(slots=True)
 class _Kind:
-    """The refusals of one kind: the newest sentence, when it came, and what was said of them."""
+    """The refusals of one kind: newest sentence, its time, and the last log message."""
 
     sentence: str
     newest_s: float
@@ -37,19 +39,19 @@ class _Kind:
 
 
 class Refusals:
-    """What was refused, by topic and by kind.
+    """Refused messages by topic and kind.
 
     Parameters
     ----------
     say
-        Called with a line, at the first refusal of a kind and once a minute while it goes on.
+        Called with a line at the first refusal of a kind, then once a minute while it persists.
     now
-        A clock that never jumps, s.
+        A monotonic clock, s.
 
     Attributes
     ----------
     counts
-        Refusals since the start, by topic.
+        Number of refusals since the start, by topic.
     """
 
     def __init__(self, say: Callable[[str], object], now: Callable[[], float] = time.monotonic):
@@ -60,7 +62,7 @@ class Refusals:
         self.counts: Counter[str] = Counter()
 
     def note(self, topic: str, error: Exception) -> None:
-        """Count a message that cannot be used, and say why."""
+        """Count a message that cannot be used, and log the reason."""
         sentence, now_s = one_line(error), self._now()
         with self._lock:
             self.counts[topic] += 1
@@ -82,7 +84,7 @@ class Refusals:
         self._used_s[topic] = self._now()
 
     def problem(self, topic: str) -> str | None:
-        """Return what was refused of a topic lately; `Blocking` where nothing of it was used."""
+        """Return the recent refusals of a topic; `Blocking` if none of its messages was used."""
         since_s = self._now() - WINDOW_S
         with self._lock:
             kinds = self._kinds.get(topic, {}).values()

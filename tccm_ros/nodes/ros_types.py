@@ -1,4 +1,4 @@
-"""Message classes of the ROS installation: what live nodes publish and receive."""
+"""Message classes of the ROS installation, which live nodes publish and receive."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def message_class(msgtype: str) -> Any:
     Raises
     ------
     ModuleNotFoundError
-        Where its package is not installed (tf2_msgs may be missing).
+        If its package is not installed (tf2_msgs may be missing).
     """
     package, _, name = msgtype.split("/")
     return getattr(import_module(f"{package}.msg"), name)
 
 
 def is_installed(msgtype: str) -> bool:
-    """Return whether there is the class of a type such as ``sensor_msgs/msg/LaserScan``."""
+    """Return whether the class of a type such as ``sensor_msgs/msg/LaserScan`` is installed."""
     try:
         message_class(msgtype)
     except ImportError:
@@ -39,7 +39,7 @@ class RosidlMessages:
     """The `MessageTypes` of live nodes; bulk fields are array.array, which rosidl does not copy."""
 
     def make(self, msgtype: str, /, **fields: Any) -> Any:
-        """Return a message; fields that are not given are rosidl's defaults."""
+        """Return a message; missing fields have rosidl's defaults."""
         return message_class(msgtype)(**fields)
 
     def array(self, dtype: DTypeLike, values: ArrayLike) -> Any:
@@ -50,7 +50,7 @@ class RosidlMessages:
         return result
 
     def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
-        """Return a list of messages, one per row; a row that is chosen twice is one message.
+        """Return a list of messages, one per row; a row chosen twice is the same message object.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Run a node until it is told to stop: exit status 0, nothing half-written."""
+"""Run nodes until a stop signal: exit status 0, no half-written files."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ USAGE = (
 def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
     """Spin the nodes in one executor until SIGINT, SIGTERM, SIGHUP or an error.
 
-    A signal before all nodes are made ends the process at once. The exit status is 1 after an
-    error, which one line explains, and after a save at the end that failed.
+    A signal before all nodes are created ends the process at once. The exit status is 1 after an
+    error, which is printed in one line, and after a failed save at the end.
 
     Parameters
     ----------
     factories
-        Make the nodes, after rclpy is initialised. A node with a `close` method has it called
-        before it is destroyed; one with `interrupt` has that called, in another thread, at the
-        first signal; nodes that all have `is_done` end the run.
+        Create the nodes after rclpy is initialised. If a node has a `close` method, it is called
+        before the node is destroyed. If it has `interrupt`, that is called at the first signal, in
+        another thread. The run ends when all nodes have `is_done` set.
     usage
-        How the nodes are started, for who asks or errs.
+        Help text, for ``--help`` and wrong arguments.
     """
     leave_at_a_signal()
     status = 0
@@ -55,7 +55,7 @@ def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
         try:
             nodes.extend(factory() for factory in factories)
             _forget_start()
-            # The multi-threaded one takes 0.5 ms more for each callback and gains nothing here.
+            # A multi-threaded executor takes 0.5 ms more for each callback and has no benefit here.
             executor = SingleThreadedExecutor()
             signals = _handle_signals(nodes, executor)
             _spin(nodes, executor, signals)
@@ -71,16 +71,16 @@ def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
 
 
 def _init(usage: str) -> None:
-    """Initialise rclpy; end with one line where an argument or a parameter file is wrong.
+    """Initialise rclpy; exit with one line if an argument or a parameter file is wrong.
 
-    rclpy passes over what it does not know: who asks for help, or errs, would get a running node.
+    rclpy ignores unknown arguments: ``--help`` or a typing error would start a node.
     """
     try:
         words = remove_ros_args(sys.argv)[1:]
         if words:
             _explain(words[0], usage)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except UnknownROSArgsError as error:  # its text is the list of them
+    except UnknownROSArgsError as error:  # its text is a list of the unknown arguments
         _explain(str(error).strip("[]").partition(",")[0].strip("'"), usage)
     except ARGUMENT_ERRORS as error:
         reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
@@ -93,7 +93,7 @@ def _first_line(usage: str) -> str:
 
 
 def _explain(word: str, usage: str) -> NoReturn:
-    """End with how a node is started, for a word that is no argument of its own."""
+    """Exit with the usage, because of an argument that is not a ROS argument."""
     if word in ("-h", "--help"):
         print(usage)
         sys.exit(0)
@@ -102,9 +102,9 @@ def _explain(word: str, usage: str) -> NoReturn:
 
 
 def _handle_signals(nodes: Sequence[Node], executor: SingleThreadedExecutor) -> StopSignals:
-    """Have signals end the spinning: from now on there is something to save.
+    """Install signal handlers that end the spinning; from now on there is data to save.
 
-    The context lives on: what is closed in order leaves nothing that fails half-way.
+    The context stays valid, so that closing the nodes in order does not fail half-way.
     """
 
     def wake() -> None:
@@ -117,9 +117,9 @@ def _handle_signals(nodes: Sequence[Node], executor: SingleThreadedExecutor) -> 
 
 
 def _forget_start() -> None:
-    """Have the garbage collector pass over what modules and compiled kernels are made of.
+    """Exclude the objects of modules and compiled kernels from garbage collection.
 
-    It lives until the end, and going through it takes 0.1 s each time, in the midst of a cycle.
+    They live until the end, and each collection of them would take 0.1 s during a cycle.
     """
     gc.collect()
     gc.freeze()
@@ -140,7 +140,7 @@ def _spin(nodes: Sequence[Node], executor: SingleThreadedExecutor, signals: Stop
 
 
 def _close(nodes: Sequence[Node], ending: Ending) -> None:
-    """Save what there is of every node before one waits for what came last."""
+    """Save the newest results of all nodes, then process their last input and close them."""
     for node in nodes:
         if isinstance(node, SensorNode):
             node.save_quickly(ending)

@@ -1,4 +1,4 @@
-"""~/scan_here of slam_node: the action that takes a view from where the robot stands."""
+"""~/scan_here of slam_node: the action that takes a view from the robot's current pose."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tccm_ros.nodes.worker import Worker
 def offer_scan_here(
     node: SensorNode, frames: KnownFrames, surfaces: SurfaceServices
 ) -> ViewAction | None:
-    """Offer the action; say in a line where control_msgs is not installed."""
+    """Create the action, or log that control_msgs is not installed."""
     if has_controllers():
         return ViewAction(node, frames, surfaces)
     node.get_logger().info("control_msgs is not installed: ~/scan_here is not offered")
@@ -30,12 +30,12 @@ def offer_scan_here(
 
 
 class ViewAction:
-    """The action server.
+    """Action server of ~/scan_here.
 
     Parameters
     ----------
     node, frames, surfaces
-        The node, the frames of its robot, and what answers from the surface map.
+        The node, the frames of its robot, and the queries of the surface map.
     """
 
     def __init__(self, node: SensorNode, frames: KnownFrames, surfaces: SurfaceServices):
@@ -53,11 +53,11 @@ class ViewAction:
         )  # fmt: skip
 
     def note_view_part(self, stamp_ns: int, number: int) -> None:
-        """Note a part of a view, and the number of the first solution that has it."""
+        """Note a message of a view, and the number of the first solution that contains it."""
         self._views.note_part(stamp_ns, number)
 
     def close(self) -> None:
-        """End what runs; rclpy would leave the server and the client alive."""
+        """Cancel the view and destroy the server and the client, which rclpy would leave alive."""
         self._views.close()
         self._worker.close()
         self._server.destroy()
@@ -92,7 +92,7 @@ class ViewAction:
         return sentence
 
     def _check(self, request: Any) -> None:
-        """Raise MotionError for a goal that cannot be done."""
+        """Raise MotionError if a goal cannot be executed."""
         if not self._node.is_active:
             raise MotionError(f"{self._node.get_name()} is not active; have it activated")
         if not self._node.config.frames.tilt_joint:

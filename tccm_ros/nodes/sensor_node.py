@@ -1,8 +1,8 @@
-"""What both nodes share: parameters, watched inputs, the robot, a worker that owns the processor.
+"""Base class of both nodes: parameters, watched inputs, the robot and a worker for the processor.
 
-The intake reads messages and gives their records to the robot, which poses them; a worker thread
-gives the events to the processor and publishes the results. So a long step never blocks the intake,
-and what an overloaded node drops is whole scans, counted.
+The intake reads messages and passes their records to the robot, which poses them. A worker thread
+feeds the resulting events to the processor and publishes the results, so a long step never blocks
+the intake. An overloaded node drops whole scans and counts them.
 """
 
 from __future__ import annotations
@@ -62,35 +62,35 @@ NOT_DROPPED = (
     MapReset, ObjectBoxes, Odometry, RollPitch, StreamComplete, SurfaceCloud, TiltAngle,
     ViewIntervals,
 )  # fmt: skip
-"""Events that an overloaded node keeps as long as it can: all but what sensors measured."""
+"""Events that an overloaded node keeps as long as it can; only posed sensor data are droppable."""
 
 
 class SensorNode(Node):
     """A node that turns sensor messages into posed events and feeds them to a processor.
 
-    What it is made of comes in two steps, `configure` and `activate`, which a plain node takes at
-    once and a managed one when it is told to (`nodes.managed`).
+    Construction has two steps, `configure` and `activate`. A plain node runs both at once, a
+    managed node on request of its lifecycle manager (`nodes.managed`).
 
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     processor_name
-        The processor that its streams are for (`Stream.processor`).
+        The processor whose streams the node subscribes to (`Stream.processor`).
     shared
-        The robot of another node in this process, which receives what is known of it; by default
-        the node has its own.
+        The robot of another node in this process, whose intake feeds it; by default the node has
+        its own.
 
     Attributes
     ----------
     robot
-        Where records become events.
+        Converts records to posed events.
     roles, measured_roles
-        Of the streams that are for the processor; of those without what comes now and then.
+        Roles of the processor's streams; the second without occasional streams.
     is_active
-        Whether it takes messages.
+        Whether the node processes messages.
     types, bulk_types
-        Message classes: rosidl's, and those that hold tables of points as arrays (`Outputs`).
+        Message classes: rosidl's, and those that hold point tables as arrays (`Outputs`).
     """
 
     def __init__(self, name: str, processor_name: str, shared: SharedRobot | None, **kwargs: Any):
@@ -100,7 +100,7 @@ class SensorNode(Node):
         self.come_up()
 
     def come_up(self) -> None:
-        """Do all that a node does by itself when it is made."""
+        """Configure and activate the node, and start loading the kernels."""
         self.configure()
         self.activate()
         self.warming.start()
@@ -111,12 +111,13 @@ class SensorNode(Node):
         follow_changes(self, self.config)
 
     def configure(self) -> None:
-        """Make everything but the subscriptions; a subclass adds its processor and what it offers.
+        """Create everything except the subscriptions; subclasses add their processor and
+        interfaces.
 
         Raises
         ------
         ConfigError
-            For parameters that are wrong.
+            If a parameter is invalid.
         """
         self.declare()
         name, processor_name, shared = self.get_name(), self._processor_name, self._shared
@@ -164,68 +165,72 @@ class SensorNode(Node):
 
     @abstractmethod
     def feed(self, event: Any) -> None:
-        """Give one event to the processor and publish what comes of it (in the worker)."""
+        """Feed one event to the processor and publish the results (in the worker)."""
 
     @abstractmethod
     def begin(self) -> None:
-        """Forget everything (in the worker)."""
+        """Reset the processor to an empty map (in the worker)."""
 
     def end_input(self) -> None:
-        """Work on what waits for more events, as at the end of a bag (in the worker)."""
+        """Process events that wait for later ones, as at the end of a bag (in the worker)."""
 
     @abstractmethod
     def begin_save(self) -> Future:
-        """Have the map of all that has come saved; the future has the sentence that says so."""
+        """Start saving the map with all input received; return a future of a one-sentence
+        report.
+        """
 
     @abstractmethod
     def autosave(self) -> None:
-        """Have the map saved as it is: open tilt cycles and scans that wait are not disturbed."""
+        """Save the current map without closing open tilt cycles or flushing waiting scans."""
 
     def save_quickly(self, ending: Ending) -> None:
-        """Save what was found so far, first of all when the node is told to stop."""
+        """Save the newest available result; called first when the node is told to stop."""
 
     @abstractmethod
     def save_at_end(self, ending: Ending) -> None:
-        """Save the map with what came last, as far as the end allows to work on that."""
+        """Save the map with the input received last, as far as `ending` leaves time to process
+        it.
+        """
 
     @property
     def dropped(self) -> Counter[str]:
-        """Records that were not used, by reason."""
+        """Counts of records that were not used, by reason."""
         return self.robot.dropped(self.roles)
 
     def problems(self) -> Iterable[str]:
-        """Return what is wrong beside the inputs, one line each."""
+        """Return problems beyond those of the inputs, one line each."""
         return ()
 
     @abstractmethod
     def problem_without_odometry(self) -> str:
-        """Return what it means that neither odometry nor tf tells how the base moves."""
+        """Return the consequence of having neither odometry nor tf for the base."""
 
     @abstractmethod
     def used(self) -> Mapping[str, int]:
-        """Return how many records of the node's sensors the processor has used, by role."""
+        """Return how many sensor records the processor has used, by role."""
 
     def values(self) -> Mapping[str, object]:
-        """Return the figures for /diagnostics beside the counts of messages."""
+        """Return the values for /diagnostics beside the message counts."""
         return {}
 
     # --- inputs ---
 
     def listen(self, *, watch: Watch) -> None:
-        """Subscribe to the node's sensors and, unless another node does, to what places them.
+        """Subscribe to the sensors and, if this node owns the robot, to tf, joints and odometry.
 
-        `watch` says how the silence of the sensors is rated.
+        `watch` is the rule for silent sensors.
         """
         self.record_subscriptions.to_sensors(self.take, watch=watch)
         if self.owns_robot:
             self.record_subscriptions.to_robot(self.take)
 
     def take(self, role: str, record: Any) -> None:
-        """Give a record to the robot."""
+        """Pass a record to the robot."""
         self.robot.add(role, record)
 
     def offer(self, events: Sequence[Any]) -> None:
-        """Queue events for the worker; scans are dropped when it cannot keep up."""
+        """Queue events for the worker; drop scans when it cannot keep up."""
         for event in filter(self.takes, events):
             if type(event) is MapReset:
                 self._clock_watch.note_stamps()
@@ -235,7 +240,7 @@ class SensorNode(Node):
                 self.overload["overload" if is_droppable else "overload: samples"] += 1
 
     def offer_computed(self, role: str, record: Any) -> None:
-        """Queue what another node computed, unless it is from before the clock went back."""
+        """Queue another node's result, unless it dates from before the clock went back."""
         now_ns = self.robot.robot.message_time_ns
         latest_ns = (now_ns or 0) + self.config.clock_jump * 1e9
         if self._clock_watch.just_went_back and record.stamp_ns > latest_ns:
@@ -244,7 +249,7 @@ class SensorNode(Node):
             self.offer([record])
 
     def refuse(self, what: str, error: Exception) -> None:
-        """Count a message that cannot be used, or a step that failed, and say why."""
+        """Count and report a message that cannot be used, or a failed step."""
         self.refusals.note(what, error)
 
     # --- in the worker ---
@@ -260,14 +265,14 @@ class SensorNode(Node):
     # --- services ---
 
     async def answer(self, job: Future, response: Any) -> Any:
-        """Answer a Trigger request with what a job returned, or with why it failed.
+        """Fill a Trigger response with the result of a job, or with the reason for its failure.
 
         Parameters
         ----------
         job
-            The worker's job; it returns a sentence, or None.
+            The worker's job; its result is a sentence or None.
         response
-            A Trigger response, which is filled.
+            The response to fill.
         """
         try:
             response.message = await job or ""
@@ -279,7 +284,7 @@ class SensorNode(Node):
         return response
 
     async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        with self.robot.lock:  # what waits is worked on before, what comes then is saved next time
+        with self.robot.lock:  # the save covers the records before the flush, not those after it
             self.robot.flush()
             job = self.begin_save()
         return await self.answer(job, response)
@@ -288,24 +293,24 @@ class SensorNode(Node):
         return await self.answer(self.worker.call(self.begin, self), response)
 
     def save_folder(self) -> Path:
-        """Return where maps are saved."""
+        """Return the folder for saved maps."""
         return Path(self.config.save.directory).expanduser()
 
     # --- lifecycle ---
 
     def restart(self, reason: str) -> None:
-        """Begin anew, because the clock went back."""
+        """Begin a new map after the clock went back."""
         with self.robot.lock:
             self.offer([MapReset(reason)])
             self.robot.robot.begin_anew()
 
     def activate(self) -> None:
-        """Take messages from now on; a subclass subscribes before."""
+        """Start processing messages; subclasses subscribe first."""
         self.intake.start()
         self.is_active = True
 
     def deactivate(self) -> None:
-        """Take no messages any more; work on those that came. What was mapped stays."""
+        """Stop processing messages, finish the queued ones and keep the map."""
         self.is_active = False
         self.intake.stop()
         self.unsubscribe()
@@ -313,11 +318,11 @@ class SensorNode(Node):
         self.worker.wait(self.end_input)
 
     def unsubscribe(self) -> None:
-        """End the subscriptions, while the intake stands still."""
+        """Destroy the subscriptions; the intake must be stopped."""
         self.inputs.unsubscribe()
 
     def release(self) -> None:
-        """End the threads of what `configure` made; the worker is closed by `close`."""
+        """End the threads created by `configure`, except the worker, which `close` ends."""
         self.intake.close()
         self._clock_watch.close()
 
@@ -327,13 +332,13 @@ class SensorNode(Node):
         self.get_logger().info(f"{text}; {self.robot.early} records wait{lost}")
 
     def _become_ready(self) -> None:
-        """Work on what came while kernels were compiled; say what was found."""
+        """Process the records kept while kernels were loading, then report readiness."""
         self.robot.release(self.refuse)
         if self.context.ok() and self.is_active:
             self.say_ready()
 
     def say_ready(self) -> None:
-        """Say in one line what is known of the robot, and what is waited for."""
+        """Log one line with the known sensors and the inputs that are still silent."""
         known = found_on(self.robot.robot, self.roles)
         optional = (r for r, stream in self._streams.items() if stream.mount is MountKind.ANY)
         silent = self.inputs.awaited(set(map(self.resolve_topic_name, optional)))
@@ -341,14 +346,14 @@ class SensorNode(Node):
         self.get_logger().info(f"ready: {known}{waits}")
 
     def close(self, ending: Ending | None = None) -> None:
-        """Finish what waits; save, if asked to.
+        """Finish the queued jobs and save if configured.
 
-        Before the kernels are loaded there is nothing to save: the process just ends.
+        Before the kernels are loaded there is nothing to save, and the process exits at once.
 
         Parameters
         ----------
         ending
-            Of the process; None: the node alone ends, and nobody kills it if that takes long.
+            The end of the process; None if only the node ends, which has no time limit.
         """
         ending = ending or Ending()
         if not self.warming.is_loaded:
@@ -364,14 +369,14 @@ class SensorNode(Node):
         self.worker.close()
 
     def destroy_node(self) -> None:
-        """End the threads before what they use is gone."""
+        """End the threads before the resources they use are destroyed."""
         self.release()
         super().destroy_node()
 
     # --- diagnostics ---
 
     def all_problems(self) -> list[str]:
-        """Return what is wrong now, one line each; nothing is, where the node is not to work."""
+        """Return the current problems, one line each; none while the node is inactive."""
         if not self.is_active:
             return []
         drops = self._status.problems_of_drops(self.dropped + self.overload)

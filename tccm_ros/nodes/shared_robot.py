@@ -1,9 +1,9 @@
-"""The `Robot` of a process: the intake feeds it, the workers get what it brings out.
+"""The `Robot` of a process: the intake feeds it, and the nodes' workers receive its events.
 
-A record is checked in the thread of the intake, which takes some tens of microseconds; the
-processors, whose steps are long, have threads of their own. So two nodes in one process share one
-robot, and neither waits for the other. They share the intake as well: two would take their topics
-at different speeds, and one topic far ahead of the others passes for time that has gone on.
+A record is checked in the intake's thread, which takes some tens of microseconds. The processors,
+whose steps take long, have threads of their own. Two nodes in one process can therefore use one
+robot without waiting for each other. They also use one intake: two intakes would read topics at
+different speeds, and a topic far ahead of the others would look like elapsed time.
 """
 
 from __future__ import annotations
@@ -25,41 +25,41 @@ SHARED_GROUPS = frozenset(
     {"frames", "rig", "scan", "sensors", "localisation", "qos"}
     | {"sync_timeout", "reorder_window", "clock_jump"}
 )
-"""What the nodes of one process must have in common."""
+"""Parameters that must be equal for all nodes of one process."""
 
 
 MAX_EARLY = 20_000
-"""Records that are kept while kernels are compiled, at most: 100 s of a laser, joints and odometry.
+"""Maximum number of records kept while kernels are compiled: 100 s of a laser, joints and odometry.
 Chosen: 60 MB of scans of a thousand beams."""
 
 BUSY_S = 0.01
-"""Rest of who works on kept records while a worker has enough to do, s."""
+"""Pause between batches of kept records while a worker is busy, s."""
 
 DRAIN = 50
-"""Records of those that are worked on before the workers are looked at."""
+"""Number of kept records per batch, between checks of the workers' queues."""
 
 
 class SharedRobot:
-    """A robot that one intake feeds and several listeners hear.
+    """A robot with one intake and several listeners.
 
     Parameters
     ----------
     config
-        Of the node that receives what is known of the robot.
+        Configuration of the node that owns the intake.
     intake
-        Of that node.
+        Intake of that node.
     is_odometry_published
-        Whether somebody publishes odometry, asked before the first scan is placed.
+        Returns whether odometry has a publisher; called before the first scan is posed.
 
     Attributes
     ----------
     robot
-        What is known.
+        Poses records.
     too_early
-        Records that were dropped while kernels were compiled, by role.
+        Counts of records dropped while kernels were compiled, by role.
     lock
-        Held while a record is checked and its events are given out: who holds it comes before or
-        after all events of a record.
+        Held while a record is checked and its events are passed on, so that its holder runs before
+        or after all events of a record.
     """
 
     def __init__(self, config: Config, intake: Intake, is_odometry_published: Callable[[], bool]):
@@ -77,20 +77,20 @@ class SharedRobot:
     def listen(
         self, listener: Callable[[Sequence[Event]], None], is_busy: Callable[[], bool]
     ) -> None:
-        """Have a function called with the events of each record; `is_busy` asks for a rest."""
+        """Register a callback for events; while `is_busy` returns True, kept records wait."""
         with self.lock:
             self._listeners.append(listener)
             self._busy.append(is_busy)
 
     def hold(self) -> None:
-        """Keep records until `release` is called as often as this."""
+        """Keep records until `release` has been called once for each call of this."""
         with self.lock:
             self._holders += 1
 
     def release(self, refuse: Callable[[str, Exception], None]) -> None:
-        """Work on the records that were kept, as fast as the listeners can.
+        """Process the records that were kept, as fast as the listeners can.
 
-        `refuse` is called with the role and the error of one that cannot be used.
+        `refuse` is called with the role and the error of a record that cannot be used.
         """
         with self.lock:
             self._holders -= 1
@@ -110,21 +110,21 @@ class SharedRobot:
 
     @property
     def early(self) -> int:
-        """How many records are kept."""
+        """Number of records kept."""
         return len(self._early)
 
     @property
     def is_shared(self) -> bool:
-        """Whether several nodes of this process hear it."""
+        """Whether several nodes of this process listen."""
         return len(self._listeners) > 1
 
     def add(self, role: str, record: Any) -> None:
-        """Take a record and give out what it brings out.
+        """Pose a record and pass its events to the listeners.
 
         Raises
         ------
         UrdfError
-            For a robot description that cannot be read.
+            If a robot description cannot be read.
         """
         with self.lock:
             if not self._holders and not self._early:
@@ -140,28 +140,28 @@ class SharedRobot:
         self._give(self.robot.add(role, record))
 
     def flush(self) -> None:
-        """Pose or drop what waits, as at the end of a bag."""
+        """Pose or drop the waiting records, as at the end of a bag."""
         with self.lock:
             self._give(self.robot.flush())
 
     def dropped(self, roles: Collection[str]) -> Counter[str]:
-        """Return the records of some streams that were not posed, by reason."""
+        """Return the counts of records of some roles that were not posed, by reason."""
         sensors = self.robot.sensors
         early = Counter({"before the start": sum(self.too_early[role] for role in roles)})
         return sum((sensors[role].dropped for role in roles), +early)
 
     def problems(self, roles: Collection[str]) -> list[FrameError]:
-        """Return why sensors could not be placed."""
+        """Return the reasons why sensors have no pose."""
         found = (self.robot.sensors[role].problem for role in sorted(roles))
         return [problem for problem in found if problem is not None]
 
     def check_shared(self, config: Config) -> None:
-        """Check that another node of this process sees the same robot.
+        """Check that the robot's parameters of another node of this process are the same.
 
         Raises
         ------
         ConfigError
-            Where a parameter of the robot differs.
+            If one of them differs.
         """
         ours, others = (c.model_dump(include=set(SHARED_GROUPS)) for c in (self._config, config))
         different = sorted(name for name in ours if ours[name] != others[name])

@@ -1,7 +1,7 @@
 """The process that reads door signs: `python -m tccm_ros.nodes.sign_process DESCRIPTOR`.
 
-It takes posed pictures one after the other and answers each with the signs in it. It ignores the
-signals that are for the node and ends with it.
+It receives posed pictures one after another and answers each with the signs found. It ignores stop
+signals, which are for the node, and ends with the node.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from tccm_ros.errors import one_line
 from tccm_ros.signs.processor import SignProcessor
 
 NICENESS = 5
-"""Tracking comes first where there are fewer cores than processes (chosen)."""
+"""Priority below tracking, for machines with fewer cores than processes. Chosen."""
 
 
 def answer_pictures(connection: Connection) -> None:
-    """Answer each picture that comes after the configuration, until the other end is closed.
+    """Answer each picture received after the configuration, until the connection is closed.
 
-    An answer is a pair: what the picture tells, and why nothing can be read, a sentence
-    that is empty where all is well.
+    An answer is a pair: the results of the picture, and the reason why it could not be read, empty
+    if it could.
     """
     processor = SignProcessor(Config.model_validate_json(connection.recv()))
     while True:
@@ -39,7 +39,7 @@ def answer_pictures(connection: Connection) -> None:
 
 
 def main() -> None:
-    """Read for the node at the other end of the pipe whose descriptor is the first argument."""
+    """Serve the node at the other end of the pipe whose descriptor is the first argument."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)

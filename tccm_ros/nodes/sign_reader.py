@@ -1,4 +1,4 @@
-"""The process that reads door signs, as the node sees it."""
+"""The node's side of the process that reads door signs."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.processor import SignProcessor
 
 MAX_WAITING = 10
-"""Pictures that wait to be read; when there are more, new ones are dropped. Chosen: 5 s of them."""
+"""Length of the picture queue; new pictures are dropped beyond it. Chosen: 5 s of pictures."""
 
 MAX_DEATHS = 3
-"""A process that dies so often without an answer is not started again."""
+"""After this many deaths without an answer, the process is not restarted."""
 
 END_S = 0.5
-"""Time for the process to end by itself, s: it holds nothing that would be lost (chosen)."""
+"""Time for the process to exit on its own, s. Chosen: it holds no data that could be lost."""
 
 LOOK_S = 0.1
-"""Between two looks whether time is up, s."""
+"""Polling period of the time limit, s."""
 
 Told = tuple[SearchedPicture | SignMeasurement, ...]
-"""What a picture tells: that it was searched, and the signs in it."""
+"""Results of a picture: a record of the search, and the signs found."""
 
 
 class SignReader:
-    """Gives selected pictures to the process that reads them, and its measurements to the node.
+    """Sends selected pictures to the sign process and passes its measurements to the node.
 
-    `offer`, `begin` and `after` are for one thread, the worker of the node. The process is started
-    with the first picture.
+    Only one thread, the node's worker, may call `offer`, `begin` and `after`. The process is
+    started with the first picture.
 
     Parameters
     ----------
     config
-        Group `signs` is used.
+        Group `signs`.
     on_signs
-        Called with what each picture tells, in a thread of its own.
+        Called with the results of each picture, in the reader's own thread.
 
     Attributes
     ----------
     counts
-        ``pictures`` that were read, ``signs`` in them.
+        Numbers of ``pictures`` read and ``signs`` found.
     dropped
-        Pictures that were not read, by reason.
+        Counts of pictures that were not read, by reason.
     problem
-        Why nothing can be read; empty where all is well.
+        Reason why pictures cannot be read; empty if they can.
     """
 
     def __init__(self, config: Config, on_signs: Callable[[Told], None]):
@@ -69,7 +69,7 @@ class SignReader:
         self.problem = ""
 
     def offer(self, posed: PosedPicture) -> None:
-        """Have a picture read, if `signs.rate` allows for it."""
+        """Queue a picture for reading, if `signs.rate` allows it."""
         if not self._selector.selects(posed):
             self.dropped += self._selector.dropped
             self._selector.dropped.clear()
@@ -81,16 +81,16 @@ class SignReader:
         self._worker.post(lambda: self._read(posed, session))
 
     def begin(self) -> None:
-        """Forget what waits: the map begins anew."""
+        """Discard the queued pictures, because a new map begins."""
         self._session += 1
         self._selector = SignProcessor(self._config)
 
     def after(self, job: Callable[[], None]) -> None:
-        """Have a job done when all pictures so far are read."""
+        """Run a job after all pictures queued so far."""
         self._worker.post(job)
 
     def wait(self, is_over: Callable[[], bool]) -> None:
-        """Return when all pictures so far are read, or time is up."""
+        """Return when all pictures queued so far are read, or time is up."""
         done = threading.Event()
         self._worker.post(done.set)
         while not done.wait(LOOK_S) and not is_over():
@@ -128,7 +128,7 @@ class SignReader:
             self._on_signs(told)
 
     def _answer(self, posed: PosedPicture) -> tuple[Told, str]:
-        """Return what the process answers (`sign_process.answer_pictures`)."""
+        """Return the answer of the process (`sign_process.answer_pictures`)."""
         if self._connection is None:
             self._connection = self._start()
         self._connection.send(posed)

@@ -1,4 +1,4 @@
-"""slam_node: where the robot is, the walls, and the merged map of surfaces, live."""
+"""slam_node: pose of the robot, walls and the merged map of surfaces, live."""
 
 from __future__ import annotations
 
@@ -53,28 +53,29 @@ from tccm_ros.signs.reading import missing_extra
 from tccm_ros.slam.tracking import Tracker
 
 LOOK_S = 0.5
-"""The map is looked at so often while no records come, by the wall clock: time may stand still."""
+"""Period of the check for a due solution without records, s of the wall clock: ROS time may
+stop."""
 
 NOT_TOLD = "no map -> odom has come on /tf; start your localisation"
-"""Reason where another program localises the robot."""
+"""Reason while an external localisation has not published map -> odom."""
 
 
 class SlamNode(SensorNode):
-    """Feeds the SLAM processor; publishes poses as scans come and the map now and then.
+    """Feeds the SLAM processor; publishes poses with each scan and the map with each solution.
 
     Parameters
     ----------
     shared
         The robot of another node in this process; by default the node has its own.
     kwargs
-        Those of `rclpy.node.Node`.
+        Arguments of `rclpy.node.Node`.
     """
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
 
     def configure(self) -> None:
-        """Make the tracker, the process that solves, and all that the node offers."""
+        """Create the tracker, the solver process, publishers and services."""
         super().configure()
         self.solver = Solver(self.config, self._on_answer)
         self.signs = SignReader(self.config, self._on_signs)
@@ -94,7 +95,7 @@ class SlamNode(SensorNode):
         )
         self._is_external = self.config.localisation.is_external
         topics = offered(SOLUTION_TOPICS)
-        if self._is_external:  # the grid and initialpose are the other program's
+        if self._is_external:  # the external localisation owns the grid and initialpose
             self.localisation.note_search(NOT_TOLD, BY_START)
         else:
             topics = {**topics, GRID_TOPIC: GRID}
@@ -135,7 +136,7 @@ class SlamNode(SensorNode):
         self.localisation.unsubscribe(self)
 
     def release(self) -> None:
-        """End the process that solves, and the threads."""
+        """End the solver process and the threads."""
         self.remove_post_set_parameters_callback(self._on_parameters)
         self._client_api.close()
         self.saver.close()
@@ -156,8 +157,8 @@ class SlamNode(SensorNode):
                 watch="event",
                 is_measured=False,
             )
-        # Of what is mapped only the stamps count: those of the trajectory, where there is no
-        # level laser. They are read from the serialised message.
+        # Only the stamps of mapped scans matter: without a level laser they are the times of the
+        # trajectory. They are read from the serialised message.
         for stream in default_streams(self.config):
             if stream.processor != "tccm":
                 continue
@@ -174,7 +175,7 @@ class SlamNode(SensorNode):
 
     @property
     def processor(self) -> Tracker:
-        """Where the base is."""
+        """Tracks the base."""
         return self.session.tracker
 
     @property
@@ -190,12 +191,12 @@ class SlamNode(SensorNode):
         return is_posed or self.processor.takes(event)
 
     def wanted_streams(self, processor_name: str) -> list[Stream]:
-        """Return the level laser's stream, and those of pictures where something can read them."""
+        """Return the level laser's stream, and the picture streams if signs can be read."""
         wanted = super().wanted_streams(processor_name)
         return wanted if missing_extra() else wanted + super().wanted_streams("signs")
 
     def take(self, role: str, record: Any) -> None:
-        """Give a record to the robot."""
+        """Pass a record to the robot."""
         if type(record) is Scan:
             self.live.note_scan(record.stamp_ns)
         super().take(role, record)
@@ -208,7 +209,7 @@ class SlamNode(SensorNode):
     # --- in the worker ---
 
     def feed(self, event: Any) -> None:
-        """Track the base and publish its pose; have the map solved when that is due."""
+        """Track the base, publish its pose and start a solution when one is due."""
         if type(event) is PosedPicture:
             self.signs.offer(event)
             return
@@ -221,11 +222,11 @@ class SlamNode(SensorNode):
         self.session.begin()
 
     def load(self, folder: Path) -> str:
-        """Go on with a saved map; what was mapped since the start is forgotten."""
+        """Continue a saved map and discard the map of this run."""
         return self._load(folder, "")
 
     def load_named(self, folder: Path) -> str:
-        """Go on with the map that has the name of its folder."""
+        """Continue a saved map under the name of its folder."""
         return self._load(folder, folder.name)
 
     def _load(self, folder: Path, name: str) -> str:
@@ -237,7 +238,7 @@ class SlamNode(SensorNode):
         self.saver.forget()
         self.signs.begin()
 
-    # --- from the solver and the reader of signs ---
+    # --- from the solver and the sign reader ---
 
     def _on_answer(self, answer: Answer) -> None:
         if isinstance(answer, Solved):
@@ -251,26 +252,26 @@ class SlamNode(SensorNode):
             self.refuse("solving", TccmError(answer.error))
 
     def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
-        """Give what a picture tells to the solver: it belongs to the picture's stamp."""
+        """Pass the results of a picture to the solver, under the stamp of the picture."""
         for event in told:
             self.worker.post(partial(self.session.add, event))
 
     def begin_correction(self, correction: LabelCorrection) -> Future:
-        """Have the label of a surface corrected, and a solution that has it."""
+        """Queue the correction of a label and a solution that contains it."""
         return self.worker.call(lambda: self.session.correct_label(correction), self)
 
     # --- saving ---
 
     def begin_save(self) -> Future:
-        """Have the newest solution saved: with all that has come, if that does not take long."""
+        """Start saving the newest solution, with all input received unless that takes too long."""
         return self.saver.begin(self, self.save_folder(), self._ask_for_save)
 
     def begin_named_save(self, folder: Path) -> Future:
-        """Have it saved into the folder of its name, whatever map is there."""
+        """Start saving into the folder of a name, replacing any map there."""
         return self.saver.begin(self, folder, self._ask_for_save, is_named=True)
 
     def _ask_for_save(self, note: Callable[[Wanted], None]) -> None:
-        """Ask for a solution with all records and pictures that have come."""
+        """Request a solution with all records and pictures received."""
 
         def ask() -> None:
             note(Wanted(self.newest_ns, self.session.ask_solution()))
@@ -278,7 +279,7 @@ class SlamNode(SensorNode):
         self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
 
     def autosave(self) -> None:
-        """Have the newest solution saved as it is."""
+        """Save the newest solution as it is."""
         self.saver.autosave(self.save_folder(), self.session.input)
 
     def save_quickly(self, ending: Ending) -> None:
@@ -287,7 +288,7 @@ class SlamNode(SensorNode):
             self.saver.save_quickly(self.save_folder(), self.session.input, ending)
 
     def save_at_end(self, ending: Ending) -> None:
-        """Save the solution with all that has come, if it comes in time, else the newest."""
+        """Save a solution with all input if it completes in time, else the newest one."""
 
         def is_over() -> bool:
             return ending.is_over
@@ -311,7 +312,7 @@ class SlamNode(SensorNode):
     # --- diagnostics ---
 
     def problem_without_odometry(self) -> str:
-        """Return that matching alone tells how the base moves."""
+        """Return that only scan matching measures the motion of the base."""
         return (
             f"nobody publishes '{self.resolve_topic_name('odom')}', and no tf moves the base: "
             "matching of level scans alone tells its motion, and fails in long corridors and fast "
@@ -319,17 +320,19 @@ class SlamNode(SensorNode):
         )
 
     def used(self) -> Mapping[str, int]:
-        """Return the level scans that were matched since the start, and the pictures read."""
+        """Return the numbers of level scans matched and of pictures read since the start."""
         pictures = dict.fromkeys(self.config.sensors.camera_images, self.signs.counts["pictures"])
         return {"scan": self.session.scans, **pictures}
 
     @property
     def dropped(self) -> Counter[str]:
-        """Records that were not used, by reason."""
+        """Counts of records that were not used, by reason."""
         return super().dropped + self.signs.dropped
 
     def problems(self) -> Iterable[str]:
-        """Return which inputs the map lacks, and whether the robot knows where it is in it."""
+        """Return the missing inputs of the map and the problems of localisation, signs and
+        solver.
+        """
         scan, surfaces = map(self.resolve_topic_name, ("scan", "tccm/surfaces"))
         if self._is_external:
             if self.inputs.is_absent(surfaces):
@@ -367,7 +370,7 @@ class SlamNode(SensorNode):
         yield from self._client_api.problems()
 
     def _problems_of_signs(self) -> Iterable[str]:
-        """Yield why pictures that are published are not read."""
+        """Yield the reason why published pictures are not read."""
         topics = map(self.resolve_topic_name, self.config.sensors.camera_images)
         missing = missing_extra() if self.config.signs.enabled else ""
         if missing and any(map(self.inputs.is_published, topics)):
@@ -376,7 +379,7 @@ class SlamNode(SensorNode):
             yield f"door signs are not read: {self.signs.problem}"
 
     def values(self) -> Mapping[str, object]:
-        """Return what has come of the input."""
+        """Return the counts of tracked events, of pictures and of the newest solution."""
         found: dict[str, object] = {
             **self.processor.counts,
             "solver restarts": self.solver.restarts,

@@ -1,8 +1,7 @@
-"""Entry points of the nodes: a signal ends them quietly from the first moment on.
+"""Entry points of the nodes, with signal handling from the first moment on.
 
-What a node imports takes a second and more, kernels that are compiled for the first time half a
-minute. Until its nodes are there, nothing is to be saved and nothing half-written: it just ends,
-with status 0.
+The imports of a node take a second or more, the first compilation of kernels half a minute. Until
+the nodes exist there is nothing to save, and a signal ends the process at once with status 0.
 """
 
 from __future__ import annotations
@@ -46,6 +45,11 @@ def view_node() -> None:
     _start("view_node")
 
 
+def approach_node() -> None:
+    """Run approach_node."""
+    _start("approach_node")
+
+
 def all_in_one() -> None:
     """Run tccm_node and slam_node in one process."""
     _start("all_in_one")
@@ -58,7 +62,7 @@ def _start(name: str) -> None:
 
 
 def find_wheels() -> None:
-    """Have rclpy find its plugins in this environment, where pip has installed ROS into it."""
+    """Let rclpy find its plugins in this environment if pip has installed ROS into it."""
     known = [path for path in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if path]
     index = os.path.join(sys.prefix, "share", "ament_index")
     if os.path.isdir(index) and sys.prefix not in known:
@@ -66,11 +70,11 @@ def find_wheels() -> None:
 
 
 def leave_at_a_signal() -> None:
-    """Have SIGINT, SIGTERM and SIGHUP end the process, until they are handled otherwise."""
+    """Exit on SIGINT, SIGTERM and SIGHUP, until other handlers are installed."""
     for number in stopping_signals():
         signal.signal(number, _leave)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    # An exception would come out of any import as anything, and crash the compiler.
+    # An exception could surface in any import as another error, or crash the compiler.
     os._exit(0)

@@ -1,7 +1,7 @@
-"""What tells a node to stop: SIGINT, SIGTERM and SIGHUP, once or more often.
+"""Stop signals of a node: SIGINT, SIGTERM and SIGHUP, once or repeatedly.
 
-Each signal is noted where the interpreter receives it, also while a long call runs, and a thread of
-its own acts on it. None raises in the midst of a save: rclpy's handlers, and Python's, would.
+The interpreter notes each signal when it arrives, also during a long call, and a thread handles it.
+No signal raises an exception during a save, as the handlers of rclpy and Python would.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from contextlib import suppress
 from tccm_ros.nodes.ending import END_S, Ending
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""A terminal's Ctrl-C, a manager, a terminal (ssh session) that is gone."""
+"""Ctrl-C in a terminal, a process manager, a closed terminal or ssh session."""
 
 
 def stopping_signals() -> tuple[signal.Signals, ...]:
-    """Return the signals that stop this process: not a hang-up under `nohup`, which ignores it."""
+    """Return the signals that stop this process; under `nohup` without SIGHUP, which it ignores."""
     is_kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     return tuple(n for n in SIGNALS if n != signal.SIGHUP or not is_kept)
 
 
 class StopSignals:
-    """Takes the signals that tell this process to stop, from now until its end.
+    """Handles the stop signals of this process until its end.
 
     Parameters
     ----------
     on_first
-        Called at the first one, in a thread of its own.
+        Called at the first signal, in a thread of its own.
 
     Attributes
     ----------
     ending
-        When the process has to end; it ends then, whatever it does.
+        Deadlines of the shutdown; at the last one the process exits in any case.
     """
 
     def __init__(self, on_first: Callable[[], None]):
@@ -59,10 +59,10 @@ class StopSignals:
         return self.ending.is_told
 
     def ignore(self) -> None:
-        """Ignore signals from now on: nothing is left but to end.
+        """Ignore signals from now on, because only the exit is left.
 
-        The interpreter restores the default of what it handles before it has ended; a signal in
-        that moment would kill the process, with a status that says that something was lost.
+        The interpreter restores the default handlers before it has ended. A signal at that moment
+        would kill the process, with an exit status that reports a loss.
         """
         for number in self._numbers:
             signal.signal(number, signal.SIG_IGN)
@@ -90,13 +90,13 @@ class StopSignals:
 
 
 def say(text: str) -> None:
-    """Print a line for the user, who may be gone with the terminal."""
+    """Print a line on stderr, which may be closed with the terminal."""
     with suppress(OSError):
         print(f"tccm: {text}", file=sys.stderr, flush=True)
 
 
 def _leave_terminal() -> None:
-    """Write to nowhere where the terminal is gone: each line would be an error."""
+    """Redirect stdout and stderr to /dev/null if their terminal is closed; writing would fail."""
     for number in (1, 2):
         with suppress(OSError):
             if stat.S_ISCHR(os.fstat(number).st_mode) and not os.isatty(number):

@@ -1,4 +1,4 @@
-"""~/events of slam_node: what has changed from one solution to the next."""
+"""~/events of slam_node: changes of the map between solutions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tccm_ros.surfaces.changes import Change, MapChanges
 from tccm_ros.surfaces.scene import Scene
 
 EVENTS = QoSProfile(depth=100)
-"""Reliable; a burst of changes is not lost."""
+"""Reliable, with a queue that holds a burst of changes."""
 
 
 class SurfaceEvents:
@@ -35,16 +35,16 @@ class SurfaceEvents:
         )
 
     def forget(self, *, is_map_loaded: bool) -> None:
-        """Begin another map: what the first scene of a loaded one holds is no change."""
+        """Begin another map; the first scene of a loaded map is not a change."""
         self._changes = MapChanges(is_map_loaded=is_map_loaded)
 
     def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
-        """Publish what happened since the scene before; return it.
+        """Publish and return the changes since the previous scene.
 
         Parameters
         ----------
         scene
-            The newest one.
+            The newest scene.
         agreeing_views
             As for `changes`.
         """

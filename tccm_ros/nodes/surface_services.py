@@ -1,7 +1,7 @@
-"""Questions about the surface map: ~/find_surfaces and ~/find_placements of slam_node.
+"""Services that query the map: ~/find_surfaces, ~/find_placements and ~/find_objects of slam_node.
 
-They are answered in the node's own process from the newest solution. A wrong request is answered
-with a sentence.
+They answer in the node's own process from the newest solution. An invalid request is answered with
+a sentence.
 """
 
 from __future__ import annotations
@@ -23,36 +23,45 @@ from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import Surface
-from tccm_ros.ros.surface_messages import PACKAGE, SURFACE, object_message
+from tccm_ros.ros.surface_messages import (
+    PACKAGE,
+    SURFACE,
+    found_object_message,
+    object_message,
+)
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 from tccm_ros.surfaces.base_poses import BasePose
-from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene import Scene
-from tccm_ros.tabletop.placements import Placement, PlacementRequest
+from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.tabletop.placements import Approach, Placement, PlacementRequest
 
 BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)
-"""What FindPlacements asks of the base."""
+"""Values of `base` in FindPlacements."""
+
+APPROACHES = (Approach.ANY, Approach.ABOVE, Approach.FRONT)
+"""By the number that FindPlacements has for each."""
 
 MAX_PLACEMENTS = 100
-"""Placements in one answer, at most. Chosen: an answer with more takes seconds."""
+"""Maximum number of placements in a response. Chosen: more take seconds."""
 
 MAX_SIZE_M = 10.0
-"""Longest edge of an object, of a reach and of a radius, m. Chosen."""
+"""Maximum edge length of an object, arm range and robot radius, m. Chosen."""
 
 MIN_SIZE_M = 1e-3
-"""Shortest edge of an object, m. Chosen."""
+"""Minimum edge length of an object, m. Chosen."""
 
 MAX_BASE_POSES = 100
-"""Base poses for one placement, at most. Chosen."""
+"""Maximum number of base poses of a placement. Chosen."""
 
 
 class SceneQueries:
-    """Questions about one scene, and the messages of the answers, made before they are asked.
+    """Queries of one scene, with the response messages built in advance.
 
     Parameters
     ----------
     scene
-        One solution.
+        Scene of one solution.
     types
         Message classes.
     """
@@ -60,7 +69,10 @@ class SceneQueries:
     def __init__(self, scene: Scene, types: MessageTypes):
         self.scene = scene
         self.queries = SurfaceQueries(
-            [known.surface for known in scene.surfaces], scene.objects, scene.floor_z
+            [known.surface for known in scene.surfaces],
+            scene.objects,
+            scene.floor_z,
+            scene.compartments,
         )
         kind = message_class(SURFACE)
         self._surfaces = {
@@ -76,28 +88,32 @@ class SceneQueries:
         return [self._surfaces[surface.id] for surface in surfaces]
 
     def object_messages(self, surfaces: Sequence[Surface]) -> list[Any]:
-        """Return the tccm_interfaces/SurfaceObject of what stands on surfaces."""
+        """Return the tccm_interfaces/SurfaceObject messages of the objects on surfaces."""
         return [self._objects[item.id] for item in self.queries.objects_on(surfaces)]
+
+    def object_message(self, item: SceneObject) -> Any:
+        """Return the tccm_interfaces/SurfaceObject of an object."""
+        return self._objects[item.id]
 
 
 class SurfaceServices:
-    """Answers questions about the newest solution.
+    """Answers queries from the newest solution.
 
     Parameters
     ----------
     node, types
-        The node that offers them, and its message classes.
+        Node of the services, and its message classes.
     live
-        Where the robot is.
+        Pose of the robot.
     frames
         Poses of the robot's frames.
 
     Attributes
     ----------
     prepared
-        By number of the solution.
+        Prepared queries by solution number.
     number
-        Of the solution that questions are answered from; -1: none.
+        Number of the solution in use; -1 if there is none.
     """
 
     def __init__(
@@ -109,9 +125,12 @@ class SurfaceServices:
         self.number = -1
         self._offer("FindSurfaces", "~/find_surfaces", self._find_surfaces)
         self._offer("FindPlacements", "~/find_placements", self._find_placements)
+        self._offer("FindObjects", "~/find_objects", self._find_objects)
 
     def _offer(self, kind: str, name: str, answer: Callable[[Any, Any], str]) -> None:
-        """Offer a service: what `answer` returns, or why it cannot, is the answer's sentence."""
+        """Create a service; the sentence or the error of `answer` becomes the response's
+        message.
+        """
 
         def call(request: Any, response: Any) -> Any:
             try:
@@ -123,13 +142,13 @@ class SurfaceServices:
         self._node.create_service(service_class(kind), name, call)
 
     def answer_from(self, number: int) -> None:
-        """Answer from a solution that is prepared; those before it are let go."""
+        """Answer from a prepared solution, and free the older ones."""
         self._newest, self.number = self.prepared[number], number
         for old in [n for n in self.prepared if n <= number]:
             del self.prepared[old]
 
     def forget(self) -> None:
-        """Answer nothing before the next solution."""
+        """Answer no queries until the next solution."""
         self._newest, self.number = None, -1
 
     def _current(self) -> SceneQueries:
@@ -139,12 +158,12 @@ class SurfaceServices:
         return self._newest
 
     def surface(self, identity: int) -> Surface:
-        """Return a surface above the floor by its id, or by one that was merged into it.
+        """Return a surface above the floor by its id, or by the id of a surface merged into it.
 
         Raises
         ------
         FrameError, MessageError
-            Where there is no map yet, or no such surface.
+            If there is no map yet, or no such surface.
         """
         found = self._current().queries.find_surfaces(SurfaceFilter(ids=frozenset({identity})))
         if not found:
@@ -156,12 +175,12 @@ class SurfaceServices:
     # --- frames ---
 
     def T_map_frame(self, frame: str) -> Float64:
-        """Return the pose (4, 4) of a frame in map, now.
+        """Return the current pose (4, 4) of a frame in map.
 
         Raises
         ------
         FrameError
-            Where it is not known.
+            If the frame is unknown.
         """
         if frame.lstrip("/") == self._live.map_frame:
             return np.eye(4)
@@ -177,7 +196,7 @@ class SurfaceServices:
         return T
 
     def _base_xy(self) -> tuple[float, float]:
-        """Return where the base is in map, m."""
+        """Return the position of the base in map, m."""
         x, y, _ = self.T_map_frame(self._frames.base)[:3, 3].tolist()
         return x, y
 
@@ -192,18 +211,18 @@ class SurfaceServices:
         return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
 
     def _fill(self, response: Any, current: SceneQueries, found: Sequence[Surface]) -> None:
-        """Put surfaces, and what stands on them, into an answer."""
+        """Put surfaces and the objects on them into a response."""
         response.surfaces.header = self._header(current)
         response.surfaces.surfaces = current.messages(found)
         response.objects = current.object_messages(found)
 
     def fill_view(self, response: Any, views_ns: Collection[int]) -> str:
-        """Put the surfaces that some views measured into an answer; return a sentence.
+        """Put the surfaces measured by some views into a response and return a sentence.
 
         Parameters
         ----------
         response
-            With fields ``surfaces`` and ``objects``.
+            Message with fields ``surfaces`` and ``objects``.
         views_ns
             Stamps of the views.
         """
@@ -223,23 +242,13 @@ class SurfaceServices:
         Raises
         ------
         MessageError, FrameError
-            For numbers that make no sense, and for a frame that is not known.
+            If a number is invalid, or a frame is unknown.
         """
         for name in ("min_confidence", "min_area", "max_distance"):
             _check(f"filter.{name}", getattr(wanted, name), 0.0, math.inf)
         for name in ("min_height", "max_height"):
             _check(f"filter.{name}", getattr(wanted, name), -math.inf, math.inf)
-        near = None
-        if wanted.near.header.frame_id:
-            point = wanted.near.point
-            xyz = np.array([point.x, point.y, point.z])
-            if not np.isfinite(xyz).all():
-                raise MessageError("filter.near is not finite")
-            T = self.T_map_frame(wanted.near.header.frame_id)
-            x, y, _ = (T[:3, :3] @ xyz + T[:3, 3]).tolist()
-            near = (x, y)
-        elif wanted.max_distance > 0.0:
-            raise MessageError("filter.max_distance needs a point: filter.near has no frame_id")
+        near = self._near(wanted.near, wanted.max_distance, "filter.")
         return SurfaceFilter(
             ids=frozenset(wanted.ids),
             labels=frozenset(wanted.labels),
@@ -252,6 +261,57 @@ class SurfaceServices:
             near_sign=wanted.near_sign,
             words=tuple(wanted.text.split()),
         )
+
+    def _near(
+        self, stamped: Any, max_distance: float, prefix: str = ""
+    ) -> tuple[float, float] | None:
+        """Return a geometry_msgs/PointStamped in map, x and y, m; None where it has no frame.
+
+        Raises
+        ------
+        MessageError, FrameError
+            Where it is not finite, where it is missing for a distance, and for an unknown frame.
+        """
+        if not stamped.header.frame_id:
+            if max_distance > 0.0:
+                raise MessageError(
+                    f"{prefix}max_distance needs a point: {prefix}near has no frame_id"
+                )
+            return None
+        xyz = np.array([stamped.point.x, stamped.point.y, stamped.point.z])
+        if not np.isfinite(xyz).all():
+            raise MessageError(f"{prefix}near is not finite")
+        T = self.T_map_frame(stamped.header.frame_id)
+        x, y, _ = (T[:3, :3] @ xyz + T[:3, 3]).tolist()
+        return x, y
+
+    # --- find_objects ---
+
+    def _find_objects(self, request: Any, response: Any) -> str:
+        for name in ("min_size", "max_size", "max_distance"):
+            _check(name, getattr(request, name), 0.0, math.inf)
+        for name in ("hand_width", "hand_height", "clearance"):
+            _check(name, getattr(request, name), 0.0, MAX_SIZE_M, " m")
+        current = self._current()
+        wanted = ObjectFilter(
+            frozenset(request.labels),
+            frozenset(request.surface_ids),
+            request.min_size,
+            request.max_size,
+            self._near(request.near, request.max_distance),
+            request.max_distance,
+            request.hand_width,
+            request.hand_height,
+            request.clearance,
+        )
+        found = current.queries.find_objects(wanted)
+        if request.max_count:
+            found = found[: request.max_count]
+        response.objects = [
+            found_object_message(self._types, current.object_message(f.item), f.above, f.front)
+            for f in found
+        ]
+        return f"{len(found)} of {len(current.scene.objects)} objects"
 
     # --- find_placements ---
 
@@ -271,6 +331,9 @@ class SurfaceServices:
             count,
             self._base_xy() if request.base == BASE_HERE else None,
             request.reach,
+            APPROACHES[request.approach],
+            request.hand_width,
+            request.hand_height,
         )
         if request.base == BASE_FIND:
             found = self._with_base_poses(current, wanted, search, request)
@@ -284,11 +347,11 @@ class SurfaceServices:
     def _with_base_poses(
         self, current: SceneQueries, wanted: SurfaceFilter, search: PlacementRequest, request: Any
     ) -> list[tuple[Placement, list[BasePose]]]:
-        """Return the placements that some free place on the floor reaches, and these places."""
+        """Return the placements within range of a free base pose, with these poses."""
         floor = current.scene.free_floor
         if floor is None:
             raise MessageError("where the base can stand is not known: there is no level laser")
-        every = _with_count(search, MAX_PLACEMENTS)
+        every = replace(search, max_count=MAX_PLACEMENTS)
         found: list[tuple[Placement, list[BasePose]]] = []
         max_bases = min(request.max_base_poses or 1, MAX_BASE_POSES)
         for placement in current.queries.find_placements(wanted, every):
@@ -336,6 +399,8 @@ class SurfaceServices:
             return "no surface meets the conditions"
         size = f"{request.size_x:g} x {request.size_y:g} x {request.height:g} m"
         within = " within reach" if request.base != BASE_ANYWHERE and request.reach else ""
+        if APPROACHES[request.approach] == Approach.FRONT:
+            within += " behind a front"
         return (
             f"none of {len(surfaces)} surfaces has room{within} for {size} with a clearance of "
             f"{request.clearance:g} m"
@@ -346,27 +411,24 @@ def _with_heights(wanted: SurfaceFilter, low: float, high: float) -> SurfaceFilt
     return replace(wanted, min_height=low, max_height=high)
 
 
-def _with_count(search: PlacementRequest, count: int) -> PlacementRequest:
-    return PlacementRequest(
-        search.size_x, search.size_y, search.height, search.clearance, count,
-        search.reach_from, search.reach,
-    )  # fmt: skip
-
-
 def _check(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Raise MessageError for a number that is nan or outside its range."""
+    """Raise MessageError if a number is nan or outside its range."""
     if not low <= value <= high:
         raise MessageError(f"{name} is {value:g}{unit}; expected {low:g} to {high:g}{unit}")
 
 
 def _check_placements(request: Any) -> None:
-    """Raise MessageError for a request of FindPlacements that makes no sense."""
+    """Raise MessageError if a FindPlacements request is invalid."""
     for name in ("size_x", "size_y", "height"):
         _check(name, getattr(request, name), MIN_SIZE_M, MAX_SIZE_M, " m")
-    for name in ("clearance", "reach", "robot_radius"):
+    for name in ("clearance", "reach", "robot_radius", "hand_width", "hand_height"):
         _check(name, getattr(request, name), 0.0, MAX_SIZE_M, " m")
     for name in ("min_reach_height", "max_reach_height"):
         _check(name, getattr(request, name), -math.inf, math.inf)
+    if request.approach >= len(APPROACHES):
+        raise MessageError(
+            f"approach is {request.approach}; expected APPROACH_ANY, APPROACH_ABOVE, APPROACH_FRONT"
+        )
     if request.base not in (BASE_ANYWHERE, BASE_HERE, BASE_FIND):
         raise MessageError(f"base is {request.base}; expected BASE_ANYWHERE, BASE_HERE, BASE_FIND")
     if request.base == BASE_FIND and request.reach == 0.0:

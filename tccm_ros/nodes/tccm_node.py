@@ -33,25 +33,25 @@ from tccm_ros.ros.writing import scan_message
 from tccm_ros.sensors.level_projection import LevelProjector
 
 CUBOIDS_FILE = "cuboids.npz"
-"""What ~/save_map writes."""
+"""File that ~/save_map writes."""
 
 
 class TccmNode(SensorNode):
-    """Feeds the TCCM processor and publishes what each tilt cycle gives.
+    """Feeds the TCCM processor and publishes the results of each tilt cycle.
 
     Parameters
     ----------
     shared
         The robot of another node in this process; by default the node has its own.
     kwargs
-        Those of `rclpy.node.Node`.
+        Arguments of `rclpy.node.Node`.
     """
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("tccm", "tccm", shared, **kwargs)
 
     def configure(self) -> None:
-        """Make the processor and all that the node offers."""
+        """Create the processor, publishers and services."""
         super().configure()
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
@@ -94,7 +94,7 @@ class TccmNode(SensorNode):
 
     @property
     def dropped(self) -> Counter[str]:
-        """Scans that were not used, by reason."""
+        """Counts of scans that were not used, by reason."""
         return super().dropped + self.processor.dropped + self._passed_by
 
     # --- intake ---
@@ -102,13 +102,13 @@ class TccmNode(SensorNode):
     def takes(self, event: Event) -> bool:
         """Return whether an event is for the processor.
 
-        While paused, none is but a reset of the map. Joints stand still with the scans: tilt
-        cycles that nobody looks at would age the map.
+        While paused, only a reset of the map is. Joint angles are paused with the scans, because
+        tilt cycles without scans would age the map.
         """
         return self.processor.takes(event) and (not self.is_paused or type(event) is MapReset)
 
     def offer(self, events: Sequence[Any]) -> None:
-        """Queue events for the worker; what sensors measure during a pause is only counted."""
+        """Queue events for the worker; during a pause, only count the sensor measurements."""
         if self.is_paused:
             measured = (e for e in events if isinstance(e, Posed) and self.processor.takes(e))
             self._passed_by[PAUSED] += sum(1 for _ in measured)
@@ -117,16 +117,16 @@ class TccmNode(SensorNode):
     # --- in the worker ---
 
     def feed(self, event: Event) -> None:
-        """Give one event to the processor and publish the cycles that it completes.
+        """Feed one event to the processor and publish the cycles that it completes.
 
-        Planes go out as soon as they are known.
+        Planes are published as soon as they are known.
         """
         self._publish(self.processor.add(event, self._publish_planes))
         self._publish_level_scan(event)
         self._note_map()
 
     def _publish_level_scan(self, event: Event) -> None:
-        """Publish the level scan of an event, and give it to a SLAM node in this process."""
+        """Publish the level scan of an event, and pass it to a SLAM node in this process."""
         scan = self._level.project(event)
         if scan is not None and self._level_scans is not None:
             self._level_scans.publish(scan_message(self.types, scan))
@@ -134,7 +134,7 @@ class TccmNode(SensorNode):
                 self.robot.add("scan", scan)
 
     def begin(self) -> None:
-        """Forget the map."""
+        """Reset to an empty map."""
         self.processor.reset()
         self._note_map()
         self._has_saved = False
@@ -151,12 +151,12 @@ class TccmNode(SensorNode):
             self._boxes.note()
 
     def _write(self, *, is_asked: bool) -> str:
-        """Write cuboids.npz.
+        """Write cuboids.npz and return a sentence about it.
 
         Raises
         ------
         MapError
-            Where there is nothing to write.
+            If nothing is mapped.
         """
         folder, cuboids = self.save_folder(), self.processor.map.cuboids()
         if not len(cuboids):
@@ -177,15 +177,15 @@ class TccmNode(SensorNode):
         return self._write(is_asked=True)
 
     def begin_save(self) -> Future:
-        """Have cuboids.npz written, with the open tilt cycle."""
+        """Start writing cuboids.npz, including the open tilt cycle."""
         return self.worker.call(self._save, self)
 
     def autosave(self) -> None:
-        """Have cuboids.npz written, without the open tilt cycle."""
+        """Write cuboids.npz without the open tilt cycle."""
         self.worker.post(lambda: self.saves.attempt(lambda: self._write(is_asked=False)))
 
     def save_at_end(self, ending: Ending) -> None:
-        """Write cuboids.npz with the open tilt cycle: that takes less than a moment."""
+        """Write cuboids.npz including the open tilt cycle, which takes little time."""
         self.robot.flush()
         self.worker.wait(self.end_input, lambda: ending.is_over)
         self.worker.wait(lambda: self.saves.at_end(lambda: self._write(is_asked=False), ending))
@@ -216,23 +216,25 @@ class TccmNode(SensorNode):
     # --- diagnostics ---
 
     def problem_without_odometry(self) -> str:
-        """Return that the base is taken to stand still."""
+        """Return that the base is assumed to stand still."""
         return Blocking(
             f"nobody publishes '{self.resolve_topic_name('odom')}', and no tf moves the base: it "
             "is taken to stand still; start the odometry, or remap the topic"
         )
 
     def used(self) -> Mapping[str, int]:
-        """Return the records that cycles are made of, by role."""
+        """Return the number of records used in cycles, by role."""
         return {role: self.processor.used[role] for role in self.roles}
 
     def problems(self) -> Iterable[str]:
-        """Return what is wrong with the records, and with the rig as the floor shows it."""
+        """Return problems of the records, of the rig as seen from the floor, and of missing
+        interfaces.
+        """
         missing = filter(None, [missing_interfaces()])
         return [*super().problems(), *self._rig_problems, *missing]
 
     def values(self) -> Mapping[str, object]:
-        """Return cycles and scans used, and whether the node is paused."""
+        """Return the counts of cycles and scans used, and whether the node is paused."""
         return {**dict(self.processor.counts), "paused": self.is_paused}
 
 

@@ -1,4 +1,4 @@
-"""map -> odom and the frames of surfaces on /tf, where tf2_msgs is installed."""
+"""map -> odom and the frames of surfaces on /tf, if tf2_msgs is installed."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def has_tf2_msgs() -> bool:
 
 
 class TfPublisher:
-    """Publishes transforms at a rate, from their first values on.
+    """Publishes transforms at a fixed rate once there are any.
 
     Parameters
     ----------
     node
-        The node that publishes.
+        Node of the publisher.
     intake
-        Calls back when a publication is due.
+        Runs the timer's callback.
     config
-        Its `rate`, of publication; a change counts from the next publication on.
+        The group `tf`; a change of `rate` applies from the next message on.
     current
         Returns geometry_msgs/TransformStamped messages; none before the first scan.
     """
@@ -54,7 +54,7 @@ class TfPublisher:
         self.publish()
 
     def publish(self) -> None:
-        """Publish the transforms, if there are any."""
+        """Publish the current transforms, if any."""
         transforms = self._current()
         if transforms:
             self._publisher.publish(self._message(transforms=transforms))

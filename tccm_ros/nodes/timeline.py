@@ -1,4 +1,4 @@
-"""When each message of a bag is due: rate, start, pause and loops, whatever any clock says."""
+"""Bag time during playback, with rate, start, pause and loops, independent of the ROS clock."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ class Timeline:
     bag_ns
         Bag time at which playing starts.
     rate
-        Seconds of the bag in a second; > 0.
+        Seconds of the bag per second; > 0.
     is_paused
-        Whether it starts paused.
+        Whether playing starts paused.
 
+    Notes
+    -----
     The player's time is any monotonic clock, ns.
     """
 
@@ -26,7 +28,7 @@ class Timeline:
 
     @property
     def is_running(self) -> bool:
-        """Whether the bag's time goes on."""
+        """Whether the bag time advances."""
         return self._since_ns is not None and not self.is_paused
 
     def now(self, clock_ns: int) -> int:
@@ -36,16 +38,16 @@ class Timeline:
         return self._bag_ns + round((clock_ns - self._since_ns) * self._rate)
 
     def run(self, clock_ns: int) -> None:
-        """Start, or go on after a pause."""
+        """Start, or continue after a pause."""
         self._since_ns = clock_ns
         self.is_paused = False
 
     def pause(self, clock_ns: int) -> None:
-        """Hold the bag's time."""
+        """Stop the bag time."""
         self._bag_ns = self.now(clock_ns)
         self.is_paused = True
 
     def rewind(self, bag_ns: int, clock_ns: int) -> None:
-        """Go to another bag time."""
+        """Set the bag time."""
         self._bag_ns = bag_ns
         self._since_ns = None if self._since_ns is None else clock_ns

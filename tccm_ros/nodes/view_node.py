@@ -1,6 +1,6 @@
-"""view_node: the live page, in a process of its own so that nothing is in the way of scans.
+"""view_node: the live page, in a process of its own so that it does not delay scans.
 
-It hears of the map as every program does, by `SurfaceMapClient`, and serves it to browsers.
+It reads the map as every client does, by `SurfaceMapClient`, and serves it to browsers.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.run import run
 
 EVENTS_DEPTH = 100
-"""That of ~/events."""
+"""Queue depth of ~/events."""
 
 LOOK_S = 0.5
-"""Between two looks whether slam_node is there, s."""
+"""Period of the check for slam_node's services, s."""
 
 PARAMETERS = {
     "view.host": ("127.0.0.1", "address to listen at; any other lets the network see the map"),
@@ -53,19 +53,19 @@ class ViewNode(Node):
     Parameters
     ----------
     kwargs
-        Those of `rclpy.node.Node`.
+        Arguments of `rclpy.node.Node`.
 
     Attributes
     ----------
     page
-        The server; its `url` has the token.
+        The server; its `url` contains the token.
 
     Raises
     ------
     MissingExtraError
         Without the extra `view` or tccm_interfaces.
     OutputError
-        If the address cannot be listened at.
+        If the address cannot be bound.
     """
 
     def __init__(self, **kwargs: Any):
@@ -104,10 +104,10 @@ class ViewNode(Node):
         self.get_logger().info(f"live page: {self.page.url}")
 
     def close(self) -> None:
-        """Tell the pages that the node ends."""
+        """End the server and notify its pages."""
         self.page.close()
 
-    # --- what comes by itself ---
+    # --- subscriptions ---
 
     def _take_map(self, message: Any) -> None:
         found = self._entities_of(message)
@@ -146,10 +146,10 @@ class ViewNode(Node):
         told = {"ready": ready, "localisation": text}
         self.page.update(lambda state: setattr(state, "status", {**state.status, **told}))
 
-    # --- what pages ask for ---
+    # --- requests of pages ---
 
     async def _ask(self, name: str, values: Mapping[str, Any]) -> Any:
-        """Have a question asked in the executor's thread (called in that of the server)."""
+        """Send a page's request in the executor's thread (called in the server's thread)."""
         loop = asyncio.get_running_loop()
         answered: asyncio.Future[Any] = loop.create_future()
 
@@ -224,7 +224,7 @@ def _surface_map() -> type:
 
 
 def _identity(values: Mapping[str, Any]) -> int:
-    """Return the id of a surface that a page names."""
+    """Return the surface id of a page's request."""
     value = values["surface_id"]
     if type(value) is not int or not 0 <= value <= INT32_MAX:
         raise QuestionError(f"surface_id is {one_line(ValueError(value))}; expected an id")

@@ -1,8 +1,8 @@
-"""Whether parts of a view are still on their way.
+"""Detection of views whose messages have not all arrived.
 
-A tilt cycle arrives as three messages: points, free intervals and boxes of objects. A map that was
-solved between them has what the cycle saw, but not yet what it looked through: a table that was
-moved would stand at both places, as one.
+A tilt cycle arrives as three messages: points, free intervals and object boxes. A map solved
+between them contains the points of the cycle but not its free space: a table that was moved would
+appear at both places, as one.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ ViewPart = SurfaceCloud | ViewIntervals | ObjectBoxes
 PARTS = 3
 
 PATIENCE_S = 0.5
-"""Longest time that the missing parts are waited for, s. Chosen: they are published together, and
-a publisher that gives only some of them delays a solution by no more."""
+"""Maximum time to wait for the missing messages, s. Chosen: they are published together, and a
+publisher of only some of them delays a solution by no more than this."""
 
 
 class ViewParts:
-    """Notes the parts of views as they come."""
+    """Tracks which messages of the newest view have arrived."""
 
     def __init__(self) -> None:
         self._stamps_ns: dict[type, int] = {}
         self._until_s = 0.0
 
     def note(self, part: ViewPart, now_s: float) -> None:
-        """Note a part that came, at a time of a clock that never goes back, s."""
+        """Note a message of a view at a time of a monotonic clock, s."""
         self._stamps_ns[type(part)] = part.stamp_ns
         is_whole = len(self._stamps_ns) == PARTS and len(set(self._stamps_ns.values())) == 1
         self._until_s = 0.0 if is_whole else now_s + PATIENCE_S
 
     def are_coming(self, now_s: float) -> bool:
-        """Return whether to wait for the rest of a view."""
+        """Return whether to wait for further messages of a view."""
         return now_s < self._until_s

@@ -1,7 +1,9 @@
-"""Takes a view: waits until the base stands, moves the tilt joint, reads what the map has of it.
+"""Takes a view: waits until the base stands still, moves the tilt joint, reads the measured
+surfaces.
 
-A view is what tilt cycles measure while the joint goes from one end of its range to the other, once
-for each pan angle. tccm_node makes the tilt cycles; the surface map says what they measured.
+A view consists of the measurements made while the tilt joint moves from one end of its range to the
+other, once for each pan angle. tccm_node builds the tilt cycles, and the surface map names the
+surfaces measured in them.
 """
 
 from __future__ import annotations
@@ -20,43 +22,43 @@ from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.surface_services import SurfaceServices
 
 WAITING, MOVING, MAPPING = range(3)
-"""As action/ScanHere numbers the phases."""
+"""Values of the phases in action/ScanHere."""
 
 MOVED = 0.8
-"""How much of a view is done when the joints have moved. Chosen."""
+"""Progress of a view after the joints have moved. Chosen."""
 
 PATIENCE_S = 10.0
-"""How long the base is waited for where the goal does not say, s (action/ScanHere)."""
+"""Time to wait for the base to stop if the goal does not specify one, s (action/ScanHere)."""
 
 VIEW_S = 20.0
-"""A tilt cycle is waited for so long after the joint has stopped, s. Chosen."""
+"""Timeout for a tilt cycle after the joint has stopped, s. Chosen."""
 
 LAST_VIEW_NS = 1_500_000_000
-"""A cycle of a camera that was begun in the movement is waited for so long after it, ns of message
-time. Chosen: longer than `cycle.period`."""
+"""Time to wait for a camera's cycle that began during the movement, ns of message time. Chosen:
+longer than `cycle.period`."""
 
 SOLUTION_S = 60.0
-"""A solution with the view is waited for so long, s. Chosen: the longest of a large map."""
+"""Timeout for a solution with the view, s. Chosen: the longest time of a large map."""
 
 PARTS = 3
-"""Messages of which a view consists: surfaces, free intervals, boxes."""
+"""Number of messages of a view: surfaces, free intervals, boxes."""
 
 MAX_VIEWS = 1000
-"""Views that are remembered, at most. Chosen: an hour of tilt cycles."""
+"""Maximum number of views remembered. Chosen: an hour of tilt cycles."""
 
 POLL_S = 0.05
-"""Between two looks at what is waited for, s."""
+"""Polling period of wait conditions, s."""
 
 
 AT_END_RAD = 0.02
-"""A joint so near an end of its range is there, rad: less than any tilt cycle. Chosen."""
+"""Tolerance for a joint at an end of its range, rad: less than any tilt cycle. Chosen."""
 
 
 def ends(now: float, low: float, high: float) -> tuple[float, float]:
-    """Return from which end of a range a joint goes to which, for a tilt cycle of its own.
+    """Return the start and the end angle of a joint's movement that makes a tilt cycle of its own.
 
-    It reverses at the first end, or stands there already: going on in one direction would join
-    the way to the range and the range in one cycle. All are angles, rad.
+    The joint reverses at the start angle, or already stands there. Moving on in the same direction
+    would join the approach and the range in one cycle. All angles in rad.
     """
     is_nearer_low = abs(now - low) <= abs(now - high)
     is_outside = not low - AT_END_RAD <= now <= high + AT_END_RAD
@@ -64,20 +66,20 @@ def ends(now: float, low: float, high: float) -> tuple[float, float]:
 
 
 class CancelledError(Exception):
-    """The client wants the view no more."""
+    """The client has cancelled the view."""
 
 
 class ViewTaker:
-    """Takes one view at a time, in a thread that may wait.
+    """Takes one view at a time, in a thread that may block.
 
     Parameters
     ----------
     config
         Groups `frames` and `scan_here`.
     robot, base, mover
-        What is known of the robot, whether its base stands, and what moves its joints.
+        The robot, the monitor of its base, and the controller of its joints.
     surfaces
-        Answers from the surface map.
+        Queries of the surface map.
     """
 
     def __init__(
@@ -96,31 +98,31 @@ class ViewTaker:
         self._start: Float64 | None = None
 
     def note_part(self, stamp_ns: int, number: int) -> None:
-        """Note a part of a view, and the number of the first solution that has it."""
+        """Note a message of a view, and the number of the first solution that contains it."""
         self._parts.setdefault(stamp_ns, []).append(number)
         while len(self._parts) > MAX_VIEWS:
             del self._parts[next(iter(self._parts))]
 
     def close(self) -> None:
-        """Give up the view that is being taken."""
+        """Cancel the view in progress."""
         self._is_closed.set()
 
     def take(self, goal: Any, feedback: Callable[..., Any], result: Any) -> str:
-        """Take a view; return a sentence.
+        """Take a view and return a sentence about it.
 
         Parameters
         ----------
         goal
-            Handle of the goal, of action/ScanHere.
+            Goal handle of action/ScanHere.
         feedback
-            Makes the action's feedback.
+            Creates the feedback message of the action.
         result
-            The action's result, whose surfaces and objects are filled.
+            Result of the action; its surfaces and objects are filled in.
 
         Raises
         ------
         TccmError, CancelledError
-            Why it was not taken.
+            If the view was not taken; the message gives the reason.
         """
         self._goal, self._start = goal, None
 
@@ -134,7 +136,7 @@ class ViewTaker:
         try:
             self._wait(self._base.is_standing, patience_s, late)
         except MotionError:
-            self._base.pose()  # where nothing is known of it, that is the reason
+            self._base.pose()  # raises the more specific error if the pose is unknown
             raise
         self._start = self._base.pose()
         spans = self._move(goal.request, lambda fraction: tell(MOVING, MOVED * fraction))
@@ -143,7 +145,7 @@ class ViewTaker:
         return self._surfaces.fill_view(result, views_ns)
 
     def _move(self, request: Any, tell: Callable[[float], None]) -> list[tuple[int, int]]:
-        """Move the joints; return when each movement of the tilt joint began and ended, ns."""
+        """Move the joints; return the start and end time of each tilt movement, ns."""
         low, high = request.min_tilt, request.max_tilt
         if low == high == 0.0:
             low, high = self._settings.tilt_range
@@ -157,7 +159,7 @@ class ViewTaker:
             start = {**target, tilt: first}
             self._send(start, {joint: self._angle(joint) for joint in start}, velocity)
             begin_ns = self._message_time_ns()
-            # Joint states may be later than the controller's word: it is at the start.
+            # The last joint states may be delayed: rely on the controller's report of the start.
             self._send({**target, tilt: last}, start, velocity)
             spans.append((begin_ns, self._message_time_ns()))
         return spans
@@ -167,7 +169,7 @@ class ViewTaker:
         self._mover.move(target, way / velocity, self._wait)
 
     def _wait_for_map(self, spans: list[tuple[int, int]]) -> list[int]:
-        """Return the stamps of the views of some time spans, once they are all in the map."""
+        """Return the stamps of the views within time spans, once all are in the map."""
 
         def views(begin_ns: int, end_ns: int) -> list[int]:
             known = dict(self._parts)
@@ -198,9 +200,9 @@ class ViewTaker:
         Raises
         ------
         MotionError
-            Of that text, after the time; where the base has moved; where the node ends.
+            With the text `failure` after the timeout; if the base moves; if the node ends.
         CancelledError
-            When the goal is cancelled.
+            If the goal is cancelled.
         """
         end_s = time.monotonic() + timeout_s
         while not is_met():
@@ -221,12 +223,12 @@ class ViewTaker:
         return self._robot.robot.message_time_ns or 0
 
     def _angle(self, joint: str) -> float:
-        """Return the newest position of a joint.
+        """Return the newest position of a joint, rad.
 
         Raises
         ------
         MotionError
-            Where nothing was heard of it.
+            If no position has been received.
         """
         with self._robot.lock:
             track = self._robot.robot.joints.of(joint)

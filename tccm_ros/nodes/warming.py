@@ -1,6 +1,6 @@
-"""Kernels are compiled in child processes while a node already serves, and loaded when it is done.
+"""Compilation of kernels in child processes while the node already serves.
 
-Then the node loads them in a thread of its own.
+Afterwards the node loads them in a thread of its own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tccm_ros.warm_up.compilation import Compilation
 from tccm_ros.warm_up.parts import warm_up
 
 PROGRESS_S = 5.0
-"""Between two lines that say how long it has taken, s."""
+"""Period of the progress message, s."""
 
 
 class Warming:
@@ -27,7 +27,7 @@ class Warming:
     processor_name
         The processor that the node runs (`Stream.processor`).
     config
-        Of the node.
+        Configuration of the node.
     report
         Called with a sentence every `PROGRESS_S` while kernels are compiled.
     on_done
@@ -58,20 +58,20 @@ class Warming:
 
     @property
     def is_done(self) -> bool:
-        """Whether what came meanwhile is worked on as well."""
+        """Whether the records kept during the compilation are processed as well."""
         return self._done.is_set()
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def load(self) -> None:
-        """Begin, and return when all kernels are loaded.
+        """Start, and return when all kernels are loaded.
 
         Raises
         ------
         TccmError
-            Where they could not be.
+            If they could not be loaded.
         """
         self.start()
         self._thread.join()
@@ -79,11 +79,11 @@ class Warming:
             raise TccmError("the kernels could not be compiled; the lines above say why")
 
     def wait_until_loaded(self) -> None:
-        """Return when all kernels are loaded, or will not be."""
+        """Return when all kernels are loaded, or loading has ended without success."""
         self._over.wait()
 
     def stop(self) -> None:
-        """End the children: the node is told to stop."""
+        """End the child processes, because the node stops."""
         self._is_ended = True
         self._over.set()
         self._compilation.stop()
@@ -100,7 +100,8 @@ class Warming:
         if self._is_ended:
             return
         warm_up(self._processor_name, self._config)
-        # What modules and kernels are made of lives until the end; going through it takes 0.1 s.
+        # Modules and kernels live until the end; collecting their objects would take 0.1 s each
+        # time.
         gc.collect()
         gc.freeze()
         self._loaded.set()
@@ -109,7 +110,7 @@ class Warming:
         self._done.set()
 
     def _compile(self) -> None:
-        """Have children compile all kernels; where they fail, the node compiles itself."""
+        """Compile all kernels in child processes; the node itself compiles those that fail."""
         start_s = time.monotonic()
         self._compilation.start()
         while not self._compilation.wait(PROGRESS_S):

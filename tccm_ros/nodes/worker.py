@@ -1,4 +1,4 @@
-"""A thread that owns a processor, so that a long step never blocks the intake of messages."""
+"""A worker thread that owns a processor, so that a long step never blocks the intake."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tccm_ros.nodes.qos import SENSOR_DEPTH
 Result = TypeVar("Result")
 
 BACKLOG = 10 * SENSOR_DEPTH
-"""Jobs that wait before scans are dropped. Chosen: 10 s of a laser, joints and odometry."""
+"""Queue length above which scans are dropped. Chosen: 10 s of a laser, joints and odometry."""
 
 CEILING = 10 * BACKLOG
-"""Jobs that wait before anything is dropped. Chosen: memory stays bounded whatever comes in."""
+"""Queue length above which everything is dropped. Chosen: it bounds the memory."""
 
 
 class _Job(NamedTuple):
-    """What is run, and whether it was offered, so that it may be left out where time is up."""
+    """A job, and whether it was offered, in which case it may be skipped when time is up."""
 
     run: Callable[[], None]
     is_offered: bool = False
 
 
 def promise(job: Callable[[], Any], node: Node) -> tuple[Future, Callable[[], None]]:
-    """Return a future that a service callback of a node awaits, and what does the job for it."""
+    """Return a future for a service callback of a node, and the function that resolves it."""
     executor = node.executor
     future: Future = Future(executor=executor)
 
@@ -38,7 +38,7 @@ def promise(job: Callable[[], Any], node: Node) -> tuple[Future, Callable[[], No
             future.set_result(job())
         except Exception as error:
             future.set_exception(error)
-        # A future does not wake who waits: the answer would be as late as the next timer.
+        # Resolving a future does not wake the executor: the answer would wait for the next timer.
         if executor is not None:
             executor.wake()
 
@@ -46,19 +46,19 @@ def promise(job: Callable[[], Any], node: Node) -> tuple[Future, Callable[[], No
 
 
 class Worker:
-    """Runs jobs one after the other in a daemon thread.
+    """Runs jobs one after another in a daemon thread.
 
     Parameters
     ----------
     name
-        Of the thread.
+        Name of the thread.
     on_error
-        Called in the thread with what a job raised; the worker goes on.
+        Called in the thread with the exception of a job; the worker continues.
 
     Attributes
     ----------
     skipped
-        Jobs that were offered, and not done because time was up.
+        Number of offered jobs that were skipped because time was up.
     """
 
     def __init__(self, name: str, on_error: Callable[[Exception], None]):
@@ -71,35 +71,35 @@ class Worker:
 
     @property
     def backlog(self) -> int:
-        """Jobs that wait."""
+        """Number of queued jobs."""
         return self._jobs.qsize()
 
     def post(self, job: Callable[[], None]) -> None:
-        """Queue a job that is never dropped: there are few of these."""
+        """Queue a job that is never dropped; such jobs are rare."""
         self._jobs.put(_Job(job))
 
     def offer(self, job: Callable[[], None], *, is_droppable: bool = False) -> bool:
-        """Queue a job; return False where the queue is full: earlier for a droppable one."""
+        """Queue a job, or return False if the queue is full; droppable jobs have a lower limit."""
         if self._jobs.qsize() >= (BACKLOG if is_droppable else CEILING):
             return False
         self._jobs.put(_Job(job, is_offered=True))
         return True
 
     def call(self, job: Callable[[], Result], node: Node) -> Future:
-        """Queue a job whose result a service callback of a node awaits."""
+        """Queue a job and return a future of its result, for a service callback of a node."""
         future, run = promise(job, node)
         self._jobs.put(_Job(run))
         return future
 
     def wait(self, job: Callable[[], Any], is_over: Callable[[], bool] = lambda: False) -> None:
-        """Run a job after all that wait and return when it is done (not from the thread itself).
+        """Run a job after the queued ones and return when it is done; not from the thread itself.
 
         Parameters
         ----------
         job
-            What is run.
+            The job.
         is_over
-            Tells that time is up: from then on, jobs that were offered are skipped.
+            Returns whether time is up; from then on, offered jobs are skipped.
         """
         done = threading.Event()
 
@@ -114,7 +114,7 @@ class Worker:
             self._is_hurried = self._is_hurried or is_over()
 
     def close(self) -> None:
-        """Finish what waits and end the thread."""
+        """Finish the queued jobs and end the thread."""
         self._jobs.put(None)
         self._thread.join()
 

@@ -19,8 +19,9 @@ MIN_HEIGHT = 0.10
 MAX_HEIGHT = 1.0
 """Highest, m; chosen: what is higher is put down from above."""
 
-MIN_EXTENT = 0.12
-"""Shortest side of a compartment, m; chosen: a hand."""
+MIN_EXTENT = 0.2
+"""Shortest side of a compartment, m; chosen: boards of shelves are deeper, the tops of objects on
+them are not."""
 
 MAX_BOARD = 0.04
 """Thickest board, m; a lower side that was not measured is taken to be so low. Chosen: boards of

@@ -109,6 +109,12 @@ class Compartment:
     space: SpaceGrid
 
     @property
+    def front(self) -> Float64:
+        """Left and right end of its front edge, seen from before it, float64 (2, 3), in map, m."""
+        half = np.array([[0.5], [-0.5]]) * self.width
+        return np.asarray(self.T_map_front[:3, 3] + half * self.T_map_front[:3, 1])
+
+    @property
     def outline(self) -> Polygon:
         """Its part of the board seen from above, in map, m."""
         x, y = np.array([0.0, self.depth]), 0.5 * self.width

@@ -17,7 +17,7 @@ from tccm_ros.geometry import inverse, pose, transform
 from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
 from tccm_ros.racks.faces import Face, SeenFace, look_at
-from tccm_ros.racks.hits import Hits, hits_in_map
+from tccm_ros.racks.hits import Hits, HitsInMap
 from tccm_ros.racks.seen_space import seen_space
 from tccm_ros.records import Surface
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -31,6 +31,12 @@ MIN_FRONT = 0.3
 
 FACE_MARGIN = 0.04
 """Faces are looked at this far from the boards, m: one cube of hits."""
+
+SAME_HEIGHT = 0.015
+"""Pieces of one board differ in height by at most this, m; chosen: boards of one rack by more."""
+
+MIN_FILLED = 0.8
+"""They fill at least this fraction of the rectangle around them; chosen: an L fills less."""
 
 SAME_FRONT = 0.1
 """Of faces whose open fractions differ by less, that which the views look at from outside is the
@@ -53,17 +59,18 @@ def find_compartments(
     if not boards or not views:
         return ()
     outlines = np.array([_outline(board) for board in boards], dtype=object)
-    hits, found = hits_in_map(views), []
+    hits, found = HitsInMap(views), []
     for stack in _stacks(outlines):
         around = shapely.union_all(outlines[stack])
-        near = hits.near(around, NEAR_RACK).still_there()
-        if not len(near.ends):
-            continue
+        own, near = _whole([boards[k] for k in stack]), hits.near(around, NEAR_RACK)
+        if not any(True for board in own for _ in _ceilings(board, own, near)):
+            continue  # as of tables: nothing is above
+        near = near.still_there()
         of = [views[v] for v in np.unique(near.view).tolist()]
-        own = [boards[k] for k in stack]
         spaces = [c for board in own for c in _over(board, own, near, of)]
-        rack = min((c.board for c in spaces), default=-1)
-        found += [replace(c, rack=rack) for c in spaces]
+        if spaces:
+            lowest = min(spaces, key=lambda c: float(c.T_map_front[2, 3]))
+            found += [replace(c, rack=lowest.board) for c in spaces]
     return tuple(sorted(found, key=lambda c: (c.rack, float(c.T_map_front[2, 3]), c.board)))
 
 
@@ -82,10 +89,42 @@ def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
     return list(groups.values())
 
 
+def _whole(boards: Sequence[Surface]) -> list[Surface]:
+    """Return boards, those that were seen in pieces as one: that with the id of its largest piece.
+
+    Pieces have one height, and fill the rectangle around them.
+    """
+    found: list[Surface] = []
+    for board in sorted(boards, key=lambda b: (-b.area, b.id)):
+        for k, other in enumerate(found):
+            both = np.concatenate([other.boundary, board.boundary])
+            hull = convex_hull(np.ascontiguousarray(both[:, :2]))
+            _, _, length, width, _ = rectangle(hull)
+            area = other.area + board.area
+            is_level = abs(other.height - board.height) <= SAME_HEIGHT
+            if is_level and area >= MIN_FILLED * length * width:
+                z = (other.offset - hull @ other.normal[:2]) / other.normal[2]
+                found[k] = replace(other, boundary=np.column_stack([hull, z]), area=area)
+                break
+        else:
+            found.append(board)
+    return found
+
+
 def _over(
     board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
 ) -> Iterator[Compartment]:
     """Yield the compartments over a board."""
+    T_map_board, _ = _frame(board)
+    for ceiling in _ceilings(board, stack, hits):
+        other = None if ceiling.above < 0 else stack[ceiling.above].id
+        found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
+        if found is not None:
+            yield found
+
+
+def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[Ceiling]:
+    """Yield what is above the parts of a board, in its frame."""
     T_map_board, size = _frame(board)
     T_board = inverse(T_map_board)
     above = [
@@ -95,11 +134,7 @@ def _over(
     ]
     ends = transform(T_board, hits.ends)
     is_from_below = hits.origins[:, 2] < hits.ends[:, 2]
-    for ceiling in ceilings(size, above, ends, hits.half, is_from_below):
-        other = None if ceiling.above < 0 else stack[ceiling.above].id
-        found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
-        if found is not None:
-            yield found
+    yield from ceilings(size, above, ends, hits.half, is_from_below)
 
 
 def _frame(surface: Surface) -> tuple[Float64, Float64]:

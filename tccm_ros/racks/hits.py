@@ -51,13 +51,6 @@ class Hits:
         """Return those of which `keep`, bool (M,), is true."""
         return Hits(self.ends[keep], self.origins[keep], self.half[keep], self.view[keep])
 
-    def near(self, outline: shapely.Geometry, distance: float) -> Hits:
-        """Return those within a distance, m, of the box around an outline, seen from above."""
-        low_x, low_y, high_x, high_y = outline.bounds
-        x, y = self.ends[:, 0], self.ends[:, 1]
-        inside = (x > low_x - distance) & (x < high_x + distance)
-        return self.chosen(inside & (y > low_y - distance) & (y < high_y + distance))
-
     def still_there(self) -> Hits:
         """Return those of the views that saw most, without what a newer view looked through."""
         views, counts = np.unique(self.view, return_counts=True)
@@ -83,16 +76,58 @@ class Hits:
         return np.asarray((is_near & (ended >= distances[:, None] + BEYOND)).all(axis=1))
 
 
-def hits_in_map(views: Sequence[SeenView]) -> Hits:
-    """Return the hits of views, in their order."""
-    ends, origins, half, of = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)], []
-    for view in views:
-        low, high = view.hits[:, 2], view.hits[:, 3]
-        middle = np.column_stack([view.hits[:, :2], 0.5 * (low + high)])
-        eye = transform(view.T_map_view, view.viewpoint[None])
-        ends.append(transform(view.T_map_view, middle))
-        origins.append(np.repeat(eye, len(low), axis=0))
-        half.append(0.5 * (high - low))
-        of.append(len(low))
-    index = np.repeat(np.arange(len(views)), of)
-    return Hits(np.concatenate(ends), np.concatenate(origins), np.concatenate(half), index)
+class HitsInMap:
+    """The hits of views, found by place: a large map has many views that are elsewhere.
+
+    Parameters
+    ----------
+    views
+        In order of time.
+    """
+
+    def __init__(self, views: Sequence[SeenView]):
+        self._of_views = [_hits_of(view, k) for k, view in enumerate(views)]
+        self._boxes = np.array(
+            [shapely.box(*_bounds(hits.ends[:, :2])) for hits in self._of_views], dtype=object
+        )
+
+    def near(self, outline: shapely.Geometry, distance: float) -> Hits:
+        """Return the hits within a distance, m, of the box around an outline, by view.
+
+        Parameters
+        ----------
+        outline
+            Seen from above, in map.
+        distance
+            Along x and y, m.
+        """
+        around = shapely.box(*outline.bounds).buffer(distance, join_style="mitre")
+        low_x, low_y, high_x, high_y = around.bounds
+        parts = []
+        for k in np.flatnonzero(shapely.intersects(self._boxes, around)).tolist():
+            x, y = self._of_views[k].ends[:, 0], self._of_views[k].ends[:, 1]
+            inside = (x > low_x) & (x < high_x) & (y > low_y) & (y < high_y)
+            parts.append(self._of_views[k].chosen(inside))
+        none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
+        columns = zip(none, *((p.ends, p.origins, p.half, p.view) for p in parts))
+        return Hits(*(np.concatenate(column) for column in columns))
+
+
+def _hits_of(view: SeenView, index: int) -> Hits:
+    """Return the hits of a view."""
+    low, high = view.hits[:, 2], view.hits[:, 3]
+    middle = np.column_stack([view.hits[:, :2], 0.5 * (low + high)])
+    eye = transform(view.T_map_view, view.viewpoint[None])
+    return Hits(
+        transform(view.T_map_view, middle),
+        np.repeat(eye, len(low), axis=0),
+        0.5 * (high - low),
+        np.full(len(low), index),
+    )
+
+
+def _bounds(points: Float64) -> Float64:
+    """Return the box around points (N, 2), float64 (4,); nan for none, which is no box."""
+    if not len(points):
+        return np.full(4, np.nan)
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])

@@ -1,8 +1,8 @@
 """The typed records that processors take and give.
 
-Stamps are integer nanoseconds; arrays have the dtype that the message has, so that a record made
-from a bag, from a live message or by the pipeline is the same record. Records are immutable by
-convention: whoever holds one may keep it.
+Stamps are integer nanoseconds. Arrays have the dtype of the message's field, so that a bag, a live
+message and a replay give equal records. Records are immutable by convention: a holder of a record
+may keep it without a copy.
 """
 
 from tccm_ros.records.cycle import (

@@ -1,6 +1,6 @@
-"""Records from the numbers of a message, checked: the same rules for messages and bare CDR bytes.
+"""Build and check records from message fields; ROS messages and raw CDR use the same code.
 
-Content that no processor can use raises `MessageError`; callers count it as a drop.
+Content that no processor can use raises `MessageError`; callers count the message as dropped.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tccm_ros.records.sensors import (
 )
 
 Vector = Sequence[float]
-"""A few numbers: a translation, a quaternion."""
+"""Sequence of floats: a translation or a quaternion."""
 
 Record = (
     Scan
@@ -39,22 +39,23 @@ Record = (
 )
 
 MAX_SCAN_S = 60.0
-"""Longest duration of one scan that is believed, s. Chosen: the slowest lasers take a few
-seconds."""
+"""Longest plausible duration of one scan, s. Chosen: the slowest lasers take a few seconds."""
 
 
 ANGLE_SLACK_BEAMS, ANGLE_SLACK = 2.0, 0.01
-"""A scan's angles may contradict its number of beams by so many beams, or by this fraction of its
-field of view: drivers count an end twice or not at all, and round the increment (the lidar of
-a recorded Jackal is 1.6 beams off)."""
+"""Tolerance between a scan's angles and its number of beams: a number of beams, and a fraction of
+the field of view. Drivers count the last beam twice or not at all, and round the increment (the
+lidar of a recorded Jackal is off by 1.6 beams)."""
 
 NO_RETURN_SHELL, NO_RETURN_SHELL_M = 0.01, 0.02
-"""No returns are written within this fraction of range_max from it, or within this many m: 4 cm
-below 30 m by cob_sick_s300, 1 cm below 20 m by LMS1xx; Gazebo adds noise to them."""
+"""Drivers encode "no return" as a range within this fraction of range_max, or within this distance
+of it, m: cob_sick_s300 writes 4 cm less than 30 m, LMS1xx 1 cm less than 20 m. Gazebo adds
+noise."""
 
 NO_RETURN_BEAMS, NO_RETURN_FRACTION = 3, 0.01
-"""As many beams of a scan, and this fraction of them, share one range in the shell where it says
-that nothing was seen: a wall's share one by chance, as far as its ranges are rounded."""
+"""Minimum number of beams, and minimum fraction of a scan's beams, with one identical range near
+range_max for that range to mean "no return". A wall gives equal ranges only by chance and by the
+rounding of ranges."""
 
 
 def stamp_ns_from_message(stamp: Any) -> int:
@@ -68,7 +69,7 @@ def frame_name(name: str) -> str:
 
 
 def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: Float32) -> Scan:
-    """Return the scan of the numbers of a sensor_msgs/LaserScan.
+    """Return the scan with the numbers of a sensor_msgs/LaserScan.
 
     Parameters
     ----------
@@ -77,9 +78,9 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     numbers
         angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max.
     ranges
-        float32 (N,). The record's cannot be written, whether they come from a bag or from a
-        message, so that kernels are compiled for one kind of array. Ranges that say that nothing
-        was seen are +inf in the record (REP-117).
+        float32 (N,). The record's ranges are read-only, whether they come from a bag or from a
+        message, so that kernels are compiled for one array type. Ranges that mean "no return" are
+        +inf in the record (REP-117).
 
     Raises
     ------
@@ -142,10 +143,10 @@ def _check_angles(count: int, angle_min: float, angle_max: float, increment: flo
 
 
 def _no_returns(ranges: Float32, range_max: float) -> Bool | None:
-    """Return which beams have the range that stands for nothing seen, None where none has.
+    """Return a mask of the beams whose range encodes "no return"; None where there is none.
 
-    A range of exactly `range_max` is one. Where many share one range beside it, or are beyond it,
-    all beams beside it are taken as no returns: noise was added to some of them.
+    A range of exactly `range_max` is a no-return. Where many beams have the same range near
+    `range_max`, or a range beyond it, all beams near it are no-returns: noise was added to some.
     """
     if not 0.0 < range_max < math.inf:
         return None
@@ -174,14 +175,14 @@ def imu_record(
         Header.
     rates
         Angular velocity about x, y and z, rad/s, and the first element of its covariance: -1 where
-        there is no angular velocity.
+        the IMU has no gyroscope.
     acceleration
-        The same of the linear acceleration, m/s2. One that is not finite is taken as none.
+        The same for the linear acceleration, m/s2; a value that is not finite becomes None.
 
     Raises
     ------
     MessageError
-        Where there is no angular velocity, or one that is not finite.
+        Where the angular velocity is missing or not finite.
     """
     if rates[3] == -1.0:
         raise MessageError("imu measures no angular velocity (its covariance begins with -1)")
@@ -204,7 +205,7 @@ def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> Joi
     stamp_ns
         Stamp of the header.
     names
-        Joints; without positions they are left out.
+        Joint names; ignored where the message has no positions.
     positions
         float64 (len(names),), rad or m; joints whose position is not finite are left out.
 
@@ -238,7 +239,7 @@ def transform_sample(
     t, q
         Translation (x, y, z), m, and quaternion (x, y, z, w) of T_parent_child.
     is_static
-        Whether it came on /tf_static.
+        Whether the transform came on /tf_static.
 
     Raises
     ------
@@ -253,10 +254,10 @@ def transform_sample(
 def transform_samples(
     rows: Iterable[tuple[int, tuple[str, str], Vector, Vector]], is_static: bool
 ) -> list[TransformSample]:
-    """Return the samples of a tf2_msgs/TFMessage; where one has no pose, it is nan.
+    """Return the samples of a tf2_msgs/TFMessage; the matrix of an invalid transform is NaN.
 
-    The other transforms of such a message are sound: a publisher sends those of all joints at once,
-    also that of a finger of which nothing is measured.
+    One invalid transform does not invalidate the message: a publisher sends all joints at once,
+    including a gripper finger without an encoder.
 
     Parameters
     ----------
@@ -266,7 +267,7 @@ def transform_samples(
     Raises
     ------
     MessageError
-        Where none of them has a pose.
+        Where no transform of the message is valid.
     """
     samples, faults = [], []
     for stamp_ns, frames, t, q in rows:
@@ -292,7 +293,7 @@ def pose_matrix(t: Vector, q: Vector, what: str) -> Float64:
     q
         (4,), x y z w; it is normalised.
     what
-        Subject of the error's message.
+        Subject of the error message.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Results of a tilt cycle that others use: the surface message, tracked planes and objects."""
+"""Results of a tilt cycle: the surface message, tracked planes and objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tccm_ros.arrays import Float32, Float64
 
 
 class SensorKind(IntEnum):
-    """The kind of sensor that measured points: its ranges have errors of their own."""
+    """The kind of sensor that measured points; each kind has its own range noise."""
 
     LASER = 0
     DEPTH_IMAGE = 1
@@ -26,15 +26,15 @@ class SurfaceCloud:
     Attributes
     ----------
     stamp_ns
-        Middle between the tilt cycle's first and last used beam.
+        Middle between the times of the tilt cycle's first and last used beam.
     frame_id
-        Base frame; the points are moved to where the base was at the stamp.
+        Base frame; points are transformed to the base pose at the stamp.
     points
         float32 (N, 3), m.
     surface
         uint32 (N,), index of the surface within this cloud, from 0.
     viewpoint
-        float32 (3,), position of the sensor at the stamp, m, in the same frame; None: unknown.
+        float32 (3,), position of the sensor at the stamp, m, in the same frame; None if unknown.
     sensor
         Kind of that sensor.
     """
@@ -49,7 +49,7 @@ class SurfaceCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewIntervals:
-    """The free intervals that one tilt cycle saw through, per column of ``views.cell_size``.
+    """The free intervals that one tilt cycle observed, per column of ``views.cell_size``.
 
     Attributes
     ----------
@@ -58,8 +58,8 @@ class ViewIntervals:
     intervals
         float32 (N, 4): x y of the column's centre, z_low, z_high; m. A column may have several.
     hits
-        float32 (M, 4): what beams ended on near horizontal surfaces, one row for each small cube:
-        x y of the middle of its points, and their lowest and highest z; m.
+        float32 (M, 4), beam hits near horizontal surfaces, one row per small cube: mean x and y of
+        its points, and their minimum and maximum z; m.
     """
 
     stamp_ns: int
@@ -70,18 +70,18 @@ class ViewIntervals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectBoxes:
-    """What stands on the surfaces that one tilt cycle measured, as boxes with vertical sides.
+    """The objects on the surfaces of one tilt cycle, as boxes with vertical sides.
 
     Attributes
     ----------
     stamp_ns, frame_id
-        As in the SurfaceCloud of the same cycle: the boxes are where the base saw them.
+        As in the SurfaceCloud of the same cycle; boxes are in the base frame at the stamp.
     center
         float64 (N, 3), middle of each box, m.
     size
         float64 (N, 3), edges along its own x, y and z, m.
     yaw
-        float64 (N,), of its x axis, rad.
+        float64 (N,), yaw of the box's x axis, rad.
     points
         uint32 (N,), points measured on it.
     """
@@ -95,7 +95,7 @@ class ObjectBoxes:
 
 
 class PlaneKind(StrEnum):
-    """What is known of a plane's inclination."""
+    """Constraint on a plane's inclination."""
 
     HORIZONTAL = "horizontal"
     ANY = "any"
@@ -110,7 +110,7 @@ class PlaneRecord:
     id
         Identity over tilt cycles.
     kind
-        `PlaneKind`, or its text where it was read from a file.
+        `PlaneKind`, or its string value where the record was read from a file.
     normal, offset
         Unit normal float64 (3,), ``normal . p = offset``; horizontal normals point up, others
         towards the sensor.
@@ -118,9 +118,9 @@ class PlaneRecord:
         float64 (3, 3) of (rotation about u, rotation about v, offset at the centroid) in rad and
         m, with u, v the tangent directions of `geometry` of the detector.
     support
-        Points.
+        Number of inlier points.
     area
-        m2, of the boundary less the holes.
+        Area inside the boundary minus the holes, m2.
     quality
         val of Eq. (8), m2.
     boundary
@@ -128,7 +128,7 @@ class PlaneRecord:
     holes
         Rings as `boundary`, clockwise.
     rms
-        Distance of the points to the plane, m.
+        Root mean square distance of the points to the plane, m.
     centroid
         float64 (3,), mean of the points.
     """
@@ -149,7 +149,7 @@ class PlaneRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TabletopObject:
-    """Something that stands on a surface.
+    """An object that stands on a surface.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class TabletopObject:
     plane
         PlaneRecord.id of the surface that it stands on.
     center
-        float64 (3,), of the box, in the map's frame.
+        float64 (3,), centre of the box, in the map's frame.
     size
         float64 (3,), edge lengths along the box's x, y, z.
     yaw

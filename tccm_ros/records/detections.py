@@ -1,4 +1,4 @@
-"""What detectors recognised."""
+"""Objects recognised by a detector."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from tccm_ros.arrays import Float64
 
 
 class Hypothesis(NamedTuple):
-    """A class that a detector gives an object.
+    """A class hypothesis of a detected object.
 
     Attributes
     ----------
     class_id
-        As the detector names it.
+        Class name of the detector.
     score
-        0 to 1.
+        Score, 0 to 1.
     """
 
     class_id: str
@@ -31,13 +31,13 @@ class Detections:
     Attributes
     ----------
     stamp_ns, frame_id
-        Of the picture; a frame of the robot, the odometry frame or the map frame.
+        Of the picture; the frame is one of the robot, the odometry frame or the map frame.
     center
-        float64 (N, 3), middle of each, m.
+        float64 (N, 3), centres, m.
     hypotheses
-        Of each, the classes that it may have; at least one.
+        Class hypotheses of each object; at least one.
     unusable
-        Detections of the message that are not among them, by reason.
+        Number of detections of the message that were left out, by reason.
     """
 
     stamp_ns: int

@@ -1,7 +1,7 @@
-"""What the intake gives to the processors: records with their poses, and what the robot did.
+"""Events that the intake gives to the processors: posed records and motion of the robot.
 
-Each record that comes in is checked once, by `robot.Robot`; whatever it brings out is a list of
-events in an order that the algorithms may rely on. The base's motion is told by its `Odometry`.
+`robot.Robot` checks each incoming record once and returns a list of events in a deterministic
+order. `Odometry` events carry the motion of the base.
 """
 
 from __future__ import annotations
@@ -46,27 +46,28 @@ class Posed:
     Attributes
     ----------
     record
-        What the sensor measured.
+        The sensor's record.
     pose_stamps_ns
-        Stamps of the pose samples, int64 (K,), strictly increasing, K >= 2 (K = 1 where all was
-        measured at one time).
+        Stamps of the pose samples, int64 (K,), strictly increasing, K >= 2 (K = 1 where the whole
+        record has one time).
     T_odom_base
         float64 (K, 4, 4).
     T_base_sensor
         float64 (K, 4, 4).
     role
-        The stream that it came on.
+        Name of the stream.
     odom_frame, base_frame
         Names of the two frames.
     own_shapes
-        The robot's shapes at the record's stamp, where the stream asks for them and they are known.
+        The robot's shapes at the record's stamp, where the stream needs them and they are known.
     has_odometry
-        Whether odometry or tf tells how the base moves; without, `T_odom_base` is the identity.
+        Whether odometry or tf gives the motion of the base; otherwise `T_odom_base` is the
+        identity.
     heading
-        Of a level scan, the yaw of the base at its stamp by a gyroscope, rad, from a direction of
-        its own: differences between scans count. None where nothing tells it.
+        Of a level scan, the integrated gyroscope yaw of the base at its stamp, rad. The zero is
+        arbitrary: only differences between scans are meaningful. None without a gyroscope.
     sensor_kind
-        Of the class: whose noise the points have (`sensors.noise`).
+        Class attribute; selects the noise model (`sensors.noise`).
     """
 
     sensor_kind: ClassVar[SensorKind] = SensorKind.LASER
@@ -108,15 +109,14 @@ class PosedScan(Posed):
 class TiltAngle(NamedTuple):
     """The corrected angle of a sensor's tilt joint at a stamp.
 
-    Those of one stream come in the order of their stamps, each once. Over a wrap of the joint the
-    angle goes on.
+    The angles of one stream come in stamp order, one per stamp. They are unwrapped.
 
     Attributes
     ----------
     role
         The stream of the sensor.
     stamp_ns
-        Of the joint sample or transform that tells the angle.
+        Stamp of the joint sample or transform.
     angle
         rad, corrected by `rig.tilt_scale` and `rig.tilt_offset`.
     """
@@ -127,7 +127,7 @@ class TiltAngle(NamedTuple):
 
 
 class RollPitch(NamedTuple):
-    """Roll and pitch of the base by its IMU, as measured: with the bias of the accelerometer.
+    """Roll and pitch of the base measured by its IMU, including the bias of the accelerometer.
 
     Roll is positive where the left side is up, pitch where the front is down (REP-103).
 
@@ -138,9 +138,9 @@ class RollPitch(NamedTuple):
     measured
         Roll and pitch, rad.
     sigma
-        Standard deviation of each of the two against the usual ones, rad.
+        Standard deviation of each of the two relative to `usual`, rad.
     usual
-        The same of a base that drives, as far as is known by then; None where it is not.
+        Median roll and pitch of the moving base so far, rad; None where unknown.
     """
 
     stamp_ns: int
@@ -150,12 +150,12 @@ class RollPitch(NamedTuple):
 
 
 class MapOdom(NamedTuple):
-    """Where the odometry frame is in the map, by another program's localisation.
+    """The pose of the odometry frame in the map, from an external localisation.
 
     Attributes
     ----------
     stamp_ns
-        From when on it holds.
+        Stamp from which on the pose holds.
     T_map_odom
         float64 (4, 4); the odometry frame is that of the `Odometry` events.
     """
@@ -165,14 +165,14 @@ class MapOdom(NamedTuple):
 
 
 class StreamComplete(NamedTuple):
-    """No record of a sensor that is older than `until_ns` will be given any more.
+    """Announces that no record of a sensor older than `until_ns` will follow.
 
     Attributes
     ----------
     role
         The stream of the sensor.
     until_ns
-        Records with older stamps are all given or dropped.
+        All records with older stamps have been given or dropped.
     """
 
     role: str
@@ -180,17 +180,17 @@ class StreamComplete(NamedTuple):
 
 
 class MapReset(NamedTuple):
-    """Poses and the map begin anew, as the clock went back or odometry came after all.
+    """Poses and the map start again: the clock went back, or odometry arrived late.
 
     Attributes
     ----------
     reason
-        What happened, as a clause.
+        Reason, as a clause.
     """
 
     reason: str
 
 
 Event = Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapOdom | MapReset
-"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion, its roll
-and pitch, and resets of the map concern everybody."""
+"""Events of `robot.Robot`. The first three have the role of a stream; base motion, roll and pitch,
+and map resets go to all processors."""

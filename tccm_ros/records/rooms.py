@@ -9,18 +9,18 @@ from tccm_ros.arrays import Float64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """A room: what walls enclose once doors are closed.
+    """A room: an area that walls enclose when doors are closed.
 
     Attributes
     ----------
     id
-        Number, from the largest room to the smallest.
+        Number, in the order of decreasing area.
     name
         Number on the door sign; empty where none was read.
     boundary
         float64 (N, 2), open ring in map, counter-clockwise, m.
     area
-        m2.
+        Area, m2.
     signs
         Ids of the door signs that name it, ascending.
     """

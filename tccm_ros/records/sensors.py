@@ -1,4 +1,4 @@
-"""Records of what sensors measure, and of what describes the robot."""
+"""Records of sensor measurements and of the robot description."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Scan:
     ranges
         float32 (N,), m; REP-117: +inf nothing seen, -inf too close, nan invalid.
     no_returns
-        Beams that the driver gave the range beside `range_max` that stands for nothing seen; they
-        are +inf in `ranges`.
+        Number of beams whose driver-specific "no return" range near `range_max` was replaced by
+        +inf in `ranges`.
     """
 
     stamp_ns: int
@@ -57,7 +57,7 @@ class JointSample:
     stamp_ns
         Stamp of the header.
     names
-        Joints.
+        Joint names.
     positions
         float64 (len(names),), rad or m, finite.
     """
@@ -89,7 +89,7 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """What a gyroscope and an accelerometer measure (sensor_msgs/Imu).
+    """A measurement of a gyroscope and an accelerometer (sensor_msgs/Imu).
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Imu:
         float64 (3,), rad/s, along the axes of the frame, finite.
     acceleration
         float64 (3,), along the axes of the frame, finite: the specific force, which at rest points
-        up (9.8 m/s2). None where it is not measured.
+        up (9.8 m/s2). None where the IMU has no accelerometer.
     """
 
     stamp_ns: int
@@ -117,11 +117,11 @@ class TransformSample:
     stamp_ns
         Stamp of the header.
     parent, child
-        The two frames.
+        The two frame ids.
     T_parent_child
         float64 (4, 4), maps coordinates in child to parent.
     is_static
-        Whether it holds at all times.
+        Whether the transform holds at all times.
     """
 
     stamp_ns: int
@@ -163,8 +163,8 @@ class CameraInfo:
     binning
         Pixels of the whole image along x and y in a pixel of the image, at least 1.
     region
-        x and y of the first pixel, width and height of the part of the whole image that is read
-        out, pixels of the whole image; all 0 where all is.
+        x and y of the first pixel, width and height of the region of interest, pixels of the whole
+        image; all 0 for the whole image.
     """
 
     stamp_ns: int
@@ -193,21 +193,21 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthImage:
-    """An image of depths (sensor_msgs/Image, or CompressedImage) with its camera's calibration.
+    """A depth image (sensor_msgs/Image or CompressedImage) with its camera calibration.
 
     Attributes
     ----------
     stamp_ns
-        When it was taken.
+        Time of the image.
     frame_id
         Optical frame: x right, y down, z forward (REP-103).
     depth
-        z of what each pixel sees, (height, width): uint16 in mm, where 0 is nothing, or float32 in
-        m, where what is not finite and positive is nothing.
+        z of each pixel, (height, width): uint16 in mm, where 0 means no depth, or float32 in m,
+        where values that are not finite and positive mean no depth.
     camera
-        The calibration, None until it is known.
+        Camera calibration; None until it is known.
     is_rectified
-        Whether its distortion has been removed: the calibration's P counts.
+        Whether the image is rectified; then P of the calibration applies.
     """
 
     stamp_ns: int
@@ -218,7 +218,7 @@ class DepthImage:
 
     @property
     def encoding(self) -> str:
-        """The message's name of the kind of depths."""
+        """Encoding name of the message for this dtype."""
         return "16UC1" if self.depth.dtype == np.uint16 else "32FC1"
 
     @property
@@ -230,22 +230,22 @@ class DepthImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
-    """A picture (sensor_msgs/Image, or CompressedImage) with its camera's calibration.
+    """A picture (sensor_msgs/Image or CompressedImage) with its camera calibration.
 
     Attributes
     ----------
     stamp_ns
-        When it was taken.
+        Time of the picture.
     frame_id
         Optical frame: x right, y down, z forward (REP-103).
     encoding
-        ``rgb8``, ``bgr8`` or ``mono8``; ``compressed`` where the data are those of a file.
+        ``rgb8``, ``bgr8`` or ``mono8``; ``compressed`` where `data` is a JPEG or PNG file.
     size
         Width and height, pixels.
     data
         uint8 (N,): rows from the top without padding, or a JPEG or PNG file.
     camera
-        The calibration, None until it is known.
+        Camera calibration; None until it is known.
     """
 
     stamp_ns: int
@@ -258,16 +258,16 @@ class CameraImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
-    """Points that a sensor measured (sensor_msgs/PointCloud2).
+    """A point cloud of a sensor (sensor_msgs/PointCloud2).
 
     Attributes
     ----------
     stamp_ns, frame_id
         Header.
     points
-        float32 (N, 3), m, in the frame; what is not finite is no point.
+        float32 (N, 3), m, in the frame; rows that are not finite are invalid points.
     since_ns
-        int64 (N,), time of each point after the stamp, ns; None where all have the stamp's.
+        int64 (N,), time of each point after the stamp, ns; None where all points have the stamp's.
     """
 
     stamp_ns: int

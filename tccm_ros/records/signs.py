@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from tccm_ros.arrays import Float64
 
 SIGN = "sign"
-"""The kind of landmark that a door sign is."""
+"""Landmark kind of door signs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignSighting:
-    """One picture in which a sign was read.
+    """One observation of a sign in a picture.
 
     Attributes
     ----------
     stamp_ns
         Of the picture.
     keyframe
-        The keyframe that the picture hangs on.
+        Id of the keyframe that the picture is attached to.
     pixel
         float64 (2,), middle of the number, pixels from the left and the top.
     """
@@ -31,25 +31,25 @@ class SignSighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sign:
-    """A door sign: a point on a wall, and what the plate says.
+    """A door sign: a point on a wall, and the text of the plate.
 
     Attributes
     ----------
     id
-        Stays with the sign over solutions and sessions.
+        Persistent over solutions and sessions.
     text, number
-        All lines of the plate, and the number of the room in them, as most pictures say.
+        All lines of the plate, and the room number in them, by majority of the pictures.
     confidence
-        Mean over the pictures of the confidence in the number, 0 for those that say another; 0 to
-        1.
+        Mean confidence in the number over the pictures, 0 to 1; pictures with another number count
+        as 0.
     position
         float64 (3,), middle of the number in map, m.
     normal
-        float64 (3,), unit vector from its wall to who reads it, horizontal.
+        float64 (3,), unit vector from the wall to a reader in front of it, horizontal.
     covariance
         float64 (3, 3) of the position, m2.
     wall
-        Id of the wall that it is fixed to; None where no wall is known there.
+        Id of the wall that the sign is fixed to; None where no wall is known there.
     views
         The pictures, in the order of sessions and stamps.
     """
@@ -67,16 +67,16 @@ class Sign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefusedSign:
-    """Text that was read at one place as the number of a room, and is no door sign.
+    """A text that was read as a room number at one place and then rejected as a door sign.
 
     Attributes
     ----------
     number
-        As most pictures say.
+        The number, by majority of the pictures.
     position
         float64 (3,), in map, m.
     reason
-        Why it is none.
+        Reason of the rejection.
     """
 
     number: str

@@ -1,4 +1,4 @@
-"""Poses, loops, walls, landmarks and surfaces of the map, all in its frame."""
+"""Poses, loop closures, walls, landmarks and surfaces, all in the map frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tccm_ros.arrays import Float64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanPose:
-    """Where the base was at the first beam of a level scan, as known when the scan arrived.
+    """The live estimate of the base pose at the first beam of a level scan.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Keyframe:
     Attributes
     ----------
     id
-        Its number in the graph.
+        Index in the graph.
     stamp_ns
         Stamp of its level scan.
     pose
@@ -59,9 +59,9 @@ class Loop:
     delta
         float64 (3,), planar pose of `to_id` in `from_id` as matched.
     accepted
-        Whether it is a factor of the graph.
+        Whether the loop closure is a factor of the graph.
     reason
-        Why it was accepted or rejected.
+        Reason of the acceptance or rejection.
     """
 
     from_id: int
@@ -87,13 +87,13 @@ class Wall:
         float64 (2, 2), ends of the observed extent, in the order of the tangent
         (-sin phi, cos phi).
     observations
-        Line measurements that support it.
+        Number of line measurements.
     covariance
         float64 (2, 2) of (phi, rho), rad and m.
     corners
-        Ids of walls that share an endpoint, ascending.
+        Ids of walls with a common endpoint, ascending.
     is_seen_from_origin
-        Whether it was seen from the side of the origin; each side of a wall is one of its own.
+        Whether the observed side is that of the origin; the two sides of a wall are two records.
     """
 
     id: int
@@ -108,12 +108,12 @@ class Wall:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGuess:
-    """Where somebody says that the robot is; its place in the map is looked for around it.
+    """A user-supplied pose of the robot, around which relocalisation searches.
 
     Attributes
     ----------
     stamp_ns
-        When.
+        Stamp of the pose.
     pose
         float64 (3,), planar pose of the base in map, m and rad.
     cov
@@ -127,14 +127,14 @@ class PoseGuess:
 
 @dataclass(frozen=True, slots=True)
 class LabelCorrection:
-    """What a person says that a surface is.
+    """A user-supplied label of a surface.
 
     Attributes
     ----------
     surfaces
-        Id of the surface, and those that were merged into it: what was said of them is forgotten.
+        Id of the surface, and the ids merged into it, whose earlier corrections are deleted.
     label
-        Its label; empty: the rules decide again.
+        The label; empty to return to the automatic label.
     """
 
     surfaces: tuple[int, ...]
@@ -143,16 +143,17 @@ class LabelCorrection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkObservation:
-    """What a sensor measured of a landmark that it recognised.
+    """A measurement of a landmark by a sensor that identified it.
 
     Attributes
     ----------
     stamp_ns
-        When.
+        Stamp of the measurement.
     kind, id
-        Which landmark: a registered kind, and a number within it, >= 0, in all sessions.
+        Landmark identity: a registered kind, and a number within it, >= 0, the same in all
+        sessions.
     measurement, covariance
-        float64 (N,) and (N, N), in the base frame at the stamp; the kind says of what.
+        float64 (N,) and (N, N), in the base frame at the stamp; the kind defines the components.
     """
 
     stamp_ns: int
@@ -169,13 +170,13 @@ class Landmark:
     Attributes
     ----------
     kind, id
-        As observed.
+        Identity, as observed.
     position
         float64 (3,), in map, m.
     covariance
         float64 (3, 3) of the position, m2.
     observations
-        How often it was observed, in all sessions.
+        Number of observations, in all sessions.
     """
 
     kind: str
@@ -187,7 +188,7 @@ class Landmark:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSighting:
-    """One view that a surface was measured in.
+    """One view that measured a surface.
 
     Attributes
     ----------
@@ -196,7 +197,7 @@ class SurfaceSighting:
     keyframe
         Keyframe nearest in time; -1 where there is none.
     points
-        Points measured on the surface.
+        Number of points measured on the surface.
     """
 
     stamp_ns: int
@@ -205,7 +206,7 @@ class SurfaceSighting:
 
 
 class SurfaceShape(StrEnum):
-    """The models of outlines; a free outline has no model."""
+    """The outline models; a free outline has no model."""
 
     RECTANGLE = "rectangle"
     L = "L"
@@ -216,14 +217,14 @@ class SurfaceShape(StrEnum):
 
 
 class EdgeState(StrEnum):
-    """What is known of an edge of a surface."""
+    """Observation state of an edge of a surface."""
 
     SEEN = "seen"
-    """A view saw that the surface ends there: it looked through beyond, or a wall is there."""
+    """A view observed the end of the surface: there is free space or a wall beyond the edge."""
     HIDDEN = "hidden"
-    """Views looked that way, but something hid whether the surface goes on."""
+    """An occlusion left open whether the surface continues."""
     CUT = "cut"
-    """No view looked there: the views end."""
+    """No view observed the edge: it is the border of the views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,13 +234,13 @@ class SurfaceEdge:
     Attributes
     ----------
     start, end
-        float64 (3,), in map, m; the surface is to the left of the way from start to end.
+        float64 (3,), in map, m; the surface is to the left of the direction from start to end.
     state
-        Whether it was seen, hidden, or cut by the views.
+        `EdgeState` of the edge.
     sigma
-        Standard deviation of its position across, m; NaN where it was not seen.
+        Standard deviation of the edge's position perpendicular to it, m; NaN where it was not seen.
     hidden_by
-        Id of the surface that hides it; None where that is no surface, or it is not hidden.
+        Id of the occluding surface; None where another object occludes, or nothing does.
     """
 
     start: Float64
@@ -251,14 +252,14 @@ class SurfaceEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreviousPose:
-    """Where a surface was before it was carried elsewhere.
+    """The place of a surface before it was moved.
 
     Attributes
     ----------
     boundary, normal, offset
-        As of `Surface`; the boundary is what was seen.
+        As in `Surface`; the boundary is the observed one, without a model.
     last_seen_ns
-        Stamp of the last view that measured it there.
+        Stamp of the last view that measured the surface at this place.
     """
 
     boundary: Float64
@@ -274,50 +275,51 @@ class Surface:
     Attributes
     ----------
     id
-        Stays with the surface over merges and splits: the number of its oldest patch.
+        Persistent over merges and splits: the number of its oldest patch.
     label, confidence
-        What it is (``other`` is an answer), and how sure that is, 0 to 1.
+        Class of the surface (``other`` is a class), and the confidence in it, 0 to 1.
     height
         z at the centroid, m, in map.
     normal, offset
         Unit normal float64 (3,), up; ``normal . p = offset``.
     area
-        m2, of the boundary less the holes.
+        Area inside the boundary minus the holes, m2.
     centroid
         float64 (3,), mean of the points.
     boundary
-        float64 (N, 3), open ring, counter-clockwise seen from above: that of the model `shape`.
+        float64 (N, 3), open ring, counter-clockwise seen from above; the outline of the model
+        `shape`.
     holes
         Rings as `boundary`, clockwise.
     points
-        Points measured, before thinning.
+        Number of measured points, before thinning.
     height_std
         Standard deviation of the points' distances from the plane, m.
     first_seen_ns, last_seen_ns
-        Stamps of the first and the last view that measured it, replaced views included.
+        Stamps of the first and the last view that measured it, including replaced views.
     views
-        The views that are part of it, in the order of sessions and stamps.
+        The views that contribute to it, in the order of sessions and stamps.
     merged_ids
-        Numbers of its other patches: ids of surfaces that went into this one, and that a part of it
-        has when it parts from it.
+        Numbers of its other patches: ids of the surfaces that were merged into this one. If the
+        surface splits, a part takes its id from them.
     shape
-        The simplest model that the evidence supports.
+        The simplest outline model that the observations support.
     edges
-        Of the boundary, in its order, one from each corner to the next.
+        Edges of the boundary, in order, one from each corner to the next.
     area_seen, boundary_seen
-        What the views measured, without a model: m2, and a ring as `boundary`. The holes are those
-        of both.
+        Observed area, m2, and observed boundary, a ring as `boundary`, without a model. The holes
+        belong to both.
     room
-        Name of the room that it stands in; empty where that is not known.
+        Name of the room that contains it; empty where unknown.
     near
-        Texts of the door signs near it, the nearest first.
+        Texts of nearby door signs, the nearest first.
     placed_ns
-        Stamp of the first view that measured it where it is now.
+        Stamp of the first view that measured it at its present place.
     previous_pose
-        Where it was before it was carried here; None where that is not known.
+        Its place before it was moved; None where unknown.
     cov_plane
-        float64 (3, 3), covariance of its plane: z at the centroid (m), and the slopes dz/dx and
-        dz/dy in map; nan where it is not known.
+        float64 (3, 3), covariance of the plane: z at the centroid (m), and the slopes dz/dx and
+        dz/dy in map; NaN where unknown.
     """
 
     id: int

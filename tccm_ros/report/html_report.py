@@ -40,6 +40,7 @@ LAYERS = {
     "labels": ("labels", True),
     "objects": ("objects on surfaces", True),
     "free": ("free places", False),
+    "racks": ("compartments of racks", False),
     "floor_objects": ("objects on the floor", False),
     "walls": ("walls", True),
     "path": ("path, 3D views", True),

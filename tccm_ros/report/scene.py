@@ -10,13 +10,20 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64
 from tccm_ros.outlines.triangulation import fill_outline
+from tccm_ros.racks.outline import box_edges
 from tccm_ros.report import palette
 from tccm_ros.report.array_pack import ArrayPack, differences
 from tccm_ros.report.label_layout import label_point
 from tccm_ros.report.map_picture import box_corners, extent
 from tccm_ros.results.cuboids_file import FinalCuboids
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import CycleEntry, ObjectEntry, PlaneEntry, SurfaceEntry
+from tccm_ros.results.models import (
+    CompartmentEntry,
+    CycleEntry,
+    ObjectEntry,
+    PlaneEntry,
+    SurfaceEntry,
+)
 
 MAX_CUBOIDS = 400_000
 """Of a larger final map only the newest cuboids are shown; chosen: smooth in a browser."""
@@ -69,6 +76,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
         "objects": [_object(box, results) for box in results.objects],
         "surfaceIds": [surface.id for surface in results.above_floor],
         "free": list(_free(pack, results)),
+        "racks": [_compartment(space) for space in results.compartments],
         "path": _path(pack, results),
         "places": _views(results),
         "planes": [_plane_cycle(pack, cycle, results.ground) for cycle in results.planes],
@@ -143,6 +151,22 @@ def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
                 "v": pack.add(np.concatenate(rings), "f4"),
                 "rings": [len(ring) for ring in rings],
             }
+
+
+def _compartment(space: CompartmentEntry) -> dict[str, Any]:
+    return {
+        "board": space.board,
+        "width": _round(space.width),
+        "depth": _round(space.depth),
+        "height": _round(space.height),
+        "sides": [space.left.value, space.right.value],
+        "back": space.back.value,
+        "ceiling": space.ceiling.value,
+        "edges": [
+            [_list(end) for end in ends]
+            for ends in box_edges(space.front, space.insertion, space.depth, space.height)
+        ],
+    }
 
 
 def _path(pack: ArrayPack, results: Results) -> dict[str, Any]:

@@ -523,9 +523,7 @@ class CompartmentEntry:
     @classmethod
     def of(cls, compartment: Compartment) -> CompartmentEntry:
         """Return the entry of a compartment."""
-        T, half = compartment.T_map_front, 0.5 * compartment.width
-        front = T[:3, 3] + np.array([[half], [-half]]) * T[:3, 1]
-        return _entry(cls, compartment, front=front, insertion=T[:3, 0])
+        return _entry(cls, compartment, insertion=compartment.T_map_front[:3, 0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,30 +4,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import quaternion
+from tccm_ros.racks.compartment import Compartment
 from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
-from tccm_ros.surfaces.planning_shapes import OBJECT_PREFIX, Box, surface_shape
+from tccm_ros.surfaces.planning_shapes import Box, structure_shapes
+
+TITLE = "tccm_ros"
+"""Name of the scene."""
 
 
-def scene_text(surfaces: Iterable[Surface], name: str = "tccm_ros") -> str:
-    """Return all surfaces but the floor as the text of a MoveIt planning scene (``.scene``).
+def scene_text(surfaces: Iterable[Surface], compartments: Sequence[Compartment] = ()) -> str:
+    """Return surfaces and racks (`structure_shapes`) as a MoveIt planning scene (``.scene``).
 
-    The floor is left out because the robot, which stands on it, would always be in collision. The
-    format is the older one of two, which all versions of MoveIt read: for each object its shapes,
-    for each shape its pose (x y z, then the quaternion x y z w) and its colour.
+    The format is the older one of two, which all versions of MoveIt read: for each object its
+    shapes, for each shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
-    lines = [name]
-    for surface in surfaces:
-        if surface.label == "floor":
-            continue
-        shape = surface_shape(surface)
-        lines += [f"* {OBJECT_PREFIX}{surface.id}", "1"]
+    lines = [TITLE]
+    for name, shape in structure_shapes(surfaces, compartments).items():
+        lines += [f"* {name}", "1"]
         T = np.eye(4)
         if isinstance(shape, Box):
             T = shape.T_map_box

@@ -1,4 +1,4 @@
-"""The one intake: from records to posed events, by all that is known of the robot."""
+"""The intake: converts records to posed events, using frames, joints, odometry and the IMU."""
 
 from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.robot import Robot

@@ -1,4 +1,4 @@
-"""Where the base is in the odometry frame: by odometry, else by tf, else it stands still."""
+"""The pose of the base in the odometry frame: from odometry, else from tf, else constant."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint
 
 STANDING_STEP = (0.0005, 0.0005)
-"""A base stands whose odometry moves by less (m, rad) in a step of about 0.1 s (chosen)."""
+"""A base is at rest if its odometry moves by less (m, rad) in a step of about 0.1 s (chosen)."""
 
 PLANAR_SINE = 1e-6
-"""Sine of a roll or pitch that is none (chosen: rounding of quaternions)."""
+"""Sine of a roll or pitch below which it is zero (chosen: rounding of quaternions)."""
 
 
 class MotionSource(Enum):
@@ -34,18 +34,18 @@ class MotionSource(Enum):
 
 
 class BaseMotion:
-    """T_odom_base over time, for any frame that is a base.
+    """T_odom_base over time, for any base frame.
 
     Attributes
     ----------
     source
-        What tells it; None until it is decided.
+        Source of the motion; None until it is decided.
     odom_frame
         Name of the odometry frame.
     odometry
-        What odometry passes before it comes here.
+        Filter that odometry records pass before they are added.
     has_roll_pitch
-        Whether odometry has ever told a roll or pitch of the base.
+        Whether odometry has ever contained roll or pitch of the base.
     """
 
     def __init__(self, config: Config, frames: FrameTree):
@@ -58,7 +58,7 @@ class BaseMotion:
         self.has_roll_pitch = False
 
     def add(self, record: Odometry) -> bool:
-        """Take one odometry record; return whether it is newer than the one before."""
+        """Add an odometry record; return whether it is newer than the previous one."""
         self.source = MotionSource.ODOMETRY
         self.odom_frame = record.frame_id or self.odom_frame
         self.has_roll_pitch |= max(abs(record.T_odom_base[2, :2]).tolist()) > PLANAR_SINE
@@ -66,11 +66,11 @@ class BaseMotion:
 
     @property
     def child_frame(self) -> str | None:
-        """The frame that odometry follows, None before odometry came."""
+        """The child frame of odometry; None before the first record."""
         return self._frames.odometry_child
 
     def clear_samples(self) -> None:
-        """Forget everything that has a stamp, as after a jump of the clock."""
+        """Clear all time-stamped data, after a jump of the clock."""
         self._track.clear()
         self.odometry.clear()
         self._chains.clear()
@@ -79,13 +79,13 @@ class BaseMotion:
             self.source = None
 
     def decide(self, base: str) -> None:
-        """Decide without odometry: tf's way from the odometry frame to the base, or none."""
+        """Choose the source without odometry: tf from the odometry frame to the base, or none."""
         frame = self._odom_frame_above(base)
         self.source = MotionSource.STILL if frame is None else MotionSource.TF
         self.odom_frame = frame or self.odom_frame
 
     def _odom_frame_above(self, base: str) -> str | None:
-        """Return the configured odometry frame, or where the first moving transform comes from."""
+        """Return the configured odometry frame, or the parent of the first moving transform."""
         above = ancestors(base, dict(self._frames.tf))
         if self.odom_frame in above[1:]:
             return self.odom_frame
@@ -95,7 +95,7 @@ class BaseMotion:
         return moving[0].parent if moving else None
 
     def _tf_chain(self, base: str) -> Chain:
-        """Return tf's chain from the odometry frame to a base."""
+        """Return the tf chain from the odometry frame to a base."""
         chain = self._chains.get(base)
         if chain is None:
             edges = self._frames.view(urdf=False, tf=True, moving_tf=True)
@@ -104,9 +104,9 @@ class BaseMotion:
         return chain
 
     def at(self, stamps_ns: Int64, base: str) -> Float64:
-        """Return T_odom_base float64 (K, 4, 4) at stamps int64 (K,) that are bracketed.
+        """Return T_odom_base float64 (K, 4, 4) at stamps int64 (K,) within the samples.
 
-        By odometry it is the pose of the frame that odometry follows.
+        With odometry, this is the pose of the child frame of odometry.
         """
         if self.source is MotionSource.ODOMETRY:
             return self._track.at(stamps_ns)
@@ -119,9 +119,8 @@ class BaseMotion:
 
         Returns
         -------
-        m and rad, in the frame of the base at the first stamp; None where odometry does not tell
-        it, or where two samples around or between them have a wider step than
-        `max_gap_ns`.
+        m and rad, in the base frame at the first stamp; None without odometry, or where the samples
+        around the interval have a gap wider than `max_gap_ns`.
         """
         is_told = self.source is MotionSource.ODOMETRY
         if not is_told or not self._track.brackets(start_ns, end_ns, max_gap_ns):
@@ -131,16 +130,16 @@ class BaseMotion:
 
     @property
     def latest_ns(self) -> int | None:
-        """The newest stamp of odometry, None without any."""
+        """The newest stamp of odometry; None without odometry."""
         return self._track.latest_ns
 
     def tracks(self, base: str) -> list[PoseTrack]:
-        """Return the tracks that the motion is read from: none where the base stands still.
+        """Return the tracks that determine the motion; none if the base is constant.
 
         Raises
         ------
         FrameError
-            Where tf knows no way to this base.
+            Where tf has no chain to this base.
         """
         if self.source is MotionSource.ODOMETRY:
             return [self._track]
@@ -151,7 +150,7 @@ class BaseMotion:
 
 
 def is_standing(step: Float64) -> bool:
-    """Return whether odometry reports no motion in a step (3,)."""
+    """Return whether odometry reports no motion in a step (3,), m and rad."""
     moved, turned = math.hypot(step[0], step[1]), abs(step[2])
     return bool(moved < STANDING_STEP[0] and turned < STANDING_STEP[1])
 

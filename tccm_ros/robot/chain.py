@@ -14,20 +14,20 @@ from tccm_ros.robot.tracks import PoseTrack, ScalarTrack
 
 @dataclass(slots=True, eq=False)
 class JointReading:
-    """A joint of a chain and where its position comes from: q = scale * sample + offset.
+    """A joint of a chain and its position from samples: q = scale * sample + offset.
 
     Attributes
     ----------
     name
         Name of the joint in the chain.
     track
-        Its samples, or those of the joint that it mimics.
+        Samples of the joint, or of the joint that it mimics.
     axis
         Unit vector float64 (3,) in the joint's frame.
     is_revolute
-        Whether it rotates about the axis; otherwise it slides along it.
+        Whether the joint rotates about the axis; otherwise it translates along it.
     scale, offset
-        From sample to position: that of a mimic joint, corrected by the rig's calibration.
+        Coefficients of a mimic joint, corrected by the rig's calibration.
     """
 
     name: str
@@ -54,7 +54,7 @@ class JointReading:
         stamps_ns
             int64 (K,), bracketed by the track.
         backwards
-            Whether the chain runs from the joint's child to its parent.
+            Whether the chain goes from the joint's child to its parent.
         """
         q = self.at(stamps_ns)
         apply_joint(T, self.axis, -q if backwards else q, self.is_revolute)
@@ -62,9 +62,9 @@ class JointReading:
 
 @dataclass(slots=True, eq=False)
 class MovingTransform:
-    """A moving transform of tf in a chain, turned by a correction about `axis` in its child.
+    """A moving tf transform in a chain, with a rotational correction about `axis` in its child.
 
-    The correction makes the angle `a` about the axis into ``scale * a + offset``.
+    The correction maps the angle `a` about the axis to ``scale * a + offset``.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class MovingTransform:
     track
         T_parent_child over time.
     axis
-        Unit vector float64 (3,) in the child frame, None where nothing is corrected.
+        Unit vector float64 (3,) in the child frame; None for no correction.
     scale, offset
         The correction; offset in rad.
     """
@@ -94,7 +94,7 @@ class MovingTransform:
         stamps_ns
             int64 (K,), bracketed by the track.
         backwards
-            Whether the chain runs from child to parent.
+            Whether the chain goes from child to parent.
         """
         moved = self.track.at(stamps_ns)
         if self.axis is not None and (self.scale != 1.0 or self.offset != 0.0):
@@ -113,9 +113,10 @@ class Chain:
     Attributes
     ----------
     fixed
-        float64 (P + 1, 4, 4): the fixed transform before each part, and after the last one.
+        float64 (P + 1, 4, 4): the fixed transforms before each part and after the last one.
     parts
-        The moving parts from a to b; True where the chain runs through one backwards.
+        The moving parts from a to b, each with True where the chain goes from its child to its
+        parent.
     """
 
     fixed: Float64
@@ -127,7 +128,7 @@ class Chain:
         return [part.track for part, _ in self.parts]
 
     def at(self, stamps_ns: Int64) -> Float64:
-        """Return T_a_b float64 (K, 4, 4) at stamps int64 (K,) that all tracks bracket."""
+        """Return T_a_b float64 (K, 4, 4) at stamps int64 (K,) within the samples of all tracks."""
         T = np.empty((len(stamps_ns), 4, 4))
         T[:] = self.fixed[0]
         for (part, backwards), after in zip(self.parts, self.fixed[1:]):

@@ -1,6 +1,6 @@
-"""The chain from the base to a laser: names are found, not set (docs/design/frames_and_time.md).
+"""Find the chain from the base to a sensor automatically (docs/design/frames_and_time.md).
 
-The base is the odometry's child frame where the robot has it, else a root; the tilt joint is the
+The base is the child frame of odometry where the robot has it, else a root; the tilt joint is the
 revolute joint nearest to the laser. The chain comes from the robot description, from tf, or from
 the configured rig; an ambiguity is an error that names the candidates.
 """
@@ -27,31 +27,31 @@ from tccm_ros.robot.frames import (
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-#: Name of the base where nothing names it.
+#: Default name of the base.
 DEFAULT_BASE = "base_link"
 
 
 class MountKind(Enum):
-    """How a sensor is mounted: what its chain must have, and what the group `rig` says of it."""
+    """Kind of mount: the requirements on the chain, and the parameters of `rig` that apply."""
 
     TILTING = "tilt_laser"
-    """It turns with a tilt joint; `rig.tilt_laser` is its place."""
+    """Moved by a tilt joint; `rig.tilt_laser` is its pose."""
 
     LEVEL = "level_laser"
-    """Its scan plane is horizontal; `rig.level_laser` is its place."""
+    """Horizontal scan plane; `rig.level_laser` is its pose."""
 
     ANY = ""
-    """Placed by the robot description or tf alone, whatever moves it.
+    """Pose from the robot description or tf only, with any joints.
 
-    Where `frames.tilt_joint` moves it, the corrections of `rig` count for it as for a laser.
+    If `frames.tilt_joint` moves the sensor, the corrections of `rig` apply as for a tilting laser.
     """
 
     def rig_place(self, rig: Rig) -> tuple[float, ...] | None:
-        """Return x y z roll pitch yaw in the base as configured, None where it is not."""
+        """Return the configured x y z roll pitch yaw in the base; None where not configured."""
         return {MountKind.TILTING: rig.tilt_laser, MountKind.LEVEL: rig.level_laser}.get(self)
 
     def T_correction(self, rig: Rig) -> Float64:
-        """Return what corrects T_base_sensor from the left, float64 (4, 4)."""
+        """Return the correction that multiplies T_base_sensor from the left, float64 (4, 4)."""
         corrections = {
             MountKind.TILTING: rig.mount_correction,
             MountKind.ANY: rig.mount_correction,
@@ -61,25 +61,25 @@ class MountKind(Enum):
 
 
 class ChainFinder:
-    """Finds chains in what is known of the robot.
+    """Finds chains in the frames and joints of the robot.
 
     Parameters
     ----------
     config
-        Groups `frames` and `rig` are used.
+        Groups `frames` and `rig`.
     kind
         How the sensor is mounted.
     frames, joints
-        What is known.
+        Frames and joints known so far.
 
     Attributes
     ----------
     base
-        Base frame, None until a chain was found.
+        Base frame; None until a chain is found.
     odometry_chain
-        From the frame that odometry follows to the base, None where they are the same.
+        Chain from the child frame of odometry to the base; None where they are equal.
     is_base
-        Whether the sensor itself is the base: nothing tells of any frame or of odometry.
+        Whether the sensor itself is the base, as there are no other frames and no odometry.
     """
 
     def __init__(
@@ -101,12 +101,12 @@ class ChainFinder:
         self._joints = joints
 
     def find(self, laser: str, *, final: bool) -> Chain | None:
-        """Find the chain to a laser; None while a source that would be preferred may still come.
+        """Find the chain to a laser; None while a preferred source may still arrive.
 
         Raises
         ------
         FrameError
-            Where there is no way, no such joint, or an ambiguity.
+            Where there is no chain, no such joint, or an ambiguity.
         """
         source = self._config.rig.kinematics
         if source == "rig":
@@ -134,7 +134,7 @@ class ChainFinder:
         return build_chain(find_path(base, laser, edges), self.reading)
 
     def _has_no_frames(self, known: set[str]) -> bool:
-        """Return whether a sensor that can be the base is all that there is: then it is."""
+        """Return whether the sensor may be the base and there are no frames and no odometry."""
         is_alone = not known and not self._frames.odometry_child and not self._config.frames.base
         return is_alone and self._can_be_base and self._config.rig.kinematics == "auto"
 
@@ -145,7 +145,7 @@ class ChainFinder:
         return build_chain(find_path(child, base, edges), self.reading)
 
     def _find_base(self, laser: str, known: set[str], model: RobotModel | None) -> str:
-        """Return the base: configured, the odometry's child frame, or a root of the model."""
+        """Return the base: configured, the child frame of odometry, or a root of the model."""
         if self._config.frames.base:
             return self._config.frames.base
         child = self._frames.odometry_child
@@ -161,12 +161,12 @@ class ChainFinder:
         return moved[0] if len(moved) == 1 else self._base_in_tf(laser)
 
     def _base_in_tf(self, laser: str) -> str:
-        """Return the base where tf alone tells: below what moves the robot, above the tilt joint.
+        """Return the base by tf alone: below the robot's own motion, above the tilt joint.
 
         Raises
         ------
         FrameError
-            Where a tilting laser hangs on several moving transforms: any of them may be the
+            Where a tilting laser is below several moving transforms: each of them may be the
             robot's own motion.
         """
         above = ancestors(laser, dict(self._frames.tf))
@@ -194,7 +194,7 @@ class ChainFinder:
         return bool(self._silent_joints(base, laser, edges))
 
     def _with_tf_for_silent_joints(self, base: str, laser: str, edges: Edges) -> Edges:
-        """Return the edges with tf's in place of joints of which no sample came."""
+        """Return the edges, with tf transforms instead of joints that have no samples."""
         replaced = dict(edges)
         for joint in self._silent_joints(base, laser, edges):
             if joint.child in self._frames.tf:
@@ -202,7 +202,7 @@ class ChainFinder:
         return replaced
 
     def reading(self, joint: Joint) -> JointReading:
-        """Follow a joint's samples, or those of the joints that it mimics, in turn."""
+        """Return the reading of a joint; mimic joints are followed to the joint with samples."""
         scale, offset, source, seen = 1.0, 0.0, joint, {joint.name}
         by_name = self.model_joints()
         while source.mimic is not None:
@@ -255,12 +255,12 @@ class ChainFinder:
         return names[0]
 
     def tilt_part(self, chain: Chain) -> Part:
-        """Return the tilt joint: as configured, else the revolute one nearest to the laser.
+        """Return the tilt joint: the configured one, else the revolute one nearest to the laser.
 
         Raises
         ------
         FrameError
-            Where there is none; the message names the joints that are there.
+            Where there is none; the message names the existing joints.
         """
         turning = [
             part

@@ -1,4 +1,4 @@
-"""The tree of frames, from the robot description and from tf, and the ways through it."""
+"""The tree of frames from the robot description and tf, and paths through it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint, RobotModel, read_urdf
 
 MAX_FRAMES = 4096
-"""Frames that are kept; further ones are refused. Chosen: more than any robot has."""
+"""Maximum number of frames; further ones are refused. Chosen: more than any robot has."""
 
 
 @dataclass(slots=True, eq=False)
 class TfEdge:
-    """One transform of tf, static or moving.
+    """A tf transform, static or moving.
 
     Attributes
     ----------
     parent, child
         The two frames.
     T_parent_child
-        float64 (4, 4), None where the transform moves.
+        float64 (4, 4) if it is static; None otherwise.
     track
-        Its samples where it came on /tf, which does not mean that it moves.
+        Samples of /tf; a transform of /tf may be constant.
     """
 
     parent: str
@@ -39,23 +39,23 @@ class TfEdge:
     track: PoseTrack
 
 
-#: Frames by child: where a frame hangs, and how.
+#: Edges by child frame.
 Edges = dict[str, Joint | TfEdge]
 
 
 class FrameTree:
-    """Frames by their parents. A link's place in the robot description wins over tf's.
+    """Frames by child name. The robot description takes precedence over tf.
 
     Attributes
     ----------
     model
-        The robot description, None before it came.
+        The robot description; None before it arrives.
     tf
-        The transforms of tf by child frame.
+        The tf transforms by child frame.
     odometry_child
-        The frame that odometry follows, None before odometry came.
+        The child frame of odometry; None before odometry arrives.
     version
-        Grows when chains have to be found again.
+        Incremented when chains must be found again.
     """
 
     def __init__(self) -> None:
@@ -66,12 +66,12 @@ class FrameTree:
         self._urdf: str | None = None
 
     def describe(self, urdf: str) -> None:
-        """Take a robot description in place of the one before.
+        """Replace the robot description.
 
         Raises
         ------
         UrdfError
-            If it cannot be read; the one before stays.
+            If it cannot be read; the previous one remains.
         """
         if urdf != self._urdf:
             self.model = read_urdf(urdf)
@@ -79,20 +79,19 @@ class FrameTree:
             self.version += 1
 
     def follow_odometry(self, child: str) -> None:
-        """Note which frame odometry follows: the first that was named stays."""
+        """Set the child frame of odometry; only the first call has an effect."""
         if self.odometry_child is None:
             self.odometry_child = plain_name(child)
             self.version += 1
 
     def find_anew(self) -> None:
-        """Have all chains found again: what the base is may have changed."""
+        """Invalidate all chains, as the base may have changed."""
         self.version += 1
 
     def add_transform(self, sample: TransformSample) -> bool:
-        """Take one transform of tf; return whether it is of use.
+        """Add a tf transform; return whether it was used.
 
-        The first parent that a frame was given stays, and samples have to be newer than the one
-        before.
+        The first parent of a frame is kept, and samples must be newer than the previous one.
         """
         parent, child = plain_name(sample.parent), plain_name(sample.child)
         edge = self._edge(parent, child)
@@ -111,9 +110,9 @@ class FrameTree:
         return True
 
     def note_transform(self, sample: TransformSample) -> None:
-        """Note the first transform of /tf of a frame, whatever its stamp.
+        """Note the first /tf transform of a frame, whatever its stamp.
 
-        A transform that never moves counts at any time: drivers publish it seldom, late or once.
+        A constant transform is valid at any time: drivers publish it rarely, late or once.
         """
         child = plain_name(sample.child)
         if child not in self.tf:
@@ -122,7 +121,7 @@ class FrameTree:
                 edge.track.note(sample.T_parent_child)
 
     def _edge(self, parent: str, child: str) -> TfEdge | None:
-        """Return the edge to a child, None where it hangs on another parent."""
+        """Return the edge to a child; None where the child has another parent."""
         edge = self.tf.get(child)
         if edge is None:
             if len(self.tf) >= MAX_FRAMES or parent == child:
@@ -132,22 +131,22 @@ class FrameTree:
         return edge if edge.parent == parent else None
 
     def clear_samples(self) -> None:
-        """Forget moving transforms; what is static stays."""
+        """Clear moving transforms; static ones remain."""
         for child in [c for c, edge in self.tf.items() if edge.T_parent_child is None]:
             del self.tf[child]
         self.version += 1
 
     def view(self, *, urdf: bool, tf: bool, moving_tf: bool) -> Edges:
-        """Return the edges by child frame, of the sources that count.
+        """Return the edges of the selected sources, by child frame.
 
         Parameters
         ----------
         urdf
-            Whether the joints of the robot description count; they win over tf's transforms.
+            Whether to include joints of the robot description; they take precedence over tf.
         tf
-            Whether the transforms of tf count.
+            Whether to include static tf transforms.
         moving_tf
-            Whether those of them that move count as well.
+            Whether to include moving tf transforms as well.
         """
         edges: Edges = {}
         if tf:
@@ -162,7 +161,7 @@ class FrameTree:
 
 
 def plain_name(frame: str) -> str:
-    """Return a frame's name without the leading slash that old recordings have."""
+    """Return a frame name without the leading slash of old recordings."""
     return frame.removeprefix("/")
 
 
@@ -172,7 +171,7 @@ def frames_of(edges: Edges) -> set[str]:
 
 
 def ancestors(frame: str, edges: Edges) -> list[str]:
-    """Return a frame and its ancestors up to the root; a ring ends where it closes."""
+    """Return a frame and its ancestors up to the root; a cycle ends at its first repeated frame."""
     line = [frame]
     seen = {frame}
     while line[-1] in edges:
@@ -185,19 +184,19 @@ def ancestors(frame: str, edges: Edges) -> list[str]:
 
 
 def find_path(a: str, b: str, edges: Edges) -> list[tuple[Joint | TfEdge, bool]]:
-    """Return the edges from frame a to frame b, each with whether it is run through backwards.
+    """Return the edges from frame a to frame b, each with True if it is traversed backwards.
 
     Parameters
     ----------
     a, b
         Frames.
     edges
-        A tree or several, by child frame.
+        One tree or several, by child frame.
 
     Raises
     ------
     FrameError
-        Where there is no way; the message names the frames.
+        Where there is no path; the message names the frames.
     """
     up, down = ancestors(a, edges), ancestors(b, edges)
     shared = next((frame for frame in up if frame in set(down)), None)
@@ -220,7 +219,7 @@ def find_path(a: str, b: str, edges: Edges) -> list[tuple[Joint | TfEdge, bool]]
 def build_chain(
     path: list[tuple[Joint | TfEdge, bool]], reading: Callable[[Joint], JointReading]
 ) -> Chain:
-    """Make a chain of a path; `reading` says where a joint's position comes from.
+    """Return the chain of a path; `reading` gives the samples of a joint.
 
     Raises
     ------

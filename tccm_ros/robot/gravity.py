@@ -1,4 +1,4 @@
-"""Roll and pitch of the base by gravity, which an accelerometer measures at stops and on drives."""
+"""Roll and pitch of the base from gravity: accelerometer readings at stops and over drives."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import wrap_angle
 
 AVERAGED_STEPS = 50
-"""Steps (`roll_pitch.STEP_NS`) over which gravity is averaged at a stop; it counts after half of
-them. Chosen: 1 s."""
+"""Steps (`roll_pitch.STEP_NS`) over which gravity is averaged at a stop; the mean is used after
+half of them. Chosen: 1 s."""
 
 MAX_OFF = 0.03
-"""Gravity that is further (rad) from where the gyroscope has it is an acceleration: the base is
-pushed, or the clock of the IMU is off. It is averaged anew. Chosen: 0.3 m/s2, several times the
-noise of cheap accelerometers."""
+"""A gravity direction that differs from the gyroscope's by more than this (rad) is an outlier: the
+base is pushed, or the clock of the IMU is off. After many outliers the average restarts. Chosen:
+0.3 m/s2, several times the noise of cheap accelerometers."""
 
 MIN_DRIVE_STEPS = 100
-"""Shorter drives tell nothing of the usual roll and pitch. Chosen: 2 s."""
+"""Shorter drives do not contribute to the usual roll and pitch. Chosen: 2 s."""
 
 MAX_USUAL = 0.2
-"""More roll or pitch (rad) is no bias of an accelerometer. Chosen: 11 deg; the IMU is mounted
-another way than its frame says, or the base has fallen over."""
+"""Larger roll or pitch (rad) is no accelerometer bias. Chosen: 11 deg; the IMU is mounted
+differently from its frame, or the base has fallen over."""
 
 GRAVITIES, TOLERANCE = (9.81, 1.0), 0.05
-"""Lengths of gravity in m/s2, and in g as some drivers have it; other lengths, by more than this
-fraction, are not gravity's (chosen)."""
+"""Magnitude of gravity in m/s2, and in g as some drivers report it; forces that differ by more than
+this fraction are not gravity (chosen)."""
 
 
 class StopGravity:
-    """The mean of what gravity says at a stop, beyond the integral of the gyroscope's rates.
+    """Mean offset at a stop between gravity and the integral of the gyroscope's rates.
 
     Attributes
     ----------
     offset
-        Roll and pitch float64 (2,), rad: add the integral.
+        Roll and pitch float64 (2,), rad, to add to the integral.
     scatter
         Variance of a single measurement, rad2.
     """
@@ -46,24 +46,24 @@ class StopGravity:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a stop."""
+        """Begin a new stop."""
         self._measured, self._contradictions = 0, 0
 
     @property
     def is_measured(self) -> bool:
-        """Whether there is a mean of this stop."""
+        """Whether this stop has a mean."""
         return self._measured > 0
 
     @property
     def is_averaged(self) -> bool:
-        """Whether gravity has been measured for long enough at this stop."""
+        """Whether the mean of this stop has enough samples."""
         return 2 * self._measured >= AVERAGED_STEPS
 
     def add(self, offset: Float64) -> bool:
-        """Add what gravity says in a step, float64 (2,); return whether it is in the mean.
+        """Add the offset of a step, float64 (2,), rad; return whether it is an inlier.
 
-        What contradicts the mean is left out; after half of `AVERAGED_STEPS` in a row it is the
-        mean that is dropped.
+        Outliers are left out; after half of `AVERAGED_STEPS` outliers in a row, the mean is dropped
+        instead.
         """
         if self._measured and np.abs(offset - self.offset).max() > MAX_OFF:
             self._contradictions += 1
@@ -80,12 +80,12 @@ class StopGravity:
 
 
 class UsualRollPitch:
-    """Roll and pitch of the drives: from stop to stop, the mean specific force is gravity.
+    """Mean roll and pitch of drives: from stop to stop, the mean specific force is gravity.
 
     Attributes
     ----------
     value
-        Median over the drives float64 (2,), rad; None before the first one has ended.
+        Median over the drives float64 (2,), rad; None before the first drive has ended.
     """
 
     def __init__(self) -> None:
@@ -95,20 +95,20 @@ class UsualRollPitch:
 
     @property
     def is_driving(self) -> bool:
-        """Whether a drive began at a stop and was followed up to now."""
+        """Whether a drive began at a stop and has no gaps so far."""
         return self._steps > 0
 
     def begin(self, forces: list[Float64]) -> None:
-        """Begin a drive, where the base has stood: its first steps have forces float64 (3,)."""
+        """Begin a drive at a stop; the first steps have specific forces float64 (3,)."""
         if self._steps == 0:
             self._steps, self._forces = len(forces), np.sum(forces, axis=0)
 
     def add(self, force: Float64, of_yaw: Float64) -> None:
-        """Add the specific force of a step, and the part of it that is of the yaw, float64 (3,)."""
+        """Add the specific force of a step, and the part due to yaw motion, float64 (3,)."""
         self._steps, self._forces = self._steps + 1, self._forces + force - of_yaw
 
     def end(self) -> None:
-        """Note that the base stands: a drive of `MIN_DRIVE_STEPS` counts."""
+        """End the drive at a stop; it is used if it has `MIN_DRIVE_STEPS`."""
         if self._steps >= MIN_DRIVE_STEPS:
             measured = roll_pitch_of(self._forces / self._steps)
             if measured is not None:
@@ -117,15 +117,15 @@ class UsualRollPitch:
         self._steps, self._forces = 0, np.zeros(3)
 
     def lose(self) -> None:
-        """Forget the drive: a part of it is not known."""
+        """Discard the drive, as part of it is unknown."""
         self._steps = -1
 
 
 def roll_pitch_of(force: Float64) -> Float64 | None:
-    """Return the roll and pitch (2,), rad, that a specific force (3,) at rest shows in the base.
+    """Return the roll and pitch (2,), rad, of the base from a specific force (3,) at rest.
 
     Roll is positive where the left side is up, pitch where the front is down (REP-103). None where
-    it is not gravity's, or far from the vertical.
+    the force is not gravity, or far from the vertical.
     """
     length = float(np.linalg.norm(force))
     if not any(abs(length - g) <= TOLERANCE * g for g in GRAVITIES):
@@ -136,5 +136,5 @@ def roll_pitch_of(force: Float64) -> Float64 | None:
 
 
 def nearest_gravity(force: Float64) -> float:
-    """Return which of `GRAVITIES` a specific force (3,) at rest is."""
+    """Return the value of `GRAVITIES` nearest to the magnitude of a specific force (3,)."""
     return min(GRAVITIES, key=lambda g: abs(g - float(np.linalg.norm(force))))

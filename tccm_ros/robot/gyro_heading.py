@@ -1,11 +1,11 @@
-"""How far the base has turned, by its gyroscope: the bias is learnt while the wheels stand.
+"""Yaw of the base by integration of its gyroscope; the bias is estimated while the wheels stand.
 
-The rate about the base's vertical axis is integrated from one question to the next (trapezoids over
-the samples). A MEMS gyroscope reports up to a degree per second while it rests, and that changes
-with its temperature: until the base has stood for a while, and the bias is known, nothing is told.
-Nor is it before a first turn in which the gyroscope agreed roughly with the wheels: an IMU that is
-mounted another way than its frame says, or counts in degrees, is not used. All of it is a function
-of the samples up to the stamp that is asked for.
+The rate about the base's vertical axis is integrated from one query to the next (trapezoidal rule).
+A MEMS gyroscope at rest reports up to a degree per second, and this bias changes with temperature:
+there is no heading until the base has stood long enough to estimate the bias. The wheels must also
+have roughly confirmed the gyroscope in a first turn: this rejects an IMU that is mounted
+differently from its frame, or reports degrees. The result depends only on the samples up to the
+query's stamp.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.tracks import Track
 
 SETTLING_TIME, LEARNING_TIME, MEMORY = 0.5, 1.0, 60.0
-"""The bias is learnt once the wheels have stood for the first time (s: the base rocks), is told
-after the second, and is the mean of the last s of standing (chosen: it drifts over minutes)."""
+"""Bias estimation at rest, s: ignore the first time (the base rocks), use the bias after the second
+time, and average over the last (chosen: the bias drifts over minutes)."""
 
 MAX_BIAS = 0.05
-"""A rate (rad/s) that is no bias: the base is turned while its wheels stand. Chosen: 3 deg/s, three
-times what consumer gyroscopes have."""
+"""A larger rate (rad/s) is no bias: the base is rotated while its wheels stand. Chosen: 3 deg/s,
+three times the bias of consumer gyroscopes."""
 
 MIN_TURNED, AGREEMENT = 0.3, (0.4, 2.5)
-"""The gyroscope is believed once the wheels have turned by so much (rad) and its yaw has been
-between these multiples of theirs (chosen: wheels that skid report up to twice the yaw)."""
+"""The gyroscope is used once the wheels have rotated by the first (rad), with a ratio of gyroscope
+to wheel yaw within these limits (chosen: skidding wheels report up to twice the yaw)."""
 
 MAX_TURNED = 6.0
-"""Older turns count less beyond this sum, rad (chosen: one round)."""
+"""Sum of turns above which older turns lose weight, rad (chosen: one revolution)."""
 
 
 class GyroHeading:
-    """The yaw that the base has turned through, by what an IMU measures.
+    """Integrated yaw of the base from an IMU.
 
     Parameters
     ----------
     config
-        Samples with more than half of `sync_timeout` between them bracket nothing.
+        A gap between samples wider than half of `sync_timeout` interrupts the heading.
     motion, mount
-        Motion of the base, and how the IMU is fixed to it.
+        Motion of the base, and pose of the IMU on it.
 
     Attributes
     ----------
@@ -63,30 +63,30 @@ class GyroHeading:
         self.clear_samples()
 
     def clear_samples(self) -> None:
-        """Forget everything that has a stamp, and the bias with it."""
+        """Clear all time-stamped data and the bias."""
         self.track.clear()
         self.bias, self._learnt_s, self._standing_s = 0.0, 0.0, 0.0
         self._heading, self._by_wheels, self._by_gyro = 0.0, 0.0, 0.0
         self._until_ns: int | None = None
 
     def add(self, record: Imu) -> bool:
-        """Take a sample; return whether it is newer than the one before."""
+        """Add a sample; return whether it is newer than the previous one."""
         self._frame = record.frame_id
         return self.track.append(record.stamp_ns, record.angular_velocity)
 
     def brackets(self, stamp_ns: int) -> bool:
-        """Return whether the samples tell the rate at a stamp."""
+        """Return whether samples bracket a stamp."""
         return self.track.brackets(stamp_ns, stamp_ns, self._max_gap_ns)
 
     def at(self, stamp_ns: int) -> float | None:
-        """Return the heading at a stamp that is later than the one asked for before.
+        """Return the heading at a stamp that is later than that of the previous call.
 
         Returns
         -------
-        rad, counter-clockwise from above, from a direction of its own; None while the bias is not
-        known or the wheels have not confirmed it, where samples are missing since the question
-        before, and where nothing tells how the IMU is mounted. Differences of two headings count
-        where there is no None between them.
+        rad, counter-clockwise seen from above, with an arbitrary zero; None while the bias is
+        unknown or the wheels have not confirmed the gyroscope, where samples are missing since the
+        previous call, and where the mount of the IMU is unknown. Differences of two headings are
+        valid if there was no None between them.
         """
         before_ns, self._until_ns = self._until_ns, stamp_ns
         T_base_imu = self._mount.pose(self._frame)
@@ -111,14 +111,14 @@ class GyroHeading:
         return self._heading if self._is_believed() else None
 
     def _learn(self, rate: float, seconds: float) -> None:
-        """Learn the bias from the mean rate of a time in which the base stands."""
+        """Update the bias with the mean rate of an interval at rest."""
         self._standing_s += seconds
         if self._standing_s >= SETTLING_TIME:
             self._learnt_s = min(self._learnt_s + seconds, MEMORY)
             self.bias += min(seconds / self._learnt_s, 1.0) * (rate - self.bias)
 
     def _compare(self, turned: float, wheels: float) -> None:
-        """Add up the yaw of the wheels, and that of the gyroscope in the same direction."""
+        """Accumulate the yaw of the wheels, and of the gyroscope in the same direction."""
         self._by_wheels += abs(wheels)
         self._by_gyro += math.copysign(turned, turned * wheels)
         if self._by_wheels > MAX_TURNED:

@@ -1,4 +1,4 @@
-"""How an IMU is fixed to the base."""
+"""Pose of an IMU on the base."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tccm_ros.robot.urdf import Joint
 
 
 class ImuMount:
-    """Where an IMU is in the frame that odometry follows, from what is known of the robot.
+    """Finds the pose of an IMU in the child frame of odometry.
 
     Parameters
     ----------
     frames, motion
-        What is known of the robot.
+        Frames of the robot, and motion of its base.
     """
 
     def __init__(self, frames: FrameTree, motion: BaseMotion) -> None:
@@ -27,9 +27,9 @@ class ImuMount:
         self._found_of = -1, ""
 
     def pose(self, frame: str) -> Float64 | None:
-        """Return T_base_imu float64 (4, 4) of an IMU's frame, None where nothing tells it.
+        """Return T_base_imu float64 (4, 4) of an IMU's frame; None where it is unknown.
 
-        Nothing does before odometry has come, and where a joint between the two moves.
+        It is unknown before odometry arrives, and where a joint between the two moves.
         """
         known = self._frames.version, frame
         if known != self._found_of:

@@ -11,24 +11,24 @@ from tccm_ros.robot.steps import StepGuard
 from tccm_ros.robot.tracks import ScalarTrack
 
 MAX_JOINTS = 1024
-"""Joints that are kept; further ones are left out. Chosen: more than any robot has."""
+"""Maximum number of joints; further ones are ignored. Chosen: more than any robot has."""
 
 LIMIT_SLACK = 0.1
-"""Positions beyond the limits of the robot description by this fraction of the way between them
-are believed: joints overshoot, and limits are rounded."""
+"""Tolerance of the limits in the robot description, as a fraction of the joint's range: joints
+overshoot, and limits are rounded."""
 
 STEP_SLACK = 0.005
-"""Steps of a joint up to this are possible in no time, rad or m: the counts of a servo's encoder. A
-joint that starts with a larger one is only heard of later, by `steps.LASTING_NS`."""
+"""Steps of a joint up to this are plausible at any speed, rad or m: encoder counts of a servo. A
+larger first step is accepted only after `steps.LASTING_NS`."""
 
 LATE, OFF_TRACK = "out of order", "outliers"
-"""Why positions are left out."""
+"""Reasons of dropped positions."""
 
 Limits = tuple[float, float]
 
 
 class JointTracks:
-    """A track for each joint name.
+    """Tracks of positions by joint name.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class JointTracks:
         return len(self._tracks)
 
     def set_limits(self, limits: Mapping[str, Limits]) -> None:
-        """Take the limits of a robot description, by joint; what is beyond is forgotten."""
+        """Set the limits of a robot description by joint; delete samples beyond them."""
         self._limits = limits
         self._guards.clear()
         for name in limits:
@@ -58,7 +58,7 @@ class JointTracks:
                 track.keep([self._is_within(name, q) for q in positions.tolist()])
 
     def add(self, sample: JointSample) -> Counter[str]:
-        """Take a sample of some joints; return how many positions are left out, by reason.
+        """Add a sample of some joints; return the number of dropped positions by reason.
 
         Positions that are not finite numbers are skipped.
         """
@@ -87,9 +87,9 @@ class JointTracks:
         return left_out
 
     def _is_within(self, name: str, position: float) -> bool:
-        """Count a position by the limits of its joint; return whether it is believed.
+        """Count a position as within or beyond its joint's limits; return whether to use it.
 
-        Where most contradict the limits the others are within them by chance: the unit is another.
+        If most positions violate the limits, the unit is wrong, and none is used.
         """
         low, high = self._limits[name]
         slack = LIMIT_SLACK * (high - low)
@@ -102,7 +102,7 @@ class JointTracks:
         return f"positions of joint '{name}' beyond its limits {low:.4g} to {high:.4g}"
 
     def explain(self, track: ScalarTrack) -> str | None:
-        """Return why a track has hardly any samples, None where nothing is known of it."""
+        """Return why a track has few or no samples; None where unknown."""
         name = next((name for name, known in self._tracks.items() if known is track), "")
         if self._beyond[name] > self._within[name]:
             return (
@@ -112,7 +112,7 @@ class JointTracks:
         return None
 
     def of(self, name: str) -> ScalarTrack:
-        """Return the track of a joint, an empty one if nothing was heard of it yet."""
+        """Return the track of a joint; an empty one before the first sample."""
         return self._tracks.setdefault(name, ScalarTrack())
 
     def heard(self) -> list[str]:

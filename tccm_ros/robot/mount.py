@@ -1,6 +1,6 @@
-"""Where one sensor is in the base while it measures, its tilt angle, and the robot's own shapes.
+"""Pose of a sensor in the base over time, its tilt angle, and the robot's own shapes.
 
-Every moving joint between base and sensor is followed; poses are given between samples only.
+All moving joints between base and sensor are included; poses are interpolated, never extrapolated.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from tccm_ros.robot.tilt_angle import TiltReadout
 from tccm_ros.robot.tracks import ScalarTrack, Track, merge_stamps
 
 SAMPLE_STEP_NS = 10_000_000
-"""Poses are given at least this often, so that what lies between is a short arc."""
+"""Maximum interval between poses; the motion between two is a short arc."""
 
 OTHER_CLOCK_NS = 3_600_000_000_000
-"""Stamps that are further from each other than an hour, ns, are of two clocks: no recording waits
-so long for a joint."""
+"""Stamps that differ by more than an hour, ns, are from two clocks: no recording pauses a joint for
+that long."""
 
 NO_STAMPS = np.zeros(0, np.int64)
 
 
 class Mount:
-    """The place of one sensor on the robot, from what is known of the robot.
+    """The mount of one sensor on the robot.
 
     Parameters
     ----------
     config
-        Groups `frames` and `rig` are used.
+        Groups `frames` and `rig`.
     kind
         How the sensor is mounted.
     frames, joints
-        What is known of the robot, shared by all its sensors.
+        Frames and joints known so far, common to all sensors.
     can_be_base
-        Whether the sensor is the base where nothing tells of any frame.
+        Whether the sensor is the base if there are no frames.
     """
 
     def __init__(
@@ -69,29 +69,29 @@ class Mount:
 
     @property
     def base(self) -> str | None:
-        """Base frame, None until it is found."""
+        """Base frame; None until it is found."""
         return self._finder.base
 
     @property
     def is_base(self) -> bool:
-        """Whether the sensor itself is the base, as nothing tells of any frame."""
+        """Whether the sensor itself is the base, as there are no frames."""
         return self._finder.is_base
 
     @property
     def odometry_chain(self) -> Chain | None:
-        """From the frame that odometry follows to the base, None where they are the same."""
+        """Chain from the child frame of odometry to the base; None where they are equal."""
         return self._finder.odometry_chain
 
     @property
     def problem(self) -> FrameError | None:
-        """Why the newest record has no way to the base, or what is wrong with the samples."""
+        """Error: the newest record has no chain to the base, or its chain lacks samples."""
         missing = None if self._no_samples is None else self._no_samples[1]
         if missing is not None and len(missing):
             self._no_samples = None
         return self._no_chain or (None if self._no_samples is None else self._no_samples[0])
 
     def clear_samples(self) -> None:
-        """Forget everything that has a stamp, as after a jump of the clock."""
+        """Clear all time-stamped data, after a jump of the clock."""
         self._tilt.clear()
         self._chains.clear()
 
@@ -105,13 +105,13 @@ class Mount:
         frame
             Frame of the sensor.
         final
-            Whether to decide on what is known. Otherwise None is returned while a source that
-            would be preferred may still come.
+            Whether to decide with the present knowledge. Otherwise None is returned while a
+            preferred source may still arrive.
 
         Raises
         ------
         FrameError
-            If `final` and there is no way, no such joint, or an ambiguity.
+            If `final` and there is no chain, no such joint, or an ambiguity.
         """
         if self._version != self._frames.version:
             self._chains.clear()
@@ -139,7 +139,7 @@ class Mount:
         return chain
 
     def _is_corrected(self, chain: Chain) -> bool:
-        """Return whether corrections of the tilt joint count: for a camera where it is named."""
+        """Return whether tilt corrections apply; for a camera only if its tilt joint is named."""
         if self._kind is not MountKind.ANY:
             return self._kind is MountKind.TILTING
         return bool(self._tilt_joint) and any(p.name == self._tilt_joint for p, _ in chain.parts)
@@ -148,13 +148,13 @@ class Mount:
 
     @property
     def tilt_joint(self) -> str | None:
-        """Name of the tilt joint (or of the moving frame, where tf tells), None until found."""
+        """Name of the tilt joint, or of the moving tf frame; None until found."""
         return self._tilt.name
 
     def tilt_samples(self) -> list[tuple[int, float]]:
         """Return new samples (stamp_ns, corrected tilt angle in rad), in stamp order, once each.
 
-        The angle goes on over a wrap.
+        The angle is unwrapped.
         """
         return self._tilt.drain()
 
@@ -166,7 +166,7 @@ class Mount:
         Returns
         -------
         None without a robot description, before the base is known, and where no link has a box,
-        sphere or cylinder. Links are left out whose joints no samples bracket at the stamp.
+        sphere or cylinder. Links below joints without samples around the stamp are left out.
         """
         model = self._frames.model
         if model is None or self.base is None or not model.shapes:
@@ -180,18 +180,18 @@ class Mount:
     # -- poses ---------------------------------------------------------------------------------
 
     def explain_missing(self, reason: str, track: Track, chain: Chain, stamp_ns: int) -> None:
-        """Set `problem` where it is known why a track does not bracket a record.
+        """Set `problem` where there is a known reason for a track without samples at a record.
 
         Parameters
         ----------
         reason
-            What is missing.
+            Reason of the drop, such as missing samples.
         track
-            Of a joint of the chain, a transform or odometry.
+            Track of a joint of the chain, of a transform or of odometry.
         chain
-            From base to sensor.
+            Chain from base to sensor.
         stamp_ns
-            Of the record.
+            Stamp of the record.
         """
         silent = [part for part, _ in chain.parts if not len(part.track)]
         told = self._joints.explain(track) if isinstance(track, ScalarTrack) else None
@@ -212,25 +212,25 @@ class Mount:
             self._no_samples = error, silent[-1].track
 
     def note_posed(self) -> None:
-        """Forget why a record could not be posed: another was."""
+        """Clear the error of missing samples, as a later record was posed."""
         self._no_samples = None
 
     def pose_stamps(self, chain: Chain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
-        """Return the stamps at which poses are needed so that what lies between is a short arc.
+        """Return the stamps at which to compute poses, so that the motion between is a short arc.
 
         Parameters
         ----------
         chain
-            From base to sensor.
+            Chain from base to sensor.
         start_ns, end_ns
-            First and last measurement of a record.
+            Times of the first and last measurement of a record.
         more
-            int64 (N,) each: stamps of further samples within, such as odometry's.
+            int64 (N,) each: stamps of further samples in the interval, such as odometry's.
 
         Returns
         -------
-        int64 (K,), strictly increasing from start to end: the samples' stamps of the chain and
-        those `more`, and enough between them.
+        int64 (K,), strictly increasing from start to end: the stamps of the chain's samples and
+        `more`, and intermediate stamps every `SAMPLE_STEP_NS`.
         """
         if start_ns == end_ns:
             return np.array([start_ns], np.int64)
@@ -241,7 +241,7 @@ class Mount:
 
 
 def _correct_pan(chain: Chain, tilt: Part, offset: float) -> None:
-    """Add the offset to the turning joint before the tilt joint, where joint states move it."""
+    """Add the offset to the revolute joint before the tilt joint, if joint states give it."""
     before: list[JointReading] = []
     for part, _ in chain.parts:
         if part is tilt:

@@ -1,4 +1,4 @@
-"""Odometry as the map can use it: near its origin, and without steps that no base makes."""
+"""Filter odometry: move it near the origin, and remove outliers and jumps."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from tccm_ros.records import Odometry
 from tccm_ros.robot.steps import StepGuard
 
 MAX_SPEED = 10.0
-"""Speed of the fastest base, m/s, and rad/s."""
+"""Maximum speed of a base, m/s, and rad/s."""
 
 STEP_SLACK = 0.1
-"""Steps up to this are possible in no time, m or rad: what odometry that is corrected by other
-sensors jumps by."""
+"""Steps up to this are plausible at any speed, m or rad: corrections of fused odometry."""
 
 ORIGIN_STEP = 1024.0
-"""The origin is moved by a multiple of this, m: exactly represented, and none where odometry begins
-within half of it, as that of wheels does. Coordinates of UTM are 10^6 m."""
+"""The origin is moved by multiples of this, m: an exact binary number, and zero for odometry that
+begins within half of it, such as wheel odometry. UTM coordinates are 10^6 m."""
 
 MAX_HEIGHT = 3.0
-"""Odometry that begins higher than this above its origin, m, tells the height over the sea, not
-that of the base over the ground."""
+"""Odometry that begins higher than this above its origin, m, has the height above sea level, not
+above the ground."""
 
 
 class OdometryFilter:
-    """Odometry records without outliers, jumps and far origins.
+    """Removes outliers, jumps and far origins from odometry records.
 
     Attributes
     ----------
@@ -36,9 +35,9 @@ class OdometryFilter:
         float64 (4, 4), from the odometry frame of the messages to that of the records: the identity
         while odometry begins near its origin and does not jump.
     refused
-        Records that were outliers.
+        Number of outliers.
     jumps
-        Times that odometry went on elsewhere: the base is taken not to have moved.
+        Number of jumps; the base is assumed not to have moved during a jump.
     """
 
     def __init__(self) -> None:
@@ -48,7 +47,7 @@ class OdometryFilter:
         self._last: Odometry | None = None
 
     def add(self, record: Odometry) -> list[Odometry]:
-        """Take a record; return those that are to be used now, near the origin."""
+        """Add a record; return the records to use now, near the origin."""
         if self._last is None:
             self.T_near_odom = np.eye(4)
             self.T_near_odom[:3, 3] = -_origin(record.T_odom_base[:3, 3])
@@ -60,7 +59,7 @@ class OdometryFilter:
         return [self._near(item) for _, item in steps.admitted]
 
     def clear(self) -> None:
-        """Forget all samples, as after a jump of the clock."""
+        """Clear all samples, after a jump of the clock."""
         self._guard.clear()
         self._last = None
 
@@ -73,7 +72,7 @@ class OdometryFilter:
 
 
 def _distance(a: Odometry, b: Odometry) -> float:
-    """Return how far two poses are from each other, m or rad, whichever is more."""
+    """Return the distance of two poses: the larger of translation (m) and rotation (rad)."""
     T_a, T_b = a.T_odom_base, b.T_odom_base
     moved = float(np.linalg.norm(T_b[:3, 3] - T_a[:3, 3]))
     cosine = (float(np.sum(T_a[:3, :3] * T_b[:3, :3])) - 1.0) / 2.0
@@ -88,7 +87,7 @@ def _origin(position: Float64) -> Float64:
 
 
 def _joined(T_near_last: Float64, T_odom_next: Float64) -> Float64:
-    """Return T_near_odom with which the next pose has place and yaw of the last one."""
+    """Return T_near_odom that gives the next pose the position and yaw of the last one."""
     yaw = float(planar(T_near_last)[2] - planar(T_odom_next)[2])
     T = np.asarray(spatial(np.array([0.0, 0.0, yaw])))
     T[:3, 3] = T_near_last[:3, 3] - T[:3, :3] @ T_odom_next[:3, 3]

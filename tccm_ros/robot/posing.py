@@ -1,4 +1,4 @@
-"""Where the base and a sensor were while a record was measured, or what is missing to tell."""
+"""Poses of base and sensor for a record, or the samples that are still missing for them."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from tccm_ros.robot.tracks import PoseTrack, Track
 
 
 class Posing:
-    """Poses records that odometry and all joints between base and sensor bracket.
+    """Computes poses of records once odometry and all joints of the chain have samples around them.
 
     Parameters
     ----------
     config
-        `sync_timeout` is used: samples with more than half of it between them bracket nothing.
+        Uses `sync_timeout`: two samples with a gap of more than half of it do not bracket a stamp.
     motion
         Motion of the base.
     gyro, roll_pitch
-        Its heading, and its roll and pitch: once there are some, a level scan waits for the first
-        and every record for the others, as long as for a joint.
+        Gyroscope heading, and roll and pitch by the IMU: once available, level scans wait for the
+        first and all records for the second, with the same timeout as for joints.
 
     Attributes
     ----------
     wait_ns
-        A record waits so much longer than its own end, in message time.
+        Timeout of a record after its own end, in message time.
     """
 
     def __init__(
@@ -48,24 +48,24 @@ class Posing:
         self._silence: dict[Track, tuple[int, int]] = {}
 
     def clear_samples(self) -> None:
-        """Forget what was heard of the tracks: time began anew."""
+        """Clear the state of silent tracks, after a jump of the clock."""
         self._silence.clear()
 
     def pose_next(
         self, sensor: Sensor, now_ns: int | None, *, ended: bool, expects_odometry: bool
     ) -> Posed | str | None:
-        """Return the next record that waits with its poses, or why it is dropped, or None.
+        """Return the next waiting record with its poses, or why it is dropped, or None.
 
         Parameters
         ----------
         sensor
-            Its oldest waiting record is checked; None is returned while that has to wait on.
+            Its oldest waiting record is checked; None is returned while that must wait.
         now_ns
-            Message time, None where there is none yet.
+            Message time; None before the first record.
         ended
-            Whether nothing will come any more.
+            Whether the input has ended.
         expects_odometry
-            Whether a record without odometry is dropped.
+            Whether records without odometry are dropped.
         """
         record, mount, motion = sensor.waiting[0], sensor.mount, self._motion
         start_ns, end_ns = sensor.stream.time_span(record)
@@ -114,16 +114,16 @@ class Posing:
         return sensor.stream.fault_of_pose(posed) or posed
 
     def _awaits_gyro(self, stamp_ns: int, now_ns: int | None, *, late: bool) -> bool:
-        """Return whether a gyroscope may still tell the heading at a stamp."""
+        """Return whether the gyroscope's heading at a stamp may still arrive."""
         track = self._gyro.track
         if late or track.latest_ns is None or self._gyro.brackets(stamp_ns):
             return False
-        if stamp_ns - track.latest_ns > self._timeout_ns:  # it has a clock of its own, or is silent
+        if stamp_ns - track.latest_ns > self._timeout_ns:  # it has another clock, or is silent
             return False
         return not self._has_no_more(track, stamp_ns, now_ns or 0)
 
     def _track_of_roll_pitch(self, end_ns: int, now_ns: int | None) -> Track | None:
-        """Return a track that may still tell roll and pitch at a stamp, None without one."""
+        """Return a track that roll and pitch at a stamp still wait for; None without one."""
         needed_ns, tracks = self._roll_pitch.awaited(end_ns)
         for track in tracks:
             if not self._has_no_more(track, needed_ns, now_ns or 0):
@@ -131,7 +131,7 @@ class Posing:
         return None
 
     def _frame_of(self, sensor: Sensor) -> str:
-        """Return the frame that a record needs a chain to: of one in map or odom, the base's."""
+        """Return the frame to which a record needs a chain: for one in map or odom, the base."""
         frame: str = sensor.waiting[0].frame_id
         is_outside = frame in (self._map_frame, self._motion.odom_frame)
         if sensor.stream.is_occasional and is_outside:
@@ -139,7 +139,7 @@ class Posing:
         return frame
 
     def _needs(self, mount: Mount, chain: Chain) -> list[tuple[str, Track]]:
-        """Return the tracks that must bracket a record, and what is missing where one does not."""
+        """Return the tracks that must bracket a record, each with the reason of a drop."""
         needs: list[tuple[str, Track]] = [
             ("no odometry", track) for track in self._motion.tracks(mount.base or "")
         ]
@@ -152,9 +152,9 @@ class Posing:
     def _never_moved(
         self, track: Track, needs: list[tuple[str, Track]], span: tuple[int, int]
     ) -> bool:
-        """Return whether a transform of tf is known beside its samples, as it has never moved.
+        """Return whether a tf transform is valid beyond its samples, as it has never moved.
 
-        Of the base's motion another transform must tell that it is still heard of.
+        A constant base motion also needs a live sample of another transform of the motion.
         """
         if not isinstance(track, PoseTrack) or track.T_constant is None:
             return False
@@ -163,10 +163,10 @@ class Posing:
         return not is_motion or any(t.brackets(*span, self._max_gap_ns) for t in others)
 
     def _has_no_more(self, track: Track, end_ns: int, now_ns: int) -> bool:
-        """Return whether no sample can be hoped for that would bracket a record.
+        """Return whether no further sample can arrive that would bracket a record.
 
-        The track has passed the record's end, or none of its samples came while message time went
-        on by `sync_timeout`: a stream that is late but comes is waited for.
+        Either the track has passed the record's end, or it has had no sample while message time
+        advanced by `sync_timeout`. A stream that is late but alive is waited for.
         """
         if len(track) and track.stamps_ns[-1] >= end_ns:
             return True
@@ -196,7 +196,7 @@ class Posing:
         )
 
     def _base_poses(self, mount: Mount, stamps_ns: Int64) -> Float64:
-        """Return T_odom_base (K, 4, 4), where odometry may follow another frame of the robot."""
+        """Return T_odom_base (K, 4, 4); odometry may have another child frame than the base."""
         T = self._motion.at(stamps_ns, mount.base or "")
         if self._motion.source is not MotionSource.ODOMETRY:
             return T

@@ -1,9 +1,9 @@
-"""The one intake: records in, each checked once, and their ordered events out.
+"""The intake: takes records, checks each once, and returns ordered events.
 
-A record is checked by its stamp (`StampGuard`). What tells of the robot itself goes to the frames,
-the joints and the base's motion, which all sensors share; what a sensor measured waits until
-samples of all joints on its way to the base, and of the base's motion, bracket it (`Posing`). It
-waits in message time, the newest stamp on any input, and is then dropped and counted.
+A record is first checked by its stamp (`StampGuard`). Robot data go to the frames, the joints and
+the base's motion, which all sensors have in common. A sensor's record waits until all joints of its
+chain and the base's motion have samples around it (`Posing`). The wait is measured in message time,
+the newest stamp on any input; after a timeout the record is dropped and counted.
 """
 
 from __future__ import annotations
@@ -44,33 +44,33 @@ from tccm_ros.robot.stamp_guard import Admission, StampGuard
 from tccm_ros.robot.streams import Companion, Stream, as_it_came
 
 COMPLETE_STEP_NS = 20_000_000
-"""Message time goes on by this much before streams are said to be complete again (chosen): the
-step is small beside what processors wait for, and spares them a look at every record."""
+"""Step of message time between two `StreamComplete` events (chosen): small compared with the waits
+of processors, and saves a check per record."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Input:
-    """How the records of one role are checked and taken.
+    """Handling of the records of one role.
 
     Attributes
     ----------
     record
-        Their type.
+        Record type.
     take
-        Called with a record that is admitted.
+        Callback for an admitted record.
     refuse
-        Called with the reason for which a record is not admitted.
+        Callback for a refused record, with the reason.
     pose
-        Name of the record's pose, which must be finite.
+        Attribute with the record's pose, which must be finite.
     source
-        Name of the attribute that says who stamped a record, where several do in one role: stamps
-        are compared with those of the same source.
+        Attribute with the publisher of a record, for roles with several publishers: stamps are
+        compared per publisher.
     keeps_time
-        Whether message time follows the stamps.
+        Whether the stamps advance message time.
     is_fixed
-        Whether the records are true for all time, whatever their stamp.
+        Whether the records are valid for all time, whatever their stamp.
     correct
-        Returns a record without the errors of its driver that are configured.
+        Function that corrects configured errors of a record's driver.
     """
 
     record: type
@@ -84,28 +84,28 @@ class _Input:
 
 
 class Robot:
-    """Gives the records of all sensors their poses.
+    """Poses the records of all sensors.
 
     Parameters
     ----------
     config
-        Groups `frames`, `rig` and `scan`, `sync_timeout`, `reorder_window` and `clock_jump`
-        are used.
+        Uses groups `frames`, `rig` and `scan`, and `sync_timeout`, `reorder_window` and
+        `clock_jump`.
     streams
         Streams of the sensors: `sensors.registry.default_streams`, and any others.
     expects_odometry
-        Whether there is an odometry topic: records without odometry are then dropped. Otherwise,
-        where no odometry has come within `sync_timeout` of the first record, the base moves as tf
-        says or, without tf, stands still.
+        Whether there is an odometry topic: records without odometry are then dropped. Otherwise, if
+        no odometry arrives within `sync_timeout` of the first record, the base moves by tf, or is
+        constant without tf.
 
     Attributes
     ----------
     frames, joints, motion, gyro, roll_pitch
-        What is known of the robot.
+        State of the robot.
     sensors
-        By role: their mounts, the records that wait, and counts.
+        Sensors by role, each with its mount, queue of waiting records, and counts.
     refused
-        Samples of joints, tf and odometry that were not used, by reason.
+        Number of unused samples of joints, tf and odometry, by reason.
     """
 
     def __init__(
@@ -141,12 +141,12 @@ class Robot:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Records of all sensors that were not posed, by reason."""
+        """Number of records of all sensors that were not posed, by reason."""
         return sum((sensor.dropped for sensor in self.sensors.values()), Counter())
 
     @property
     def remarks(self) -> list[str]:
-        """What is unusual about records that were taken, one line each."""
+        """Remarks on unusual records that were used, one line each."""
         return [
             f"{role}: {remark} ({count} of {sensor.received})"
             for role, sensor in self.sensors.items()
@@ -155,25 +155,24 @@ class Robot:
 
     @property
     def message_time_ns(self) -> int | None:
-        """The newest stamp on any input that keeps time, None before the first."""
+        """The newest stamp on any input that keeps time; None before the first record."""
         return self._guard.now(None)
 
     def add(self, role: str, record: Any) -> list[Event]:
-        """Take one record; return what it brings out.
+        """Add a record; return the resulting events.
 
         Returns
         -------
         list[Event]
-            A `MapReset` first, then the base's motion, its roll and pitch, tilt angles, posed
-            records, and until when streams are complete; each of these in the order of stamps
-            within its stream.
+            A `MapReset` first, then base motion, roll and pitch, tilt angles, posed records, and
+            `StreamComplete`; each kind in stamp order within its stream.
 
         Raises
         ------
         TopicError
-            For a role that is no stream's, and for a record of another type than its stream has.
+            For an unknown role, and for a record of another type than its stream has.
         UrdfError
-            For a robot description that cannot be read; the one before stays.
+            For an unreadable robot description; the previous one remains.
         """
         taken = self._inputs.get(role)
         if taken is None or not isinstance(record, taken.record):
@@ -193,12 +192,12 @@ class Robot:
         return self._release()
 
     def flush(self) -> list[Event]:
-        """Give what can be posed; drop the rest. The input has ended."""
+        """Pose the waiting records at the end of the input, and drop those that cannot be posed."""
         self._use(self._guard.flush())
         return self._release(ended=True)
 
     def begin_anew(self) -> None:
-        """Forget everything that has a stamp, as the clock went back; what is fixed stays."""
+        """Clear all time-stamped data after the clock went back; static data remain."""
         self._guard = StampGuard(self._clock_jump_ns)
         self._forget_samples()
 
@@ -213,7 +212,7 @@ class Robot:
             sensor.clear_samples()
         self._complete_after_ns = START_OF_TIME
 
-    # -- what is fed in ------------------------------------------------------------------------
+    # -- inputs --------------------------------------------------------------------------------
 
     def _inputs_by_role(self) -> dict[str, _Input]:
         tf = _Input(
@@ -240,7 +239,7 @@ class Robot:
                 sensor.stream.record, sensor.add, sensor.refuse, correct=sensor.stream.correct
             )
         for role, companions in self._companions_by_role().items():
-            # Drivers publish a calibration once, or with a stamp of 0.
+            # Drivers publish a calibration once, or with stamp 0.
             inputs[role] = _Input(
                 companions[0][0].record,
                 lambda record, to=companions: _give(record, to),  # type: ignore[misc]
@@ -250,7 +249,7 @@ class Robot:
         return inputs
 
     def _companions_by_role(self) -> dict[str, list[tuple[Companion, Sensor]]]:
-        """Return what comes beside the records of sensors, and the sensors: several may share."""
+        """Return the companions of sensor records by role, with the sensors that need them."""
         found: dict[str, list[tuple[Companion, Sensor]]] = {}
         for sensor in self.sensors.values():
             if sensor.stream.companion is not None:
@@ -259,7 +258,7 @@ class Robot:
         return found
 
     def _admit(self, role: str, taken: _Input, record: Any) -> None:
-        """Take a record whose stamp is believed, hold or refuse another."""
+        """Use a record with a plausible stamp; hold or refuse others."""
         key = (role, getattr(record, taken.source)) if taken.source else role
         self._time_has_passed |= record.stamp_ns >= self._complete_after_ns
         if self._guard.passes(key, record.stamp_ns):
@@ -291,7 +290,7 @@ class Robot:
         elif self._config.localisation.is_external:
             edge = plain_name(sample.parent), plain_name(sample.child)
             if edge == (self._config.frames.map_name, plain_name(self.motion.odom_frame)):
-                # Odometry that begins far away is used in a frame near its origin.
+                # Far odometry was moved near its origin; map -> odom must follow.
                 T_odom_near = inverse(self.motion.odometry.T_near_odom)
                 self._events.append(MapOdom(sample.stamp_ns, sample.T_parent_child @ T_odom_near))
 
@@ -325,13 +324,13 @@ class Robot:
             self.refused[f"{role}: {reason}"] += count
 
     def _refusing(self, role: str) -> Callable[[str], None]:
-        """Return a function that counts a record of a role that is refused for a reason."""
+        """Return a callback that counts a refused record of a role."""
         return lambda reason: self._refuse(role, reason, 1)
 
-    # -- what is brought out -------------------------------------------------------------------
+    # -- outputs -------------------------------------------------------------------------------
 
     def _release(self, *, ended: bool = False) -> list[Event]:
-        """Return what has happened, and the records that are posed now."""
+        """Return the pending events, and the records that can be posed now."""
         events, self._events = self._events, []
         events += self.roll_pitch.take()
         posed: list[Event] = []
@@ -347,7 +346,7 @@ class Robot:
         return events
 
     def _pose_waiting(self, sensor: Sensor, ended: bool) -> list[Event]:
-        """Return the events of a sensor's records that need not wait any more."""
+        """Return the events of a sensor's records that need not wait any longer."""
         posed: list[Event] = []
         while sensor.waiting:
             outcome = self._posing.pose_next(
@@ -367,7 +366,7 @@ class Robot:
         return posed
 
     def _complete_streams(self) -> list[Event]:
-        """Return until when the streams that are mapped are complete, once they have begun."""
+        """Return the times until which the mapped streams are complete, once they have begun."""
         complete: list[Event] = []
         for role, sensor in self._mapped.items():
             now_ns = self._guard.now(role) if sensor.received else None
@@ -384,6 +383,6 @@ def _give(record: Any, companions: Iterable[tuple[Companion, Sensor]]) -> None:
 
 
 def _is_finite(T: Float64) -> bool:
-    """Return whether a pose is a number."""
+    """Return whether a pose is finite."""
     numbers = T.ravel()
     return math.isfinite(numbers.dot(numbers))

@@ -1,18 +1,17 @@
-"""Roll and pitch of the base by its IMU: the accelerometer while it stands, the gyroscope between.
+"""Roll and pitch of the base by its IMU: accelerometer at rest, gyroscope while driving.
 
-The vertical by an accelerometer is off by its bias and by the error of its mount, a degree or two
-in all, and by the same at all times. So roll and pitch count against their usual value, that of the
-drives: from one stop to the next a base gains no speed, so that the mean of what the accelerometer
-measures on the way, less the accelerations of its yaw, is gravity; the usual value is the median
-over all drives of this run. Once a base has driven, it is known how askew it stands (on a door
-sill, on a ramp, with an arm stretched out).
+The vertical by an accelerometer has a constant error of a degree or two, from its bias and its
+mount. Roll and pitch are therefore relative to their usual value, that of drives: from stop to stop
+a base gains no speed, so the mean specific force of a drive, minus the accelerations due to yaw, is
+gravity. The usual value is the median over all drives of this run. Once a base has driven, its
+inclination at a stop is known (on a door sill, on a ramp, with an arm stretched out).
 
-At a moment of a drive accelerations hide gravity, and the rates of the gyroscope are integrated.
-That is good for some seconds straight ahead. A base that turns moves the error of the mount from
-roll into pitch, so that nothing is told after a turn, up to the next stop.
+During a drive, accelerations mask gravity, and the rates of the gyroscope are integrated. This is
+accurate for some seconds straight ahead. A turn of the base rotates the mount error from roll into
+pitch, so that after a turn there is no estimate until the next stop.
 
-What is not larger than the IMU can tell is none at all: without it, poses have the same bytes as
-without an IMU. Odometry with roll or pitch of its own tells them itself.
+Insignificant angles are set to exactly 0, so that poses are byte-identical to those without an IMU.
+If odometry contains roll or pitch itself, the IMU is not used.
 """
 
 from __future__ import annotations
@@ -40,52 +39,53 @@ from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.tracks import ScalarTrack, Track
 
 STEP_NS = 20_000_000
-"""Roll and pitch are computed for each multiple of this (chosen: bases rock at some Hz), and are
-linear between."""
+"""Roll and pitch are computed for each multiple of this (chosen: bases rock at some Hz), and
+interpolated linearly."""
 
 STANDING_NS = 100_000_000
-"""A base stands that has not moved for this time."""
+"""A base is at rest if it has not moved for this time."""
 
 SETTLING_STEPS = 25
-"""A base that has stopped rocks for 0.5 s (chosen); then gravity is averaged."""
+"""A stopped base rocks for 0.5 s (chosen); gravity is averaged afterwards."""
 
 BIAS_STEPS, MIN_BIAS_STEPS = 500, 50
-"""The bias of the gyroscope is the median of its rates in the last 10 s of standing, known after
-1 s: a base that sinks to one side meanwhile does not change it (chosen)."""
+"""The bias of the gyroscope is the median of its rates in the last 10 s at rest, available after 1
+s: a base that sinks to one side meanwhile does not change it (chosen)."""
 
 GRAVITY_SIGMA, USUAL_SIGMA = 0.001, 0.001
-"""Standard deviations, rad, of roll and pitch by gravity at a stop, and of the usual ones. Chosen:
-1 mg each, the stability of the bias of cheap accelerometers, at rest and with the wheels' shaking.
+"""Standard deviations, rad, of roll and pitch by gravity at a stop, and of the usual values.
+Chosen: 1 mg each, the bias stability of cheap accelerometers, at rest and with vibration of the
+wheels.
 """
 
 RATE_NOISE, RATE_SIGMA = 0.0005, 0.0003
-"""Noise of integrated rates, rad/s^0.5, and standard deviation of their bias, rad/s (chosen: those
-of cheap gyroscopes once they have stood)."""
+"""Noise of integrated rates, rad/s^0.5, and standard deviation of their bias, rad/s (chosen: cheap
+gyroscopes after a rest)."""
 
 AXIS_SIGMA = 0.02
-"""Roll and pitch get this fraction of a yaw. Chosen: 1 deg, of the mount or of gravity's
-direction."""
+"""Fraction of a yaw that leaks into roll and pitch. Chosen: 1 deg error of the mount or of the
+gravity direction."""
 
 MAX_SIGMA = 0.02
-"""Roll and pitch that are more uncertain (rad) are not told (chosen)."""
+"""Roll and pitch with a larger standard deviation (rad) are not used (chosen)."""
 
 DELAY_STEPS = 10
-"""Gravity counts once the base has stood for 0.2 s more: wheels show later that it moves. Chosen:
-at 0.3 m/s2, 0.5 mm take 0.06 s, and `STANDING_NS` comes on top."""
+"""Gravity is used with a delay of 0.2 s of rest, as wheels show motion late. Chosen: at 0.3 m/s2,
+0.5 mm take 0.06 s, in addition to `STANDING_NS`."""
 
 NO_GRAVITY = "imu: acceleration is not gravity"
-"""Reason why samples of a base that stands are not used."""
+"""Reason for unused samples of a base at rest."""
 
 NONE_BELOW, ALL_FROM = 2.5, 4.0
-"""Standard deviations below which roll and pitch are taken as none, and from which they are taken
-whole (chosen: one of 23 is larger than the first by chance)."""
+"""Standard deviations below which roll and pitch are set to zero, and above which they are kept
+unchanged (chosen: noise exceeds the first in one of 23 cases)."""
 
 EVENT_STEPS = 5
-"""An event is given for each so many steps: 10 Hz (chosen)."""
+"""Steps per event: 10 Hz (chosen)."""
 
 
 def significant(roll_pitch: Float64, sigma: Float64 | float) -> Float64:
-    """Return roll and pitch where they are more than noise, else exactly 0.
+    """Return roll and pitch where they exceed the noise, else exactly 0.
 
     Firm shrinkage (Gao, Bruce: WaveShrink with firm shrinkage. Statistica Sinica, 1997) of the
     angle between the base and its usual attitude: continuous, and without bias for large angles.
@@ -93,9 +93,9 @@ def significant(roll_pitch: Float64, sigma: Float64 | float) -> Float64:
     Parameters
     ----------
     roll_pitch
-        float64 (..., 2), against the usual ones, rad.
+        float64 (..., 2), relative to the usual value, rad.
     sigma
-        float64 (...), standard deviation of each of the two, rad.
+        float64 (...), standard deviation of each component, rad.
 
     Returns
     -------
@@ -114,18 +114,18 @@ class BaseRollPitch:
     Parameters
     ----------
     config
-        Samples with more than half of `sync_timeout` between them bracket nothing.
+        A gap between samples wider than half of `sync_timeout` interrupts the estimate.
     motion, mount
-        Motion of the base, and how the IMU is fixed to it.
+        Motion of the base, and pose of the IMU on it.
     refuse
-        Called with the reason for which a sample of a base that stands is not used.
+        Callback with the reason for an unused sample of a base at rest.
 
     Attributes
     ----------
     track
         float64 (6,): angular velocity, rad/s, and specific force, in the frame of the IMU.
     bias
-        Rates at rest float64 (3,), rad/s, in the base; None while it is not known.
+        Rates at rest float64 (3,), rad/s, in the base; None while unknown.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class BaseRollPitch:
         self.clear_samples()
 
     def clear_samples(self) -> None:
-        """Forget everything that has a stamp, and what was learnt of the IMU."""
+        """Clear all time-stamped data, and the estimates of the IMU's errors."""
         self.track.clear()
         for track in self._told:
             track.clear()
@@ -147,30 +147,30 @@ class BaseRollPitch:
         self._rates: deque[Float64] = deque(maxlen=BIAS_STEPS)
         self._until_ns: int | None = None
         self._is_told_by_odometry = False
-        # As measured, with the bias of the accelerometer; None while nothing tells them.
+        # Measured roll and pitch, including the accelerometer's bias; None while unknown.
         self._now: Float64 | None = None
-        # Of the rates, rad; what gravity says beyond it, and the length of gravity.
+        # Integral of the rates, rad; offset between gravity and the integral; magnitude of gravity.
         self._integral, self._gravity, self._g = np.zeros(2), StopGravity(), GRAVITIES[0]
-        # At the stop: steps that the base has stood; what gravity says that is not believed yet.
+        # At a stop: steps at rest so far, and gravity offsets within the delay.
         self._standing = 0
         self._waiting: deque[Float64] = deque()
         self._recent: deque[Float64] = deque(maxlen=DELAY_STEPS)
-        # Since the last stop: time (s), and yaw (rad).
+        # Since the last stop: time (s) and yaw (rad).
         self._moved_s, self._yaw = 0.0, 0.0
         self._usual = UsualRollPitch()
         self._events: list[RollPitch] = []
 
     def add(self, record: Imu) -> bool:
-        """Take a sample; return whether it is newer than the one before."""
+        """Add a sample; return whether it is newer than the previous one."""
         self._frame = record.frame_id
         force = np.full(3, np.nan) if record.acceleration is None else record.acceleration
         return self.track.append(record.stamp_ns, np.concatenate([record.angular_velocity, force]))
 
     def at(self, stamps_ns: Int64) -> Float64 | None:
-        """Return roll and pitch of the base against the usual ones, rad, float64 (K, 2).
+        """Return roll and pitch relative to the usual value, rad, float64 (K, 2).
 
-        After the newest that are known they are held for the widest step of samples. None
-        where they are all 0, or where nothing tells them.
+        The newest values are held for the widest allowed gap of samples. None where all are 0, or
+        unknown.
         """
         last_ns = self._told[0].latest_ns
         if last_ns is None or stamps_ns[-1] > last_ns + self._max_gap_ns:
@@ -182,12 +182,12 @@ class BaseRollPitch:
         return found if found.any() else None
 
     def awaited(self, stamp_ns: int) -> tuple[int, list[Track]]:
-        """Return what roll and pitch at a stamp wait for.
+        """Return the stamp and the tracks that roll and pitch at a stamp wait for.
 
         Returns
         -------
-        A stamp in ns, and the tracks that have to reach it: none where nothing is told, or where
-        the clock of the IMU is far from it.
+        The stamp in ns, and the tracks that have no sample at or after it yet; none where the IMU
+        is not used, or its clock is far off.
         """
         needed_ns, heard_ns = _step_after(stamp_ns), self.track.latest_ns
         if self._until_ns is None or heard_ns is None or self._is_told_by_odometry:
@@ -198,7 +198,7 @@ class BaseRollPitch:
         return needed_ns, [t for t in tracks if t.latest_ns is None or t.latest_ns < needed_ns]
 
     def take(self) -> list[RollPitch]:
-        """Compute as far as there are samples of IMU and odometry; return what is new."""
+        """Process all samples of IMU and odometry so far; return the new events."""
         newest_ns = self._newest_ns()
         if newest_ns is None:
             return []
@@ -213,14 +213,14 @@ class BaseRollPitch:
         return events
 
     def _newest_ns(self) -> int | None:
-        """Return until when both the IMU and odometry are known."""
+        """Return the time until which both the IMU and odometry are known."""
         if self._motion.source is not MotionSource.ODOMETRY or not len(self.track):
             return None
         imu_ns, odometry_ns = self.track.latest_ns, self._motion.latest_ns
         return None if imu_ns is None or odometry_ns is None else min(imu_ns, odometry_ns)
 
     def _step(self, start_ns: int, T_base_imu: Float64) -> None:
-        """Go on by one step."""
+        """Process one step."""
         end_ns = start_ns + STEP_NS
         self._until_ns = end_ns
         if self._motion.has_roll_pitch:
@@ -244,7 +244,7 @@ class BaseRollPitch:
         self._tell(end_ns)
 
     def _mean(self, start_ns: int, end_ns: int) -> Float64:
-        """Return the mean of the samples (6,) of a step, of those around it where it has none."""
+        """Return the mean sample (6,) of a step, or of the samples around an empty step."""
         stamps = self.track.stamps_ns
         first, last = np.searchsorted(stamps, [start_ns, end_ns], "right")
         if first == last:
@@ -252,7 +252,7 @@ class BaseRollPitch:
         return np.asarray(self.track.values[first:last].mean(axis=0))
 
     def _integrate(self, rates: Float64) -> None:
-        """Go on by the rates (3,) of the base in one step."""
+        """Integrate the rates (3,) of the base over one step."""
         seconds = STEP_NS * 1e-9
         self._moved_s += seconds
         if self._now is None or self.bias is None:
@@ -264,7 +264,7 @@ class BaseRollPitch:
         self._yaw += abs(yaw)
 
     def _stand(self, rates: Float64, force: Float64) -> None:
-        """Measure gravity, and the bias of the gyroscope, while the base stands."""
+        """Estimate gravity, and the bias of the gyroscope, at rest."""
         self._usual.end()
         self._standing += 1
         self._recent.append(force)
@@ -284,7 +284,7 @@ class BaseRollPitch:
             self._average(self._waiting.popleft())
 
     def _average(self, offset: Float64) -> None:
-        """Average what gravity (2,) says beyond the integral of the rates, rad."""
+        """Average the offset (2,), rad, between gravity and the integral of the rates."""
         if self._gravity.add(offset):
             self._now = self._integral + self._gravity.offset
             if self._gravity.is_averaged:
@@ -293,30 +293,30 @@ class BaseRollPitch:
             self._now = None
 
     def _drive(self, moved: Float64, rates: Float64, force: Float64, arm: Float64) -> None:
-        """Add up the specific forces of a drive that began at a stop.
+        """Add the specific force of a step to a drive that began at a stop.
 
         Parameters
         ----------
         moved
-            float64 (3,), by odometry in `STANDING_NS`, m and rad.
+            float64 (3,), motion by odometry in `STANDING_NS`, m and rad.
         rates, force
-            float64 (3,), of the base.
+            float64 (3,), in the base frame.
         arm
-            float64 (3,), where the accelerometer is in the base, m.
+            float64 (3,), position of the accelerometer in the base, m.
         """
         if self._standing:
             self._leave()
         if self.bias is None or not self._usual.is_driving:
             return
         yaw_rate, half = float(rates[2] - self.bias[2]), 0.5 * float(moved[2])
-        # The chord of an arc points to where the base looks in the middle of it.
+        # The chord of an arc is parallel to the heading in the middle of the arc.
         x, y, _ = between2([0.0, 0.0, half], moved) * (1e9 / STANDING_NS)
         of_yaw = yaw_rate * np.array([-y, x, 0.0]) - yaw_rate**2 * arm * [1.0, 1.0, 0.0]
         of_yaw *= self._g / GRAVITIES[0]
         self._usual.add(force, of_yaw)
 
     def _leave(self) -> None:
-        """Begin a drive: the base has begun to move a little before the wheels show it."""
+        """Begin a drive; the base starts to move slightly before the wheels show it."""
         if self._gravity.is_measured and not self._gravity.is_averaged:
             self._now = None
         self._standing = 0
@@ -326,7 +326,7 @@ class BaseRollPitch:
         self._recent.clear()
 
     def _lose(self) -> None:
-        """Forget roll and pitch up to the next stop."""
+        """Discard roll and pitch until the next stop."""
         self._leave()
         self._usual.lose()
         self._now = None
@@ -346,7 +346,7 @@ class BaseRollPitch:
         return math.sqrt(by_gravity + RATE_NOISE**2 * self._moved_s + drift)
 
     def _tell(self, stamp_ns: int) -> None:
-        """Note roll and pitch at the end of a step."""
+        """Record roll and pitch at the end of a step."""
         sigma, now, usual, found = self._sigma, self._now, self._usual.value, np.zeros(2)
         if now is not None and usual is not None and sigma <= MAX_SIGMA:
             found = significant(now - usual, sigma)
@@ -362,5 +362,5 @@ def _pair(values: Float64) -> tuple[float, float]:
 
 
 def _step_after(stamp_ns: int) -> int:
-    """Return the first multiple of a step from a stamp on."""
+    """Return the first multiple of a step at or after a stamp."""
     return -(-stamp_ns // STEP_NS) * STEP_NS

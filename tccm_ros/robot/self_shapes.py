@@ -1,4 +1,4 @@
-"""The robot's own collision shapes in the base, for the self filter."""
+"""The robot's own collision shapes in the base frame, for the self filter."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
 from tccm_ros.robot.frames import Edges, build_chain, find_path
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-#: Shape kinds by their number in `SelfShapes.kinds`.
+#: Shape kinds; the index is used in `SelfShapes.kinds`.
 SHAPE_KINDS = ("box", "sphere", "cylinder")
 
-#: Parent of what nothing moves.
+#: Parent index of shapes that are fixed to the base.
 ROOT = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MovedFrame:
-    """The frame behind a joint: its parent, the fixed transform from there, and the joint."""
+    """The frame after a joint: parent, fixed transform from it, and the joint."""
 
     parent: int
     before: Float64
@@ -33,19 +33,19 @@ class _MovedFrame:
 
 
 class ShapeModel:
-    """The shapes of a robot, placed link by link.
+    """Forward kinematics of a robot's collision shapes.
 
     Parameters
     ----------
     model, base, edges
         The robot, its base frame, and the tree of frames.
     reading
-        Where a joint's position comes from.
+        Function that returns the samples of a joint.
 
     Attributes
     ----------
     unplaced
-        Links with shapes that no chain reaches: their shapes are left out.
+        Links with shapes but without a chain to the base; these shapes are left out.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class ShapeModel:
         return self._frame_of[key], chain.fixed[-1]
 
     def at(self, stamp_ns: int) -> SelfShapes:
-        """Return the shapes at a stamp; those with a joint not bracketed there are left out."""
+        """Return the shapes at a stamp, without those whose joints have no samples around it."""
         stamps = np.array([stamp_ns], np.int64)
         positions = np.full(len(self._joints), np.nan)
         for i, frame in enumerate(self._joints):
@@ -114,16 +114,15 @@ class ShapeModel:
 
 @kernel
 def place_shapes(parents, before, axes, is_revolute, positions, hangs_on, T_frame_shape):  # type: ignore[no-untyped-def]
-    """Return the poses of shapes on a tree of moved frames, T_base_shape float64 (S, 4, 4).
+    """Return the poses of shapes in a tree of moved frames, T_base_shape float64 (S, 4, 4).
 
-    A moved frame is its parent's pose times a fixed transform times its joint's motion. Shapes
-    below a joint without a position are nan.
+    The pose of a moved frame is its parent's pose times a fixed transform times the joint's motion.
+    Shapes below a joint without a position are NaN.
 
     Parameters
     ----------
     parents
-        int64 (N,): the frame that each moved frame hangs on, an index smaller than its own, or
-        ROOT for the base.
+        int64 (N,): parent index of each moved frame, smaller than its own, or ROOT for the base.
     before
         float64 (N, 4, 4): fixed transform from the parent to the joint.
     axes, is_revolute, positions

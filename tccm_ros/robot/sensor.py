@@ -1,4 +1,4 @@
-"""One sensor of a robot: its records wait here until they can be posed, and are counted."""
+"""One sensor of a robot: queues its records until they can be posed, and counts them."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ from tccm_ros.robot.streams import Stream
 from tccm_ros.robot.tracks import Track
 
 MAX_COMPANIONS = 50
-"""Companions of a sensor's records that are kept (`Stream.companion`): those of two seconds."""
+"""Maximum number of stored companions (`Stream.companion`): those of two seconds."""
 
 TOO_LONG = "lasts longer than the time between stamps: look at the unit of its times"
-"""Why records are dropped whose time_increment, or whose times of points, are in another unit."""
+"""Reason of a drop: time_increment, or the times of points, are in a wrong unit."""
 
 TOO_SHORT = "times of points span less than 1 % of the time between stamps: look at their unit"
-"""What is said of records whose times may be in another unit."""
+"""Remark on records whose times may be in a wrong unit."""
 
 PERIODS = 4.0, 0.01
-"""A record lasts at most and at least so many times the step between stamps: units of times differ
-by 1000."""
+"""Maximum and minimum duration of a record as multiples of the step between stamps; wrong units are
+off by 1000."""
 
 
 class Sensor:
-    """The records of one stream, in the order of their stamps.
+    """A queue of the records of one stream, in stamp order.
 
     Parameters
     ----------
     stream
-        What the records are.
+        The stream.
     config, frames, joints
-        What its mount is made of.
+        Configuration and robot data for the mount.
 
     Attributes
     ----------
     mount
-        Where the sensor is on the robot.
+        Pose of the sensor on the robot.
     waiting
         Records that are not posed yet.
     dropped
-        Records that were not posed, by reason.
+        Number of records that were not posed, by reason.
     remarks
-        Records that were taken though something about them is unusual, by what it is.
+        Number of used but unusual records, by remark.
     received, posed
-        Records that came, and those that were posed.
+        Number of records received and posed.
     longest_ns
-        Longest time span of a record so far.
+        Longest duration of a record so far.
     awaited
-        The track that the oldest record waits for, and how many samples it had heard of then.
+        The track that the oldest record waits for, and its number of samples at that time.
     """
 
     def __init__(self, stream: Stream, config: Config, frames: FrameTree, joints: JointTracks):
@@ -74,11 +74,11 @@ class Sensor:
 
     @property
     def problem(self) -> FrameError | None:
-        """Why the sensor could not be placed, None where it could."""
+        """Error of the sensor's mount; None where there is none."""
         return self.mount.problem
 
     def add(self, record: Any) -> None:
-        """Have a record wait in the order of stamps, or drop it."""
+        """Queue a record in stamp order, or drop it."""
         reason = self.stream.rejection_reason(record) or self._fault_of_stamp(record.stamp_ns)
         if reason is not None:
             self.refuse(reason)
@@ -104,7 +104,7 @@ class Sensor:
             self.drop("overload")
 
     def _fault_of_stamp(self, stamp_ns: int) -> str | None:
-        """Return why a record with this stamp is refused, None where it is not."""
+        """Return why a record with this stamp is refused; None where it is not."""
         newest_ns, reason = self._order.newest_ns, self._order.add(stamp_ns)
         if reason is None or newest_ns is None:
             return None
@@ -112,9 +112,9 @@ class Sensor:
         return ANOTHER_CLOCK if is_far_back else reason
 
     def lasts_too_long(self, span_ns: int) -> bool:
-        """Return whether a record lasts longer than the steps between stamps leave it time to.
+        """Return whether a record lasts longer than the steps between stamps allow.
 
-        One that came before the steps were known does not count for `longest_ns` any more.
+        `longest_ns` is then corrected for long records from before the steps were known.
         """
         period_ns = self._order.period_ns
         if period_ns is None or span_ns <= PERIODS[0] * period_ns:
@@ -124,23 +124,23 @@ class Sensor:
 
     @property
     def is_next_overtaken(self) -> bool:
-        """Whether a record that is late may still come before the oldest that waits."""
+        """Whether a late record may still precede the oldest waiting one."""
         return not self._order.is_final(self.waiting[0].stamp_ns)
 
     @property
     def awaits_nothing_new(self) -> bool:
-        """Whether the track that the oldest record waits for has heard of nothing since."""
+        """Whether the track that the oldest record waits for has had no sample since."""
         return self.awaited is not None and self.awaited[0].heard == self.awaited[1]
 
     def pop(self) -> Any:
-        """Return the oldest record that waits; it waits no more."""
+        """Remove and return the oldest waiting record."""
         record = self.waiting.popleft()
         self._order.make_final(record.stamp_ns)
         self.awaited = None
         return record
 
     def add_companion(self, record: Any) -> None:
-        """Keep what comes beside the records, in the order of stamps; one of each stamp."""
+        """Store a companion record in stamp order; one per stamp."""
         kept = self._companions
         place = len(kept)
         while place and kept[place - 1].stamp_ns > record.stamp_ns:
@@ -152,11 +152,11 @@ class Sensor:
             kept.popleft()
 
     def join(self, *, is_last: bool) -> str | None:
-        """Give the oldest record that waits what it needs of its companions.
+        """Join the oldest waiting record with its companion.
 
         Returns
         -------
-        Why it is dropped, ``""`` where it has to wait, None where it has all that it needs.
+        Reason of a drop, ``""`` while it has to wait, None where it is complete.
         """
         companion = self.stream.companion
         if companion is None:
@@ -168,21 +168,21 @@ class Sensor:
         return None
 
     def refuse(self, reason: str) -> None:
-        """Count a record that does not even wait."""
+        """Count a record that is dropped before the queue."""
         self.received += 1
         self.dropped[reason] += 1
 
     def drop(self, reason: str) -> None:
-        """Drop the oldest record that waits."""
+        """Drop the oldest waiting record."""
         self.pop()
         self.dropped[reason] += 1
 
     def clear_samples(self) -> None:
-        """Forget everything that has a stamp: the clock jumped."""
+        """Clear all time-stamped data after a jump of the clock."""
         if self.waiting:
             self.dropped["clock jump"] += len(self.waiting)
         self.waiting.clear()
-        # The newest stays, as older than all that comes: it may have been published once.
+        # The newest companion stays, as the oldest: it may have been published only once.
         newest = [replace(record, stamp_ns=0) for record in (*self._companions,)[-1:]]
         self._companions = deque(newest)
         self._order.clear()

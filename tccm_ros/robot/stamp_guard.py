@@ -1,8 +1,8 @@
-"""Stamps that can be trusted: message time, outliers, and jumps of the clock.
+"""Check stamps: message time, outliers, and jumps of the clock.
 
-Message time is the newest stamp on any input. One wrong stamp must not move it: a record far ahead
-of its stream is held until the stream's next record tells whether the stream went there. Whether
-records are admitted depends on the order within each stream alone, not on how streams interleave.
+Message time is the newest stamp on any input. A single wrong stamp must not advance it: a record
+far ahead of its stream is held until the stream's next record confirms or refutes it. Admission
+depends on the order within each stream only, not on the interleaving of streams.
 """
 
 from __future__ import annotations
@@ -12,32 +12,32 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 MAX_STREAMS = 1024
-"""Streams that are distinguished; the records of further ones are refused. Chosen: more
-publishers than any robot has."""
+"""Maximum number of streams; records of further ones are refused. Chosen: more publishers than any
+robot has."""
 
 MAX_BEHIND = 1000
-"""Records of one stream that are held while it is not clear whether the clock went back. Chosen:
-10 s at 100 Hz."""
+"""Maximum number of held records of a stream while it is unclear whether the clock went back.
+Chosen: 10 s at 100 Hz."""
 
 ANOTHER_CLOCK = "another clock"
-"""Why the records of a stream are refused that went back while the others went on."""
+"""Reason of a refusal: this stream went back in time while the others went on."""
 
 T = TypeVar("T")
 
 
 @dataclass(slots=True)
 class Admission(Generic[T]):
-    """What became of a record and of those held before it.
+    """Decision on a record and on those held before it.
 
     Attributes
     ----------
     admitted
-        Records to use now, in the order of their stream.
+        Records to use now, in stream order.
     refused
-        Records not to use, each with the reason.
+        Records to drop, each with the reason.
     jumped_ns
-        By how much the clock jumped back, 0 where it did not: all samples from before are void,
-        `admitted` is what came since.
+        Size of a backward jump of the clock, 0 for none: all earlier samples are invalid, and
+        `admitted` contains the records after the jump.
     """
 
     admitted: list[T] = field(default_factory=list)
@@ -55,12 +55,12 @@ class _Stream(Generic[T]):
 
 
 class StampGuard(Generic[T]):
-    """Admits records by stamp.
+    """Admits records by their stamps.
 
     Parameters
     ----------
     clock_jump_ns
-        A step larger than this, forward or backward, is no reordering.
+        Threshold of a step, forward or backward, above which it is no reordering.
     """
 
     def __init__(self, clock_jump_ns: int):
@@ -71,18 +71,18 @@ class StampGuard(Generic[T]):
     def admit(
         self, key: Hashable, stamp_ns: int, record: T, *, keeps_time: bool = True
     ) -> Admission[T]:
-        """Decide what becomes of one record, and of those that were held before it.
+        """Decide on one record, and on those that were held before it.
 
         Parameters
         ----------
         key
-            The stream.
+            Key of the stream.
         stamp_ns
             Stamp of the record.
         record
-            Returned in the admission as it is, now or with a later record of the stream.
+            Returned unchanged in the admission, now or with a later record of the stream.
         keeps_time
-            Whether message time follows this stream.
+            Whether this stream advances message time.
         """
         result: Admission[T] = Admission()
         stream = self._streams.get(key)
@@ -95,11 +95,11 @@ class StampGuard(Generic[T]):
         return result
 
     def passes(self, key: Hashable, stamp_ns: int) -> bool:
-        """Admit a record that nothing has to be weighed for, as nearly all are.
+        """Admit a record without further checks where possible, as for nearly all records.
 
         Returns
         -------
-        False where `admit` has to decide on the record; nothing has changed then.
+        False where `admit` has to decide; the state is then unchanged.
         """
         stream = self._streams.get(key)
         if stream is None or stream.ahead is not None or self._someone_behind:
@@ -112,10 +112,10 @@ class StampGuard(Generic[T]):
         return True
 
     def now(self, key: Hashable) -> int | None:
-        """Return message time as the stream `key` should see it, None before the first record.
+        """Return message time for the stream `key`; None before the first record.
 
-        It is the newest stamp of any stream. Of the other streams, a single one that is ahead of
-        the rest by more than a clock jump has a clock of its own and does not count.
+        It is the newest stamp of any stream. A single other stream that is ahead of the rest by
+        more than a clock jump has another clock, and is ignored.
         """
         own = self._streams.get(key)
         first = second = None
@@ -134,7 +134,7 @@ class StampGuard(Generic[T]):
         return own.newest_ns if first is None else max(first, own.newest_ns)
 
     def flush(self) -> Admission[T]:
-        """Admit what is held: the input has ended."""
+        """Admit held records ahead and refuse those behind, at the end of the input."""
         result: Admission[T] = Admission()
         for stream in self._streams.values():
             if stream.ahead is not None:
@@ -174,7 +174,7 @@ class StampGuard(Generic[T]):
         stream.behind.clear()
 
     def _note_going_on(self, stream: _Stream[T]) -> None:
-        """Note that time goes on in one stream, which may be the last that was behind."""
+        """Note that one stream advances, which may have been the last one behind."""
         stream.went_on = stream.keeps_time
         self._someone_behind = any(s.behind for s in self._streams.values())
         if not self._someone_behind:
@@ -182,8 +182,8 @@ class StampGuard(Generic[T]):
                 other.went_on = False
 
     def _look_back(self, stream: _Stream[T], result: Admission[T]) -> None:
-        """Decide whether all inputs went back, or this stream alone, or nothing yet."""
-        # What keeps no time is no witness: our own map -> odom has the stamp of the last scan.
+        """Decide whether all inputs went back, only this stream, or neither yet."""
+        # Streams that do not keep time do not count: our own map -> odom repeats the last stamp.
         heard = [s for s in self._streams.values() if s.newest_ns is not None]
         streams = [s for s in heard if s.keeps_time] or heard
         top_ns = max(s.newest_ns for s in streams if s.newest_ns is not None)
@@ -193,7 +193,7 @@ class StampGuard(Generic[T]):
         records = sum(len(s.behind) for s in streams)
         first_ns, last_ns = stream.behind[0][0], stream.behind[-1][0]
         lasting = abs(last_ns - first_ns) > self._jump_ns or len(stream.behind) >= MAX_BEHIND
-        # Who went on and then went back as well is no witness: streams go back one after the other.
+        # Streams go back one after the other: one that advanced and then also went back is neutral.
         alone = any(s.went_on for s in streams) or not any(s is stream for s in streams)
         if (records > 1 and all(s.behind for s in live)) or (lasting and not alone):
             self._jump(top_ns - last_ns, result)
@@ -203,7 +203,7 @@ class StampGuard(Generic[T]):
             self._someone_behind = any(s.behind for s in self._streams.values())
 
     def _jump(self, back_ns: int, result: Admission[T]) -> None:
-        """Begin again with the records that went back."""
+        """Restart with the records after a backward jump."""
         result.jumped_ns = back_ns
         self._someone_behind = False
         for stream in self._streams.values():

@@ -1,9 +1,9 @@
-"""Which records of a stream may still be overtaken: where stamps leave a gap, one may be late.
+"""Reorder the stamps of a stream: where a gap indicates a missing record, wait for it.
 
-A network may deliver records in another order than they were sent in. Where none is missing before
-a record, no late one can belong there, and it is used at once. After a gap it waits until the
-stream's own stamps are further by a window. So an orderly stream waits for nothing, and what is
-admitted depends on the order within the stream alone, not on how streams interleave.
+A network may deliver records out of order. If no record is missing before a record, none can be
+late, and it is used at once. After a gap it waits until the stream's own stamps have advanced by a
+window. An ordered stream thus has no latency, and admission depends on the order within the stream
+only, not on the interleaving of streams.
 """
 
 from __future__ import annotations
@@ -12,25 +12,26 @@ from bisect import insort
 from collections import deque
 
 RECENT = 32
-"""Steps between stamps from which the shortest is taken. Chosen: a second of a laser."""
+"""Number of recent steps for the shortest step. Chosen: a second of a laser."""
 
 KNOWN = 8
-"""Steps from which the period is known. Chosen."""
+"""Minimum number of steps for the period. Chosen."""
 
 GAP = 1.5
-"""A step of so many of the shortest steps may miss a record: one more takes two of them."""
+"""A step of more than this multiple of the shortest step may lack a record: one record less makes
+two steps."""
 
 LATE, TWICE, ZERO = "out of order", "duplicate stamp", "stamp of 0"
-"""Why stamps are refused."""
+"""Reasons of a refusal."""
 
 
 class StampOrder:
-    """Puts the stamps of one stream in order.
+    """Orders the stamps of one stream.
 
     Parameters
     ----------
     window_ns
-        Stamps that are later by this much than another are not overtaken by it; 0: by nothing.
+        Maximum delay of a late record, in stamps of the stream; 0 for no reordering.
     """
 
     def __init__(self, window_ns: int):
@@ -45,12 +46,12 @@ class StampOrder:
 
     @property
     def newest_ns(self) -> int | None:
-        """The latest stamp that was added, None before the first."""
+        """The latest stamp added; None before the first."""
         return self._open[-1] if self._open else self._final_ns
 
     @property
     def period_ns(self) -> int | None:
-        """The usual step between stamps, None while it is not known."""
+        """The median step between stamps; None while unknown."""
         steps = sorted(self._steps)
         return steps[len(steps) // 2] if len(steps) >= KNOWN else None
 
@@ -66,11 +67,11 @@ class StampOrder:
         return None
 
     def is_final(self, stamp_ns: int) -> bool:
-        """Return whether no stamp that is added later can come before one that was added."""
+        """Return whether no later addition can precede a stamp that was added."""
         return self._final_ns is not None and stamp_ns <= self._final_ns
 
     def make_final(self, stamp_ns: int) -> None:
-        """Wait for nothing before a stamp any more."""
+        """Stop waiting for stamps before this one."""
         while self._open and self._open[0] <= stamp_ns:
             next_ns = self._open.pop(0)
             if self._final_ns is not None:
@@ -78,7 +79,7 @@ class StampOrder:
             self._final_ns = next_ns
 
     def _is_sure(self, stamp_ns: int) -> bool:
-        """Return whether none that is late can belong before the first open stamp."""
+        """Return whether no late stamp can belong before the first open stamp."""
         if self._open[-1] - stamp_ns >= self._window_ns:
             return True
         if self._final_ns is None or len(self._steps) < KNOWN:

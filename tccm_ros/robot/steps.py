@@ -1,7 +1,7 @@
-"""Samples off their track for a moment: a second publisher's zeros, a number that is no position.
+"""Reject temporary outliers of a track: zeros of a second publisher, invalid positions.
 
-A step that is too large for its time is held until the next samples tell. Where they are back on
-the track, what was held is refused; where they stay away, the step has happened.
+A step that is too fast is held until the next samples decide. If they return to the track, the held
+samples are refused as outliers; if not, the step is real.
 """
 
 from __future__ import annotations
@@ -10,33 +10,33 @@ from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
 LASTING_NS = 100_000_000
-"""Samples that stay off the track for so long are no outliers, ns: the joints of robots are
-published at 10 Hz or more."""
+"""Samples that stay off the track for this time, ns, are no outliers: robots publish joints at 10
+Hz or more."""
 
 FASTER = 3.0
-"""A sample that is faster by this than those before it is held: joints speed up over several
-samples."""
+"""A sample whose speed exceeds the previous maximum by this factor is held: joints accelerate over
+several samples."""
 
 FORGET = 0.97
-"""Part of the highest speed so far that is kept with each sample: speeds of a second at 30 Hz."""
+"""Decay of the maximum speed per sample: a memory of one second at 30 Hz."""
 
 KNOWN = 8
-"""Steps from which the speed of a track is known."""
+"""Minimum number of steps to know the speed of a track."""
 
 T = TypeVar("T")
 
 
 class Steps(NamedTuple, Generic[T]):
-    """What became of a sample and of those that were held before it.
+    """Decision on a sample and on those that were held before it.
 
     Attributes
     ----------
     admitted
         Stamps, ns, and samples to use now.
     refused
-        Samples that were outliers.
+        Number of outliers.
     has_jumped
-        Whether the first of those admitted is where the track went on elsewhere.
+        Whether the first admitted sample is the start of the track after a jump.
     """
 
     admitted: list[tuple[int, T]]
@@ -45,17 +45,16 @@ class Steps(NamedTuple, Generic[T]):
 
 
 class StepGuard(Generic[T]):
-    """Admits samples of one track by their steps.
+    """Admits the samples of one track by the size of their steps.
 
     Parameters
     ----------
     distance
-        Of two samples.
+        Function that returns the distance of two samples.
     slack
-        Steps up to this are possible in no time.
+        Steps up to this are plausible at any speed.
     speed
-        And those of this speed, 1/s. None where it is `FASTER` times the highest one so far, once
-        that is known.
+        Maximum speed, 1/s. None for `FASTER` times the maximum so far, once that is known.
     """
 
     def __init__(self, distance: Callable[[T, T], float], slack: float, speed: float | None = None):
@@ -71,7 +70,7 @@ class StepGuard(Generic[T]):
         self._before: tuple[int, T] | None = None
 
     def add(self, stamp_ns: int, sample: T) -> Steps[T]:
-        """Take a sample; return what is to be used now."""
+        """Add a sample; return the samples to use now."""
         item = stamp_ns, sample
         if self._last is None or stamp_ns <= self._last[0]:
             self._last = self._last or item
@@ -94,7 +93,7 @@ class StepGuard(Generic[T]):
         return Steps(admitted, has_jumped=True)
 
     def _learn(self, item: tuple[int, T]) -> None:
-        """Learn the speed of two steps, the smaller one: those of an outlier go there and back."""
+        """Update the speed with the slowest step of three samples; an outlier returns."""
         if self._before is not None and self._last is not None:
             three = self._before, self._last, item
             pairs = (three[:2], three[1:], three[::2])

@@ -1,4 +1,4 @@
-"""A sensor's stream: what its records are, how they are posed, and who takes them."""
+"""The stream of a sensor: record type, message reader, mount and processor."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from tccm_ros.robot.chain_finder import MountKind
 
 
 def at_its_stamp(record: Any) -> tuple[int, int]:
-    """Return the time of a record that was measured all at once."""
+    """Return the time span of a record that was measured all at once."""
     return record.stamp_ns, record.stamp_ns
 
 
 def nothing_to_say(record: Any) -> str | None:
-    """Return None: what the reader lets through can be used, and is as usual."""
+    """Return None: no rejection and no remark."""
     return None
 
 
 def as_it_came(record: Any, config: Config) -> Any:
-    """Return a record as it is: nothing is known of errors of its driver."""
+    """Return a record unchanged: no driver errors are known."""
     return record
 
 
 class Companion(NamedTuple):
-    """Records that come beside those of a sensor, and that they need: a camera's calibration.
+    """Records that a sensor's records need in addition, such as a camera's calibration.
 
     Attributes
     ----------
     role
-        What their stream is called: also its topic.
+        Name of the companion stream, also its topic.
     record
         Type of the records.
     reader
-        How a message becomes records.
+        Converts a message to records.
     join
-        Returns a record with what it needs of its companions, or why it is dropped, or None where
-        it has to wait. It is called with the record, the companions that have come, by stamp, and
-        whether no better one will come.
+        Function that returns a record joined with its companion, or why it is dropped, or None
+        where it has to wait. The arguments are the record, the companions so far in stamp order,
+        and whether no better one will come.
     """
 
     role: str
@@ -54,45 +54,47 @@ class Companion(NamedTuple):
 class Stream:
     """The stream of one sensor.
 
-    A sensor is registered by adding its stream to those that a `Robot` is made with.
+    To register a sensor, add its stream to those of a `Robot`.
 
     Attributes
     ----------
     role
-        What it is called: also its topic, unless that is remapped.
+        Name of the stream, also its topic unless remapped.
     record
-        Type of its records: they have ``stamp_ns`` and ``frame_id``.
+        Record type, with ``stamp_ns`` and ``frame_id``.
     reader
-        How a message becomes records.
+        Converts a message to records.
     mount
-        How the sensor is mounted.
+        Kind of mount.
     processor
-        The processor that its events are for: ``tccm``, ``slam``, or another's name.
+        Processor of its events: ``tccm``, ``slam``, or another's name.
     event
-        Class of its posed records.
+        Class of the posed records.
     time_span
-        Times of the first and the last measurement of a record, ns; its stamp by default.
+        Function that returns the times of the first and last measurement of a record, ns; both are
+        its stamp by default.
     rejection_reason
-        Returns why a record cannot be used, None where it can.
+        Function that returns why a record is rejected; None where it is not.
     remark
-        Returns what is unusual about a record that is used, None where nothing is: it is counted.
+        Function that returns a remark on an unusual record that is used anyway; remarks are
+        counted. None where the record is as usual.
     fault_of_pose
-        Returns why a posed record cannot be used, None where it can.
+        Function that returns why a posed record is rejected; None where it is not.
     correct
-        Returns a record without the errors of its driver that are configured.
+        Function that corrects configured errors of a record's driver.
     sees_robot
-        Whether the poses carry the robot's own shapes, to be filtered out.
+        Whether poses include the robot's own shapes, for the self filter.
     companion
-        What comes beside its records, None where they need nothing.
+        Records that its records need in addition; None for none.
     max_waiting
-        Records that wait at one time; the oldest is dropped when there are more. Large ones need a
-        small limit.
+        Maximum length of the queue; the oldest record is dropped when it is full. Large records
+        need a short queue.
     is_occasional
-        Whether records come now and then, and may be in the odometry or the map frame too: what a
-        program recognised. No tilt cycle waits for them, and their silence is no fault.
+        Whether records are irregular, and may also be in the odometry or map frame, such as
+        detections. Tilt cycles do not wait for them, and their silence is no fault.
     can_be_base
-        Whether the sensor is the base where nothing tells of any frame or of odometry: its records
-        move it by matching.
+        Whether the sensor is the base if there are no frames and no odometry: matching of its
+        records gives the motion.
     """
 
     role: str

@@ -1,4 +1,4 @@
-"""The tilt angle over time, for the tilt cycles: stamps increase, the angle goes on over a wrap."""
+"""The tilt angle over time for the tilt cycles: increasing stamps, unwrapped angles."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tccm_ros.robot.chain import JointReading, MovingTransform, Part, twist_angl
 from tccm_ros.robot.tracks import PoseTrack
 
 AXIS_ANGLE = 0.02
-"""A moving transform has shown its axis when it has rotated by this, rad. Chosen: 1.1 deg, above
-the noise of joints."""
+"""Rotation of a moving transform after which its axis is known, rad. Chosen: 1.1 deg, above the
+noise of joints."""
 
 
 class TiltReadout:
-    """Reads the corrected tilt angle off the tilt joint's samples, each once.
+    """Reads corrected tilt angles from the samples of the tilt joint, each once.
 
     Parameters
     ----------
     scale, offset
-        The correction: where the joint reads angle a, it is ``scale * a + offset``.
+        The correction: angle a of the joint becomes ``scale * a + offset``.
     """
 
     def __init__(self, scale: float, offset: float) -> None:
@@ -34,16 +34,16 @@ class TiltReadout:
 
     @property
     def name(self) -> str | None:
-        """The tilt joint or, where tf tells, the moving frame; None until it is known."""
+        """The tilt joint, or the moving tf frame; None until it is known."""
         return None if self._part is None else self._part.name
 
     def follow(self, part: Part, *, final: bool) -> bool:
-        """Take a part of the chain as the tilt joint and put the correction into it.
+        """Set a part of the chain as the tilt joint and apply the correction to it.
 
         Returns
         -------
-        False where a transform of tf has to be corrected about an axis that it has not shown yet,
-        unless `final`: then it is followed uncorrected.
+        False where a tf transform needs a correction about an axis that is still unknown, unless
+        `final`: then it is used without correction.
         """
         scale, offset = self._correction
         if isinstance(part, JointReading):
@@ -59,7 +59,7 @@ class TiltReadout:
         return True
 
     def clear(self) -> None:
-        """Start again, as after a jump of the clock."""
+        """Restart after a jump of the clock."""
         self._given_ns = self._angle = None
         self._revolutions = 0
 
@@ -100,10 +100,10 @@ class TiltReadout:
 
 
 def find_axis(track: PoseTrack) -> Float64 | None:
-    """Return the axis float64 (3,), in the child frame, about which a transform turns.
+    """Return the rotation axis float64 (3,) of a transform, in the child frame.
 
-    It is taken between the first sample and the first that has turned by `AXIS_ANGLE`; its
-    largest component is positive. None while there is no such sample.
+    The axis is computed between the first sample and the first that has rotated by `AXIS_ANGLE`;
+    its largest component is positive. None while there is no such sample.
     """
     if not len(track):
         return None

@@ -1,7 +1,7 @@
-"""Time-stamped samples in stamp order, interpolated between their neighbours and never beyond.
+"""Time-stamped samples in stamp order, with interpolation and without extrapolation.
 
-A track keeps a bounded history. A sample that is not newer than the one before it is left out: what
-a track has said of a time between two samples it will say again, whenever one asks.
+A track keeps a bounded history. A sample that is not newer than the previous one is dropped, so
+that an interpolated value never changes between two queries.
 """
 
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
 
 MAX_SAMPLES = 16384
-"""Samples that a track holds before it forgets the older half. Chosen: 160 s at 100 Hz."""
+"""Samples of a track above which the older half is deleted. Chosen: 160 s at 100 Hz."""
 
 SAME_POSE = 1e-7
-"""Transforms are the same whose numbers differ by less: those of single precision that a driver
-computes anew for each message."""
+"""Transforms are equal if their numbers differ by less: rounding of a driver that recomputes them
+in single precision for each message."""
 
 
 class Track:
@@ -25,16 +25,16 @@ class Track:
     Parameters
     ----------
     width
-        Numbers in a sample.
+        Number of values per sample.
     max_samples
         Bound of the history.
 
     Attributes
     ----------
     heard
-        Samples that came, also those that were left out.
+        Number of samples received, including dropped ones.
     latest_ns
-        Newest stamp, None without samples.
+        Newest stamp; None without samples.
     """
 
     def __init__(self, width: int, max_samples: int = MAX_SAMPLES):
@@ -65,7 +65,7 @@ class Track:
         self.latest_ns = None
 
     def append(self, stamp_ns: int, value: Float64 | float) -> bool:
-        """Append a sample; return False, and leave it out, where it is not the newest."""
+        """Append a sample; return False and drop it where it is not the newest."""
         self.heard += 1
         if self.latest_ns is not None and stamp_ns <= self.latest_ns:
             return False
@@ -78,7 +78,7 @@ class Track:
         return True
 
     def keep(self, kept: Sequence[bool]) -> None:
-        """Forget the samples for which `kept`, bool (N,), does not hold."""
+        """Keep only the samples for which `kept`, bool (N,), is True."""
         if not all(kept):
             count = sum(kept)
             self._stamps[:count] = self.stamps_ns[list(kept)]
@@ -87,12 +87,12 @@ class Track:
             self.latest_ns = int(self._stamps[count - 1]) if count else None
 
     def widest_gap_ns(self, start_ns: int, end_ns: int) -> int | None:
-        """Return the widest step between the samples that bracket [start, end].
+        """Return the widest gap between the samples around [start, end].
 
         Returns
         -------
-        The step in ns (0 where one sample at start = end suffices), or None where no sample is at
-        or before the start or none at or after the end.
+        The gap in ns (0 where one sample at start = end suffices), or None where no sample is at or
+        before the start or none at or after the end.
         """
         if self.latest_ns is None or self.latest_ns < end_ns:
             return None
@@ -100,14 +100,14 @@ class Track:
         return None if gap < 0 else gap
 
     def brackets(self, start_ns: int, end_ns: int, max_gap_ns: int) -> bool:
-        """Return whether samples cover an interval, with no wide step between two of them.
+        """Return whether samples cover an interval without a wide gap.
 
         Parameters
         ----------
         start_ns, end_ns
             The interval.
         max_gap_ns
-            A wider step between two samples brackets nothing.
+            Maximum gap between two samples.
         """
         gap = self.widest_gap_ns(start_ns, end_ns)
         return gap is not None and gap <= max_gap_ns
@@ -117,7 +117,7 @@ class Track:
         return stamps_between(self._stamps[: self._count], start_ns, end_ns)
 
     def _make_room(self) -> int:
-        """Grow, or forget the older half; return the number of samples."""
+        """Grow the arrays, or delete the older half; return the number of samples."""
         first = self._count // 2 if self._count >= self._max_samples else 0
         kept = self._count - first
         size = min(max(2 * kept, 64), self._max_samples)
@@ -143,8 +143,8 @@ class ScalarTrack(Track):
     def at(self, stamps_ns: Int64, *, wraps: bool) -> Float64:
         """Return positions float64 (K,) at stamps int64 (K,) that the samples bracket.
 
-        Where positions `wrap` they are angles, between which the short way is taken: an encoder
-        that steps from +pi to -pi has not turned back.
+        With `wraps`, positions are angles and are interpolated the short way: an encoder that steps
+        from +pi to -pi has not rotated back.
         """
         return interpolate_scalars(
             self.stamps_ns, self.values[:, 0], np.asarray(stamps_ns, np.int64), wraps
@@ -162,10 +162,10 @@ class PoseTrack(Track):
     Attributes
     ----------
     T_constant
-        float64 (4, 4), the transform while all that came were the same; None before the first and
-        once it has moved.
+        float64 (4, 4), the transform while all samples so far are equal; None before the first and
+        after a change.
     has_moved
-        Whether two transforms differed.
+        Whether two samples differed.
     """
 
     def __init__(self, max_samples: int = MAX_SAMPLES):
@@ -179,7 +179,7 @@ class PoseTrack(Track):
         return self.append(stamp_ns, pose_to_numbers(T_a_b))
 
     def note(self, T_a_b: Float64) -> None:
-        """Compare a transform float64 (4, 4) with those that came before."""
+        """Compare a transform float64 (4, 4) with the previous ones."""
         if self.has_moved:
             return
         if self.T_constant is None:
@@ -190,7 +190,7 @@ class PoseTrack(Track):
     def at(self, stamps_ns: Int64) -> Float64:
         """Return transforms float64 (K, 4, 4) at stamps int64 (K,).
 
-        The samples bracket the stamps, or the transform is constant.
+        The stamps lie within the samples, or the transform is constant.
         """
         if not self._count and self.T_constant is not None:
             return np.broadcast_to(self.T_constant, (len(stamps_ns), 4, 4)).copy()
@@ -199,7 +199,7 @@ class PoseTrack(Track):
 
 @kernel
 def widest_gap(stamps, start, end):  # type: ignore[no-untyped-def]
-    """Return the widest step between the stamps that bracket [start, end], -1 if none do.
+    """Return the widest gap between the stamps around [start, end], -1 if they do not bracket it.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def stamps_between(stamps, start, end):  # type: ignore[no-untyped-def]
     stamps
         int64 (N,), ns, increasing.
     start, end
-        The interval, ns; both ends are left out.
+        The interval, ns; both ends are excluded.
     """
     return stamps[np.searchsorted(stamps, start, "right") : np.searchsorted(stamps, end)]
 
@@ -239,11 +239,11 @@ def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     start, end
-        The interval, ns, start < end; both ends are among the stamps.
+        The interval, ns, start < end; both ends are included.
     step
-        Longest step, ns.
+        Maximum step, ns.
     inner
-        int64 (N,), stamps within the interval that are to be among them.
+        int64 (N,), further stamps in the interval to include.
     """
     count = -(-(end - start) // step)
     merged = np.empty(count + 1 + len(inner), np.int64)
@@ -261,7 +261,7 @@ def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
 
 @kernel
 def bracket(stamps, stamp):  # type: ignore[no-untyped-def]
-    """Return (i, j, fraction): the samples around a stamp; the stamp lies within the samples."""
+    """Return (i, j, fraction): the samples around a stamp within the samples."""
     j = np.searchsorted(stamps, stamp)
     if j >= len(stamps):
         j = len(stamps) - 1
@@ -282,7 +282,7 @@ def interpolate_scalars(stamps, values, at, wraps):  # type: ignore[no-untyped-d
     at
         int64 (K,), ns, within the stamps.
     wraps
-        Whether values are angles in rad, between which the short way is taken.
+        Whether values are angles in rad, interpolated the short way.
     """
     result = np.empty(len(at))
     for k in range(len(at)):
@@ -327,8 +327,8 @@ def slerp(a, b, f):  # type: ignore[no-untyped-def]
 def pose_to_numbers(T):  # type: ignore[no-untyped-def]
     """Return translation and unit quaternion xyzw, w >= 0, of a pose (4, 4), float64 (7,).
 
-    The largest of the four components is found first (Shepperd 1978), so that none is divided by a
-    small number.
+    The largest of the four components is found first (Shepperd 1978) to avoid division by a small
+    number.
     """
     trace = T[0, 0] + T[1, 1] + T[2, 2]
     largest = 3

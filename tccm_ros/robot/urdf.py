@@ -1,10 +1,9 @@
-"""Reading a robot description: links, joints and collision shapes.
+"""Read a robot description: links, joints and collision shapes.
 
-The text comes from a topic or a file of others: no document type, so no entities; bounded in size;
-every number finite. What ROS's own parser (tinyxml2) takes is read: whitespace before the
-declaration, two hyphens in a comment, prefixes that nothing declares, a bare ampersand. A fault of
-one joint is kept with it and counts where a chain needs that joint. Meshes are not loaded, only
-named.
+The text is untrusted: no document type, hence no entities; a size limit; finite numbers only. As in
+ROS's own parser (tinyxml2), these are tolerated: whitespace before the declaration, two hyphens in
+a comment, undeclared prefixes, a bare ampersand. A fault of one joint is stored with it and matters
+only if a chain needs that joint. Meshes are listed, not loaded.
 """
 
 import re
@@ -20,20 +19,20 @@ from tccm_ros.errors import UrdfError, one_line, suggest
 from tccm_ros.geometry import pose_from_rpy
 
 MAX_URDF_BYTES = 8_000_000
-"""A robot description larger than this is not read. Chosen: large real ones have some 200 kB."""
+"""Maximum size of a robot description, bytes. Chosen: large real ones have some 200 kB."""
 
-#: Joint types that move, and how.
+#: Motion of movable joint types.
 MOVING = {"revolute": "turn", "continuous": "turn", "prismatic": "slide"}
 
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: position = multiplier * other + offset.
+    """A mimic joint: position = multiplier * other + offset.
 
     Attributes
     ----------
     joint
-        Name of the other.
+        Name of the other joint.
     multiplier, offset
         Coefficients of the equation; the offset in rad or m.
     """
@@ -50,16 +49,16 @@ class Joint:
     Attributes
     ----------
     motion
-        ``fixed``, ``turn`` (rad, about the axis) or ``slide`` (m, along it); ``loose`` for
-        floating and planar joints, whose place no joint state gives.
+        ``fixed``, ``turn`` (rad, about the axis) or ``slide`` (m, along it); ``loose`` for floating
+        and planar joints, whose position joint states do not give.
     T_parent_joint
         float64 (4, 4), origin of the joint.
     axis
         Unit vector float64 (3,) in the joint's frame.
     limits
-        Lowest and highest position, rad or m; None where there are none.
+        Lower and upper limit, rad or m; None for none.
     fault
-        What is wrong with the joint, empty where nothing is: no chain can go through it.
+        Description of an invalid joint, which no chain can use; empty for a valid one.
     """
 
     name: str
@@ -82,8 +81,8 @@ class Shape:
     kind
         ``box``, ``sphere`` or ``cylinder`` (along its z).
     size
-        float64 (3,), half extents of the box that holds it: of a sphere (r, r, r), of a cylinder
-        (r, r, length / 2).
+        float64 (3,), half extents of the bounding box: sphere (r, r, r), cylinder (r, r, length /
+        2).
     """
 
     link: str
@@ -99,11 +98,11 @@ class RobotModel:
     Attributes
     ----------
     joints
-        By the name of the child link.
+        Joints by the name of the child link.
     meshes
         Links with collision meshes, which are not loaded.
     faults
-        What is wrong with joints and shapes, one line each; those shapes are left out.
+        Descriptions of invalid joints and shapes, one line each; invalid shapes are left out.
     """
 
     name: str
@@ -121,12 +120,12 @@ _BARE_AMPERSAND = re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]+|#x[0-9a-fA-F]+
 
 
 def _parse(text: str) -> ElementTree.Element:
-    """Return the root element of XML as tinyxml2 reads it, prefixes as part of the names.
+    """Return the root element of XML with the tolerance of tinyxml2; prefixes stay in names.
 
     Raises
     ------
     UrdfError
-        For a document type, before any entity in it is read, and for what is not XML.
+        For a document type, before any entity is read, and for text that is not XML.
     """
     text = _DECLARATION.sub("", text.lstrip("\ufeff \t\r\n"))
     parts, at = [], 0
@@ -157,7 +156,7 @@ def read_urdf(text: str) -> RobotModel:
     ------
     UrdfError
         For text that is not a URDF, has a document type, is too large, names unknown links or is
-        not one tree. Faults of single joints and shapes are told by `RobotModel.faults`.
+        not one tree. Faults of single joints and shapes are in `RobotModel.faults`.
     """
     size = len(text.encode("utf-8", "replace"))
     if size > MAX_URDF_BYTES:
@@ -219,7 +218,7 @@ def _joints(root: ElementTree.Element, links: set[str]) -> dict[str, Joint]:
 
 
 def _joint(element: ElementTree.Element) -> Joint:
-    """Return a joint; one with a fault of its own has no place."""
+    """Return a joint; one with a fault is ``loose`` and has the identity as origin."""
     name = _name(element, "joint")
     ends = [element.find(end) for end in ("parent", "child")]
     parent, child = ("" if end is None else end.get("link", "") for end in ends)
@@ -233,7 +232,7 @@ def _joint(element: ElementTree.Element) -> Joint:
 
 
 def _movement(element: ElementTree.Element, joint: Joint) -> Joint:
-    """Return a joint with its origin and how it moves."""
+    """Return a joint with its origin, axis and limits."""
     where = f"joint '{joint.name}'"
     kind = element.get("type", "")
     if kind not in (*MOVING, "fixed", "floating", "planar"):
@@ -256,7 +255,7 @@ def _movement(element: ElementTree.Element, joint: Joint) -> Joint:
 
 
 def _limits(element: ElementTree.Element, kind: str) -> tuple[float, float] | None:
-    """Return the limits of a joint, None where there are none that leave it a way to go."""
+    """Return the limits of a joint; None where they are missing or leave no range."""
     found = element.find("limit")
     if found is None or kind not in ("revolute", "prismatic"):
         return None
@@ -323,7 +322,7 @@ def _root_link(links: tuple[str, ...], joints: dict[str, Joint]) -> str:
 def _shapes(
     root: ElementTree.Element,
 ) -> tuple[tuple[Shape, ...], tuple[str, ...], list[str]]:
-    """Return the shapes, the links with meshes, and what is wrong with shapes that are left out."""
+    """Return the shapes, the links with meshes, and descriptions of invalid shapes left out."""
     shapes: list[Shape] = []
     meshes: list[str] = []
     faults: list[str] = []

@@ -6,21 +6,22 @@ surface (`surface_shape`). An object is its bounding box.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from tccm_ros.racks.compartment import Compartment
 from tccm_ros.records import Surface
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
-from tccm_ros.surfaces.planning_shapes import OBJECT_PREFIX, Box, Mesh, surface_shape
+from tccm_ros.surfaces.planning_shapes import Box, Mesh, structure_shapes
 from tccm_ros.surfaces.scene import object_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 
 ITEM_PREFIX = "tccm_object_"
-"""Before the id of an object; that of a surface is `OBJECT_PREFIX`."""
+"""Before the id of an object; those of surfaces and racks are in `planning_shapes`."""
 
 ADD, REMOVE = 0, 1
 """moveit_msgs/CollisionObject: an object of the same name is replaced; removed."""
@@ -32,13 +33,20 @@ Shapes = Mapping[str, Box | Mesh]
 """Shapes in map by the name of the collision object."""
 
 
-def collision_shapes(surfaces: Iterable[Surface], objects: Iterable[SceneObject]) -> Shapes:
-    """Return the shapes of all surfaces but the floor, and of what stands on surfaces.
+def collision_shapes(
+    surfaces: Iterable[Surface],
+    objects: Iterable[SceneObject],
+    compartments: Sequence[Compartment] = (),
+) -> Shapes:
+    """Return the shapes of surfaces and racks (`structure_shapes`), and of what stands on surfaces.
 
-    The robot, which stands on the floor, would always be in collision with it.
+    Parameters
+    ----------
+    surfaces, objects, compartments
+        In map.
     """
-    slabs = {f"{OBJECT_PREFIX}{s.id}": surface_shape(s) for s in surfaces if s.label != "floor"}
-    return slabs | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
+    structure = structure_shapes(surfaces, compartments)
+    return structure | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
 
 
 def collision_messages(

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_outline
+from tccm_ros.racks.compartment import Compartment
+from tccm_ros.racks.outline import box_edges
 from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import (
     ARROW,
@@ -119,6 +121,19 @@ def surface_markers(context: MessageContext, surfaces: Iterable[Surface]) -> lis
         text = f"{surface.id} {surface.label}: {surface.height:.2f} m, {surface.area:.2f} m2"
         at = surface.centroid + np.array([0.0, 0.0, 0.1])
         markers.append(text_marker(context, "text", surface.id, at, text))
+    return markers
+
+
+def compartment_markers(context: MessageContext, compartments: Iterable[Compartment]) -> list[Any]:
+    """Return the edges of compartments, with an arrow into each through its front."""
+    markers = []
+    for index, space in enumerate(compartments):
+        edges = box_edges(space.front, space.T_map_front[:3, 0], space.depth, space.height)
+        points = marker_points(context.types, edges.reshape(-1, 3))
+        width, color = (0.006, 0.0, 0.0), identity_color(space.board)
+        markers.append(
+            make_marker(context, "compartment", index, LINE_LIST, width, color, points=points)
+        )
     return markers
 
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.racks.compartment import Compartment, FaceState
+from tccm_ros.racks.insertions import Access, AccessState
 from tccm_ros.records import EdgeState, Sign, Surface, SurfaceShape, Wall
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 from tccm_ros.surfaces.changes import Change
@@ -41,7 +43,13 @@ EDGE_STATES = {EdgeState.SEEN: 1, EdgeState.HIDDEN: 2, EdgeState.CUT: 3}
 """Values of `Surface.EDGE_...`."""
 
 NOTHING = -1
-"""Of an edge that nothing is known to hide."""
+"""The id where nothing is known to be there: what hides an edge, what is above, what blocks."""
+
+FACE_STATES = {FaceState.UNKNOWN: 0, FaceState.MEASURED: 1, FaceState.OPEN: 2}
+"""Values of `Compartment.FACE_...`."""
+
+ACCESS_STATES = {AccessState.UNKNOWN: 0, AccessState.FREE: 1, AccessState.BLOCKED: 2}
+"""Values of `FoundObject.ACCESS_...`."""
 
 TRACKING, SEARCHING = 1, 2
 """States of Localisation."""
@@ -176,6 +184,7 @@ def typed_map_message(
         ],
         objects=[object_message(types, stamp_ns, frame_id, item) for item in solution.objects],
         free_areas=_free_areas(types, solution.free_places, solution.place_size),
+        compartments=[compartment_message(types, space) for space in solution.compartments],
         walls=[_wall(types, header, wall) for wall in solution.slam.walls],
         signs=[_sign(types, header, sign) for sign in solution.slam.signs],
         localisation=localisation_message(types, stamp_ns, frame_id, solution, map_name),
@@ -280,6 +289,48 @@ def _free_areas(
         )
         for surface, rings in sorted(free.items())
     ]
+
+
+def compartment_message(types: MessageTypes, space: Compartment) -> Any:
+    """Return a tccm_interfaces/Compartment."""
+    return types.make(
+        PACKAGE + "Compartment",
+        rack_id=space.rack,
+        board_id=space.board,
+        above_id=NOTHING if space.above is None else space.above,
+        front=pose_message(types, space.T_map_front),
+        width=float(space.width),
+        depth=float(space.depth),
+        height=float(space.height),
+        left=FACE_STATES[space.left],
+        right=FACE_STATES[space.right],
+        back=FACE_STATES[space.back],
+        ceiling=FACE_STATES[space.ceiling],
+        front_seen=float(space.front_seen),
+    )
+
+
+def found_object_message(types: MessageTypes, item: Any, above: Access, front: Access) -> Any:
+    """Return a tccm_interfaces/FoundObject.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    item
+        tccm_interfaces/SurfaceObject.
+    above, front
+        Whether a hand comes to it.
+    """
+    return types.make(
+        PACKAGE + "FoundObject",
+        object=item,
+        above=ACCESS_STATES[above.state],
+        above_blocked_by=NOTHING if above.surface is None else above.surface,
+        front=ACCESS_STATES[front.state],
+        front_blocked_by=types.array("i4", front.objects),
+        front_blocked_by_surface=NOTHING if front.surface is None else front.surface,
+    )
 
 
 def _wall(types: MessageTypes, header: Any, wall: Wall) -> Any:

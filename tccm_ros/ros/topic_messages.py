@@ -18,6 +18,7 @@ from tccm_ros.geometry import transform
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
 from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color, moved_markers
 from tccm_ros.ros.markers import (
+    compartment_markers,
     core_markers,
     cuboid_markers,
     label_markers,
@@ -252,6 +253,7 @@ class SolutionMessageBuilder:
                 [
                     *surface_markers(context, solution.surfaces),
                     *label_markers(context, solution.objects),
+                    *compartment_markers(context, solution.compartments),
                 ],
                 stamp_ns,
             ),

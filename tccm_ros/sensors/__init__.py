@@ -1,1 +1,1 @@
-"""What each kind of sensor measures: from its record to points in space."""
+"""The kinds of sensors: conversion of their records to points in space."""

@@ -1,7 +1,7 @@
-"""Pictures of cameras: their stream, and the messages of plain and of compressed ones.
+"""Camera pictures: their stream, and readers of raw and compressed messages.
 
-A picture waits for the calibration beside it, as a depth image does, and has one pose, that of its
-stamp. What is compressed stays so until the picture is looked at: most are not (`signs.rate`).
+A picture waits for its calibration, as a depth image does, and has one pose, at its stamp.
+Compressed pictures are decoded only when used: most are not (`signs.rate`).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from tccm_ros.sensors.depth_image import RECTIFIED, camera_info_topic, join_came
 from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
-"""Encodings of pictures that are read, and the bytes of a pixel."""
+"""Supported encodings of raw pictures, and bytes per pixel."""
 
 COMPRESSED = "compressed"
-"""Encoding of a picture that is a file; also the last part of its topic (image_transport)."""
+"""Encoding of a picture stored as a file; also the last part of its topic (image_transport)."""
 
 FILE_FORMATS = ("JPEG", "PNG")
 
 MAX_WAITING = 30
-"""Pictures that wait for poses at one time: 83 MB of 1280 x 720 pixels, a second of them."""
+"""Maximum number of waiting pictures: 83 MB of 1280 x 720 pixels, one second."""
 
 
 class PosedPicture(Posed):
@@ -49,7 +49,7 @@ class PosedPicture(Posed):
 
 
 def is_compressed_picture(topic: str) -> bool:
-    """Return whether a topic is one of compressed pictures."""
+    """Return whether a topic has compressed pictures."""
     return topic.rsplit("/", 1)[-1] == COMPRESSED
 
 
@@ -59,7 +59,7 @@ def camera_image_from_message(message: Any) -> CameraImage:
     Raises
     ------
     MessageError
-        For another encoding than rgb8, bgr8 and mono8, and for sizes that contradict each other.
+        For an encoding other than rgb8, bgr8 and mono8, and for inconsistent sizes.
     """
     encoding = str(message.encoding)
     if encoding.startswith("bayer"):
@@ -89,18 +89,18 @@ def camera_image_from_message(message: Any) -> CameraImage:
 
 
 def compressed_image_from_message(message: Any) -> CameraImage:
-    """Return the picture of a sensor_msgs/CompressedImage, JPEG or PNG; it is not decoded.
+    """Return the picture of a sensor_msgs/CompressedImage, JPEG or PNG, without decoding it.
 
     Raises
     ------
     MessageError
-        For another format, and for data whose beginning is damaged.
+        For another format, and for a damaged file header.
     """
     data = np.frombuffer(message.data, np.uint8)
     try:
         with Image.open(io.BytesIO(data.tobytes()), formats=FILE_FORMATS) as file:
             size = file.size
-    except Exception as error:  # Pillow raises many kinds for damaged files
+    except Exception as error:  # Pillow raises many exceptions for damaged files
         raise MessageError(
             f"compressed image has format '{str(message.format)[:60]}', expected jpeg or png: "
             f"{one_line(error)}"
@@ -116,12 +116,12 @@ def _camera_image(header: Any, encoding: str, size: tuple[int, int], data: UInt8
 
 
 def picture_pixels(image: CameraImage) -> UInt8:
-    """Return the pixels of a picture: uint8 (H, W), brightness, or (H, W, 3), red, green, blue.
+    """Return the pixels of a picture: uint8 (H, W) brightness, or (H, W, 3) red, green, blue.
 
     Raises
     ------
     MessageError
-        For a file that is damaged.
+        For a damaged file.
     """
     width, height = image.size
     if image.encoding == "mono8":
@@ -130,23 +130,23 @@ def picture_pixels(image: CameraImage) -> UInt8:
         try:
             with Image.open(io.BytesIO(image.data.tobytes()), formats=FILE_FORMATS) as file:
                 return np.asarray(file.convert("L" if file.mode == "L" else "RGB"))
-        except Exception as error:  # Pillow raises many kinds for damaged files
+        except Exception as error:  # Pillow raises many exceptions for damaged files
             raise MessageError(f"compressed image is damaged: {one_line(error)}") from None
     pixels = image.data.reshape(height, width, 3)
     return pixels if image.encoding == "rgb8" else pixels[:, :, ::-1]
 
 
 def pixel_directions(camera: CameraInfo, pixels: Float64, *, is_rectified: bool) -> Float64:
-    """Return the unit vectors (N, 3) of pixels in the optical frame, nan where the lens ends.
+    """Return unit vectors (N, 3) of pixels in the optical frame; NaN outside the lens model.
 
     Parameters
     ----------
     camera
-        The calibration.
+        Camera calibration.
     pixels
-        float64 (N, 2), pixels of the image from the left and the top, with fractions.
+        float64 (N, 2), pixel coordinates from the left and the top, with fractions.
     is_rectified
-        Whether the image was rectified already: then P counts, and there is no distortion.
+        Whether the image is rectified: then P applies, without distortion.
     """
     K, D = camera.K, camera.D
     if is_rectified and camera.P[0, 0] > 0.0:
@@ -162,7 +162,7 @@ def pixel_directions(camera: CameraInfo, pixels: Float64, *, is_rectified: bool)
 
 
 def is_rectified_topic(topic: str) -> bool:
-    """Return whether a topic is one of images that image_proc has rectified."""
+    """Return whether a topic has images rectified by image_proc."""
     return topic.removesuffix(f"/{COMPRESSED}").rsplit("/", 1)[-1].startswith(RECTIFIED)
 
 
@@ -181,9 +181,9 @@ def camera_stream(topic: str, *, compressed: bool | None = None) -> Stream:
     Parameters
     ----------
     topic
-        Its name, which is the role of the stream.
+        Topic name, which is the role of the stream.
     compressed
-        Whether the pictures are compressed; by default the name tells.
+        Whether the pictures are compressed; by default, by the topic name.
     """
     packed = is_compressed_picture(topic) if compressed is None else compressed
     return Stream(

@@ -1,8 +1,8 @@
-"""Directions of the pixels of a camera, without the distortion of its lens.
+"""Directions of a camera's pixels, with lens distortion removed.
 
-A pixel of the image belongs to a pixel of the whole image by binning and region (REP-104), and that
-to a direction by the intrinsics. The distortion models give the distorted point of an undistorted
-one; their inverse is found by Newton's method, once for each calibration.
+Binning and region map a pixel to the whole image (REP-104), and the intrinsics map it to a
+direction. The distortion models map undistorted to distorted points; Newton's method inverts them
+once per calibration.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ UNDISTORTED = ("", "none")
 """Models without coefficients."""
 
 MODELS = ("plumb_bob", "rational_polynomial", *UNDISTORTED)
-"""Distortion models that are known (the names of image_geometry)."""
+"""Supported distortion models (the names of image_geometry)."""
 
 ITERATIONS = 20
-"""Newton steps at most; five are enough for ordinary lenses."""
+"""Maximum number of Newton steps; five are enough for ordinary lenses."""
 
 MAX_RESIDUAL = 1e-6
-"""A direction is found when its distorted point is this near to the pixel's, as a tangent."""
+"""Maximum residual of a converged direction, as a tangent."""
 
 
 def distort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
-    """Return the distorted points of undistorted ones, as tangents in the optical frame.
+    """Return distorted points from undistorted ones, as tangents in the optical frame.
 
     Parameters
     ----------
@@ -48,17 +48,16 @@ def distort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
 
 
 def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
-    """Return the undistorted points of distorted ones, nan where there is none.
+    """Return undistorted points from distorted ones; NaN where there is none.
 
-    Beyond the largest radius that a polynomial model can give, an image holds nothing: pixels there
-    are given no direction.
+    Pixels beyond the maximum radius of a polynomial model have no direction.
 
     Parameters
     ----------
     x, y
-        float64, distorted, in the plane at unit distance.
+        float64, distorted points in the plane at unit distance.
     D
-        float64, coefficients of distortion, as for `distort`.
+        float64, distortion coefficients, as in `distort`.
     """
     step = 1e-6
     a, b = x.copy(), y.copy()
@@ -72,7 +71,7 @@ def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
         ex, ey = x - fx, y - fy
         if max(np.abs(ex).max(initial=0.0), np.abs(ey).max(initial=0.0)) < 0.01 * MAX_RESIDUAL:
             break
-        # Steps are bounded: near a fold the tangent leads far away.
+        # Limit the step: near a fold of the model, the tangent leads far away.
         a += np.clip((j22 * ex - j12 * ey) / safe, -0.5, 0.5)
         b += np.clip((j11 * ey - j21 * ex) / safe, -0.5, 0.5)
     fx, fy = distort(a, b, D)
@@ -81,14 +80,14 @@ def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
 
 
 def has_known_lens(camera: CameraInfo) -> bool:
-    """Return whether the directions of a camera's pixels can be told."""
+    """Return whether a camera's distortion model is supported."""
     return camera.model in MODELS or not camera.D.any()
 
 
 def pixel_rays(camera: CameraInfo) -> Float32:
-    """Return the point of each pixel's line of sight at z = 1 (cached: do not write).
+    """Return the point of each pixel's ray at z = 1 (cached: do not write).
 
-    float32 (2, H, W), x and y in the optical frame, nan where the lens shows nothing.
+    float32 (2, H, W), x and y in the optical frame; NaN outside the lens model.
     """
     D = camera.D.tobytes()
     return _rays(camera.K.tobytes(), D, camera.binning, camera.region[:2], camera.image_size)
@@ -103,7 +102,7 @@ def _rays(
     size: tuple[int, int],
 ) -> Float32:
     K, D = np.frombuffer(K_bytes).reshape(3, 3), np.frombuffer(D_bytes)
-    # As image_geometry does: the first pixel of a bin is the one that it is named after.
+    # As image_geometry: a bin has the coordinates of its first pixel.
     u = np.arange(size[0]) * float(binning[0]) + offset[0]
     v = np.arange(size[1]) * float(binning[1]) + offset[1]
     x, y = np.meshgrid((u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1])

@@ -1,4 +1,4 @@
-"""Point clouds of sensors, sensor_msgs/PointCloud2 of any layout, to records."""
+"""Convert sensor_msgs/PointCloud2 of any layout to point cloud records."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from tccm_ros.records import PointCloud
 from tccm_ros.records.building import MAX_SCAN_S, frame_name, stamp_ns_from_message
 
 MAX_POINTS = 4_000_000
-"""Points of the largest cloud that is read; the largest lidars have some 500,000."""
+"""Maximum number of points of a cloud; the largest lidars have some 500,000."""
 
 MIN_RANGE = 0.05
-"""Points nearer than this are what drivers write where there was no return, m."""
+"""Range below which a point means "no return", m."""
 
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
-"""Names that drivers give to the time of a point."""
+"""Names of the per-point time field in various drivers."""
 
 ABSOLUTE_S = 1.0e6
-"""Times larger than this, s, count from the epoch of the clock, others from the stamp."""
+"""Times larger than this, s, are absolute; smaller ones are relative to the stamp."""
 
 ABSOLUTE_NS = 1.0e14
-"""Absolute times of a float type larger than this are ns: as s they would be of the year 3,000,000
-and later, as ns they are of the second day of the clock or later. Livox writes ns as float64,
-Hesai and RoboSense write s."""
+"""Absolute floating-point times larger than this are in ns: in s they would be in the year
+3,000,000 or later, in ns they are on the second day of the clock or later. Livox writes ns as
+float64, Hesai and RoboSense write s."""
 
 _MAX_FIELDS = 1000
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
 def point_cloud_from_message(message: Any) -> PointCloud:
-    """Return the points of a sensor_msgs/PointCloud2, each with its time where it has one.
+    """Return the points of a sensor_msgs/PointCloud2, with per-point times where present.
 
     Raises
     ------
     MessageError
-        Without numbers x, y and z; for sizes that contradict each other; for too many points; and
-        for times that are not within `MAX_SCAN_S` of the stamp.
+        For missing fields x, y and z, inconsistent sizes, too many points, and times more than
+        `MAX_SCAN_S` from the stamp.
     """
     width, height = int(message.width), int(message.height)
     stamp_ns = stamp_ns_from_message(message.header.stamp)
@@ -64,7 +64,7 @@ def point_cloud_from_message(message: Any) -> PointCloud:
 
 
 def _layout(message: Any, fields: dict[str, Any], names: list[str]) -> np.dtype[Any]:
-    """Return the layout of a point, with some of its fields."""
+    """Return the numpy dtype of a point with the named fields."""
     step = int(message.point_step)
     order = ">" if message.is_bigendian else "<"
     formats, offsets = [], []
@@ -89,7 +89,7 @@ def _layout(message: Any, fields: dict[str, Any], names: list[str]) -> np.dtype[
 
 
 def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArray[Any]:
-    """Return the points as a structured array (N,), line after line."""
+    """Return the points as a structured array (N,), row by row."""
     if width == 0 or height == 0:
         return np.zeros(0, layout)
     data = np.frombuffer(message.data, np.uint8)
@@ -107,9 +107,9 @@ def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArr
 
 
 def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> Int64:
-    """Return the times of points after the stamp, ns.
+    """Return the times of points relative to the stamp, ns.
 
-    Where there was no return the time may be anything; it becomes that of the stamp.
+    The time of a point without a return is undefined in messages; here it is 0.
     """
     known = has_returned(points)
     since = np.zeros(len(times), np.int64)
@@ -123,13 +123,13 @@ def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> In
 
 
 def has_returned(points: Float32) -> Bool:
-    """Return which points (N, 3) were measured, bool (N,): finite, and not at the origin."""
+    """Return a mask (N,) of the points (N, 3) that are returns: finite, and not near the origin."""
     square = np.einsum("ij,ij->i", points, points)
     return np.asarray((square >= MIN_RANGE**2) & (square < np.inf))
 
 
 def _ns_since(times: NDArray[Any], stamp_ns: int) -> Int64:
-    """Return times after the stamp, ns: whole numbers are ns; others s, or ns if that large."""
+    """Return times relative to the stamp, ns: integers are in ns, floats in s or, if large, ns."""
     if not np.isfinite(times).all():
         raise MessageError("point cloud has times that are not finite")
     largest = float(np.abs(times.astype(np.float64)).max(initial=0.0))

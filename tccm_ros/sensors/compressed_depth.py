@@ -1,9 +1,9 @@
 """Compressed depth images: image_transport's compressedDepth, as PNG or RVL.
 
-The data begin with 12 bytes: a format code, and the two numbers A and B with which depths in m are
-quantised: ``q = A / depth + B`` (compressed_depth_image_transport), so that the step grows with the
-square of the depth, as the noise of a structured-light camera does. Depths in mm are stored as they
-are. Pillow decodes the PNG: it comes with matplotlib, which the pictures need anyway.
+The data begin with a header of 12 bytes: a format code, and the coefficients A and B of the
+quantisation of depths in m: ``q = A / depth + B`` (compressed_depth_image_transport). The step
+grows with the square of the depth, as the noise of a structured-light camera. Depths in mm are
+stored unchanged. Pillow decodes the PNG: it is a dependency of matplotlib already.
 """
 
 from __future__ import annotations
@@ -26,21 +26,20 @@ _RVL_SIZE = struct.Struct("<ii")
 _PNG_SIZE = struct.Struct(">8s4x4sII")
 
 MAX_PIXELS = 16_000_000
-"""Pixels of the largest image that is read. Chosen: four times those of a 2 k depth camera."""
+"""Maximum number of pixels of an image. Chosen: four times those of a 2 k depth camera."""
 
 NEAREST = 0.1
-"""Depths are quantised from here, m: half of the range of numbers is below twice of this."""
+"""Minimum quantised depth, m: half of the codes are for depths below twice this."""
 
 
 PLUGIN = "compressedDepth"
-"""What image_transport calls compressed depth images, in topics and in formats."""
+"""Name of compressed depth images in image_transport's topics and formats."""
 
 
 def is_depth_format(text: str) -> bool:
-    """Return whether images of a format are depths.
+    """Return whether the images of a format are depth images.
 
-    Those are compressedDepth, and the PNG of 16 bits that the plugin for pictures makes of depths
-    in mm.
+    These are compressedDepth, and the 16-bit PNG that the picture plugin makes of depths in mm.
     """
     encoding, _, how = (part.strip() for part in text.partition(";"))
     return PLUGIN in how or _is_plain_png(encoding, how)
@@ -51,23 +50,23 @@ def _is_plain_png(encoding: str, how: str) -> bool:
 
 
 def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
-    """Return the depths of a compressed image.
+    """Return the depths of a compressed depth image.
 
     Parameters
     ----------
     text
         Format of the sensor_msgs/CompressedImage, such as ``16UC1; compressedDepth png``.
     data
-        Its data.
+        Data of the message.
 
     Returns
     -------
-    uint16 (H, W), mm, or float32 (H, W), m, with nan for nothing.
+    uint16 (H, W), mm, or float32 (H, W), m, with NaN for no depth.
 
     Raises
     ------
     MessageError
-        For another format, and for data that are cut or contradict themselves.
+        For another format, and for truncated or inconsistent data.
     """
     encoding, _, how = (part.strip() for part in text.partition(";"))
     if _is_plain_png(encoding, how):
@@ -97,7 +96,7 @@ def _check_size(width: int, height: int) -> None:
 
 
 def _read_png(body: bytes) -> UInt16:
-    """Return the numbers of a PNG of 16 bits; its size is checked before anything is decoded."""
+    """Return the values of a 16-bit PNG; its size is checked before decoding."""
     if len(body) < _PNG_SIZE.size:
         raise MessageError(f"compressed depth image has {len(body)} bytes of PNG")
     signature, chunk, width, height = _PNG_SIZE.unpack_from(body)
@@ -113,13 +112,13 @@ def _read_png(body: bytes) -> UInt16:
             numbers = np.asarray(image)
     except MessageError:
         raise
-    except Exception as error:  # whatever Pillow finds wrong with bytes of others
+    except Exception as error:  # Pillow raises many exceptions for damaged data
         raise MessageError(f"compressed depth image is damaged ({one_line(error)})") from None
     return np.ascontiguousarray(numbers.astype(np.uint16, copy=False))
 
 
 def _read_rvl(body: bytes) -> UInt16:
-    """Return the numbers of run-length and variable-length coded depths (Wilson 2017)."""
+    """Return the values of RVL data: run-length and variable-length coding (Wilson 2017)."""
     if len(body) < _RVL_SIZE.size:
         raise MessageError(f"compressed depth image has {len(body)} bytes of RVL")
     width, height = _RVL_SIZE.unpack_from(body)
@@ -133,9 +132,9 @@ def _read_rvl(body: bytes) -> UInt16:
 
 @kernel
 def _next_number(words: Any, state: Any) -> Any:
-    """Return the next number of variable length, -1 at the end: three bits a nibble.
+    """Return the next variable-length number, -1 at the end; each nibble has three data bits.
 
-    `state` int64 (1,) counts the nibbles that have been read.
+    `state` int64 (1,) is the number of nibbles read so far.
     """
     value, shift = np.int64(0), np.int64(0)
     while shift < 33:
@@ -153,19 +152,19 @@ def _next_number(words: Any, state: Any) -> Any:
 
 @kernel
 def decode_rvl(words: Any, numbers: Any) -> bool:
-    """Decode depths: runs of zeros and of differences, in turn.
+    """Decode RVL data: alternating runs of zeros and of differences.
 
     Parameters
     ----------
     words
-        uint32 (M,), nibbles with the highest first.
+        uint32 (M,), nibbles from the most significant one.
     numbers
-        uint16 (N,), zero; written.
+        uint16 (N,), initially zero; written.
 
     Returns
     -------
     bool
-        Whether all numbers were there.
+        Whether the data are complete.
     """
     state, at, last = np.zeros(1, np.int64), 0, np.int64(0)
     while at < len(numbers):
@@ -189,7 +188,7 @@ def decode_rvl(words: Any, numbers: Any) -> bool:
 
 
 def _dequantise(numbers: UInt16, a: float, b: float) -> Float32:
-    """Return depths in m, float32, nan where the number is 0: ``depth = A / (q - B)``."""
+    """Return depths in m, float32, NaN where the value is 0: ``depth = A / (q - B)``."""
     below = numbers.astype(np.float32) - np.float32(b)
     known = (numbers != 0) & (below > 0.0)
     return np.where(known, np.float32(a) / np.where(known, below, 1.0), np.nan).astype(np.float32)
@@ -198,15 +197,15 @@ def _dequantise(numbers: UInt16, a: float, b: float) -> Float32:
 def write_compressed_depth(
     depth: NDArray[Any], *, max_depth: float = 10.0, step: float = 100.0
 ) -> tuple[str, bytes]:
-    """Return format and data of a compressed image, as PNG.
+    """Return format and data of a compressed depth image, as PNG.
 
     Parameters
     ----------
     depth
         uint16 (H, W), mm, or float32 (H, W), m.
     max_depth, step
-        For depths in m, as image_transport's ``depth_max`` and ``depth_quantization``: larger
-        depths become nothing; larger steps make finer numbers.
+        For depths in m, image_transport's ``depth_max`` and ``depth_quantization``: larger depths
+        become no depth; a larger step gives a finer quantisation.
     """
     a = b = 0.0
     numbers = depth

@@ -1,7 +1,7 @@
-"""Depth images: their streams, and from depths to points.
+"""Depth images: their streams, and conversion to points.
 
-An image waits for the calibration beside it (`join_camera`), has one pose, that of its stamp, and
-is thinned to half of a cell. What its noise is follows from the depth (`sensors.depth_sigma`).
+An image waits for its calibration (`join_camera`), has one pose, at its stamp, and is thinned to
+half of a cell. The noise is a function of depth (`sensors.depth_sigma`).
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, COMPRESSED_READE
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
 
 COMPRESSED = (PLUGIN, "compressed")
-"""Last parts of the topics of compressed depth images (image_transport), the better one first."""
+"""Topic suffixes of compressed depth images (image_transport), the preferred one first."""
 
 RECTIFIED = "image_rect"
-"""Last part of the topics of images that image_proc has rectified: P of the calibration counts."""
+"""Topic suffix of images rectified by image_proc: P of the calibration applies."""
 
 EDGE_SIGMAS = 4.0
-"""Depths of neighbours that differ by less than this many sigmas are on no edge."""
+"""Neighbouring depths that differ by less than this many sigmas are on one surface."""
 
 MIN_SIGHT_ANGLE = 0.14
-"""A surface is seen at this angle at least, rad, or its neighbouring pixels are on an edge: the
-`scan.shadow_angle` of lasers."""
+"""Minimum angle between ray and surface, rad; a steeper step between neighbouring pixels is an
+edge. It corresponds to `scan.shadow_angle` of lasers."""
 
 PASSED_SIGMAS = 3.0
-"""What is too noisy to be mapped was looked through to this many sigmas before it."""
+"""Distance, in sigmas, by which free space ends before a surface that is too noisy to map."""
 
 LINES_PER_COLUMN = 2.0
-"""Lines of sight per column of `views.cell_size` at the end of `views.reach`."""
+"""Traced rays per column of `views.cell_size` at the distance `views.reach`."""
 
 
 Picture = TypeVar("Picture", DepthImage, CameraImage)
 
 MAX_WAITING = 100
-"""Images that wait for poses at one time: 61 MB of 640 x 480 pixels."""
+"""Maximum number of waiting images: 61 MB of 640 x 480 pixels."""
 
 
 class PosedImage(Posed):
@@ -66,47 +66,47 @@ class PosedImage(Posed):
 
 
 def uncompressed(topic: str) -> str:
-    """Return the topic of the image that was compressed, the same for images as they are."""
+    """Return the topic of the raw image of a compressed topic; other topics are unchanged."""
     before, _, last = topic.rpartition("/")
     return before if last in COMPRESSED else topic
 
 
 def camera_info_topic(topic: str) -> str:
-    """Return the topic of the calibration beside an image: of the image that was compressed."""
+    """Return the topic of the calibration of an image, which is next to the raw image."""
     before, slash, _ = uncompressed(topic).rpartition("/")
     return f"{before}{slash}camera_info"
 
 
 def is_compressed(topic: str) -> bool:
-    """Return whether a topic is one of compressed depth images."""
+    """Return whether a topic has compressed depth images."""
     return uncompressed(topic) != topic
 
 
 def is_rectified(topic: str) -> bool:
-    """Return whether a topic is one of rectified images."""
+    """Return whether a topic has rectified images."""
     return uncompressed(topic).rsplit("/", 1)[-1] == RECTIFIED
 
 
 TOO_FAR = "depths beyond scan.max_range: 32FC1 is m, are they millimetres?"
 NOT_OPTICAL = "z of the image's frame points up: an optical frame is expected (z forward, y down)"
-"""Why images are dropped."""
+"""Reasons of dropped images."""
 
 LOST_FRACTION = 0.01
-"""An image of which less than this fraction of the depths is within range is in another unit."""
+"""If a smaller fraction of an image's depths is within range, the unit is wrong."""
 
 UPWARD = math.cos(math.pi / 4)
-"""z of a body frame points up by more than this: a camera is not tilted by more than 45 deg."""
+"""Minimum z of an upward axis of a body frame: cameras are not tilted by more than 45 deg."""
 
 
 def rejection_reason(image: DepthImage, max_range: float = math.inf) -> str | None:
-    """Return why an image cannot be used, None where it can.
+    """Return why an image is rejected; None where it is not.
 
     Parameters
     ----------
     image
         The image.
     max_range
-        Depths beyond this are not mapped, m.
+        Maximum mapped depth, m.
     """
     if image.depth.dtype == np.uint16:
         return None if image.depth.any() else "no depths"
@@ -118,9 +118,9 @@ def rejection_reason(image: DepthImage, max_range: float = math.inf) -> str | No
 
 
 def fault_of_pose(posed: Posed) -> str | None:
-    """Return why the frame of an image is not that of a camera, None where it may be.
+    """Return why the frame of an image is no optical frame; None where it may be.
 
-    A camera that looks up steeply has its y axis down; a body frame (x forward, z up) has not.
+    The y axis of a camera that looks up steeply points down; that of a body frame does not.
     """
     up_y, up_z = posed.T_base_sensor[0, 2, 1:3]
     return NOT_OPTICAL if up_z > UPWARD and up_y > -0.5 * UPWARD else None
@@ -129,20 +129,20 @@ def fault_of_pose(posed: Posed) -> str | None:
 def join_camera(
     image: Picture, cameras: Sequence[CameraInfo], is_last: bool
 ) -> Picture | str | None:
-    """Return an image with its calibration: of the same stamp, or the newest of frame and size.
+    """Return an image with its calibration: of equal stamp, or the newest of equal frame and size.
 
     Parameters
     ----------
     image
         The image.
     cameras
-        The calibrations that have come.
+        The calibrations received.
     is_last
-        Whether none will come that could be better.
+        Whether no better one will come.
 
     Returns
     -------
-    The image with its calibration, why there is none, or None where one may still come.
+    The image with its calibration, or why there is none, or None where one may still come.
     """
     of_frame = [c for c in cameras if c.frame_id == image.frame_id]
     fitting = [c for c in of_frame if c.image_size == image.size]
@@ -161,7 +161,7 @@ def join_camera(
 
 
 def _with_camera(image: Picture, camera: CameraInfo) -> Picture | str:
-    """Return an image with its calibration, or why it is of no use."""
+    """Return an image with its calibration, or why the calibration is unusable."""
     if isinstance(image, DepthImage) and image.is_rectified:
         camera = camera.rectified()
     return replace(image, camera=camera) if has_known_lens(camera) else "unknown distortion model"
@@ -173,9 +173,9 @@ def depth_reader(topic: str, *, compressed: bool | None = None) -> MessageReader
     Parameters
     ----------
     topic
-        Its name, which tells whether the images are rectified.
+        Topic name, which tells whether the images are rectified.
     compressed
-        Whether they are compressed; by default the name tells.
+        Whether the images are compressed; by default, by the topic name.
     """
     packed = is_compressed(topic) if compressed is None else compressed
     reader = COMPRESSED_READER if packed else IMAGE_READER
@@ -191,8 +191,8 @@ def depth_reader(topic: str, *, compressed: bool | None = None) -> MessageReader
 def depth_stream(topic: str, config: Config | None = None) -> Stream:
     """Return the stream of the depth images on a topic, whose name is the role of the stream.
 
-    The configuration gives `scan.max_range`. Where the topic is remapped, `depth_reader` of its
-    other name reads the messages.
+    The configuration gives `scan.max_range`. If the topic is remapped, use `depth_reader` with the
+    resolved name.
     """
     max_range = (config or Config()).scan.max_range
     return Stream(
@@ -211,7 +211,7 @@ def depth_stream(topic: str, config: Config | None = None) -> Stream:
 
 
 def max_mapped_depth(config: Config) -> float:
-    """Return the depth at which the noise reaches `sensors.max_sigma`, m."""
+    """Return the depth at which the noise is `sensors.max_sigma`, m."""
     a, b, c = config.sensors.depth_sigma
     if b <= 0.0:
         return math.inf if a <= config.sensors.max_sigma else 0.0
@@ -225,7 +225,7 @@ def depth_noise(depth: Float64, config: Config) -> Float64:
 
 
 def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
-    """Return the points of a depth image in odom, and some of its lines of sight."""
+    """Return the points of a depth image in odom, and a sample of its rays."""
     step = _pixel_steps(posed)[0]
     spacing = LINES_PER_COLUMN * config.views.reach * step
     every = max(int(config.views.cell_size / spacing), 1)
@@ -235,12 +235,12 @@ def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
 
 
 def seen_points(posed: PosedImage, config: Config) -> Float64:
-    """Return all that a depth image saw, float64 (N, 3), m, in odom: noisy points too."""
+    """Return all points of a depth image, float64 (N, 3), m, in odom, including noisy ones."""
     return _measure(posed, config, 1e6, 0.0, 0).points
 
 
 def _pixel_steps(posed: PosedImage) -> tuple[float, float]:
-    """Return the distance of neighbouring columns and rows at z = 1."""
+    """Return the distances between neighbouring columns and rows at z = 1."""
     camera = posed.image.camera
     assert camera is not None
     return float(camera.binning[0] / camera.K[0, 0]), float(camera.binning[1] / camera.K[1, 1])
@@ -254,18 +254,18 @@ def _measure(
     Parameters
     ----------
     posed, config
-        The image with its poses; noise and limits.
+        The posed image, and the parameters of noise and limits.
     max_z
-        Depths beyond are not mapped, m.
+        Maximum mapped depth, m.
     half
-        Points nearer to each other than this are thinned, m.
+        Distance to which points are thinned, m.
     every
-        Step between the pixels whose lines of sight are followed; 0 for none.
+        Pixel step between traced rays; 0 for none.
     """
     image, camera = posed.image, posed.image.camera
     assert camera is not None
     rays = pixel_rays(camera)
-    # Kernels are compiled for arrays that can be written to alone.
+    # Kernels are compiled for writable arrays only.
     depth = image.depth if image.depth.flags.writeable else image.depth.copy()
     steps = _pixel_steps(posed)
     a, b, c = config.sensors.depth_sigma

@@ -1,8 +1,8 @@
-"""Compiled loops over the pixels of a depth image. Their numpy twin is in the tests.
+"""Compiled loops over the pixels of a depth image. The tests contain a numpy reference.
 
-An image is read band by band, of `BLOCK` rows each, whose depths stay in the first cache: nothing
-of the size of the image is written but its points. What is done for all pixels is done row by row
-without branches, so that the compiler can take eight pixels at a time.
+An image is processed in bands of `BLOCK` rows that fit in the first-level cache; the only output of
+the size of the image is its points. Operations on all pixels go row by row without branches, so
+that the compiler can vectorise them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tccm_ros.arrays import Float32, Float64
 from tccm_ros.kernels import kernel
 
 BLOCK = 8
-"""Pixels along the edge of a block, in which thinning is uniform: at most one pixel stays."""
+"""Edge of a block, pixels; thinning is uniform within a block and keeps at least one pixel."""
 
 _HALF = BLOCK // 2
 _NOTHING = np.float32(0.0)
@@ -23,23 +23,23 @@ _U0, _U1, _U2 = np.uint64(0), np.uint64(1), np.uint64(2)
 
 
 class DepthLimits(NamedTuple):
-    """Which depths are used, and how densely.
+    """Limits and density of the depths to use.
 
     Attributes
     ----------
     unit
-        float32, m of one unit of the image.
+        float32, unit of the image in m.
     max_depth
-        float32, m; there is no depth beyond.
+        float32, maximum valid depth, m.
     edges
-        float32 (5,): largest change of depth from column to column and from row to row per depth;
-        a, b and c of the noise a + b (z - c)^2, m, times how many of it are allowed.
+        float32 (5,): maximum difference of neighbouring columns and rows per depth; a, b and c of
+        the noise a + b (z - c)^2, m, multiplied by the allowed number of sigmas.
     max_z
-        float32, m; depths beyond are not mapped.
+        float32, maximum mapped depth, m.
     half
-        Distance on a surface, m, to which points are thinned.
+        Distance on a surface to which points are thinned, m.
     steps
-        Distance of neighbouring columns and rows at z = 1.
+        Distances between neighbouring columns and rows at z = 1.
     """
 
     unit: np.float32
@@ -51,15 +51,15 @@ class DepthLimits(NamedTuple):
 
 
 class SightLines(NamedTuple):
-    """Which lines of sight are followed.
+    """Selection of traced rays.
 
     Attributes
     ----------
     every
-        Step between their pixels, along both axes; 0 for none.
+        Pixel step between rays along both axes; 0 for none.
     passed
-        float64 (3,): a, b and c of a + b (z - c)^2, m; lines to surfaces beyond
-        `DepthLimits.max_z` end that much before them.
+        float64 (3,): a, b and c of a + b (z - c)^2, m; rays to surfaces beyond `DepthLimits.max_z`
+        end that much before them.
     """
 
     every: int
@@ -70,32 +70,31 @@ class SightLines(NamedTuple):
 def place_image(
     depth: Any, rays: Any, limits: Any, sight: Any, T: Any, points: Any, ends: Any, hits: Any
 ) -> Any:
-    """Write the points and lines of sight of a depth image, and return how many of each.
+    """Write the points and rays of a depth image, and return the number of each.
 
-    Two neighbours are on an edge where their depths differ by more than a surface and the noise
-    explain: between a surface and its background lie mixed depths, which belong to neither. What is
-    on no edge, and no line of single pixels, is thinned to `limits.half`: of each patch of pixels
-    that are nearer to each other the first stays.
+    Two neighbours are on an edge if their depths differ by more than a surface and the noise
+    explain: mixed depths between a surface and its background belong to neither. Pixels on edges
+    and lines of single pixels are dropped. The others are thinned to `limits.half`: the first pixel
+    of each patch is kept.
 
     Parameters
     ----------
     depth
-        uint16 or float32 (H, W), as measured.
+        uint16 or float32 (H, W), raw depths.
     rays
-        float32 (2, H, W), x and y of the pixels' lines of sight at z = 1; nan where the lens shows
-        nothing: no depth.
+        float32 (2, H, W), x and y of the pixels' rays at z = 1; NaN outside the lens model.
     limits, sight
         `DepthLimits` and `SightLines`.
     T
         float64 (3, 4), pose of the optical frame in the frame of the points.
     points
-        float64 (H W, 3), m, written as far as there are points.
+        float64 (H W, 3), m, written from the start.
     ends, hits
-        float64 (L, 3), m, and bool (L,): where lines of sight end, and whether on a surface;
-        written likewise.
+        float64 (L, 3), m, and bool (L,): end of each ray, and whether it is on a surface; written
+        from the start.
     """
     height, width = depth.shape
-    # Rows of the band with that before and that after it, between two columns of nothing.
+    # Rows of the band plus the previous and the next row, with an empty column on each side.
     z = np.zeros((BLOCK + 2, width + 2), np.float32)
     mapped = np.zeros((BLOCK, width), np.bool_)
     this, below = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -135,7 +134,7 @@ def place_image(
 
 @kernel
 def _read_row(depth: Any, x: Any, limits: Any, row: Any) -> None:
-    """Write the depths of a row, m; 0 where there is none."""
+    """Write the depths of a row, m; 0 for no depth."""
     unit, max_depth = limits.unit, limits.max_depth
     for u in range(len(row)):
         d = np.float32(depth[u]) * unit
@@ -156,7 +155,7 @@ def _mark_edges(one: Any, other: Any, slope: Any, edges: Any, marks: Any) -> Non
 
 @kernel
 def _keep_surfaces(depths: Any, beside: Any, above: Any, row: Any) -> None:
-    """Write the depths that are on no edge to the left, to the right and above; 0 for others."""
+    """Write the depths without an edge to the left, right or above; 0 for others."""
     left, right = beside
     for u in range(len(row)):
         row[u] = _NOTHING if left[u] | right[u] | above[u] else depths[u]
@@ -170,9 +169,9 @@ def _drop_marked(row: Any, marks: Any) -> None:
 
 @kernel
 def _mark_mapped(above: Any, row: Any, below: Any, max_z: Any, mapped: Any) -> None:
-    """Mark the depths up to `max_z` that have a neighbour along both image directions.
+    """Mark the depths up to `max_z` that have a neighbour along both image axes.
 
-    A line of one pixel, as it is left of the front of a board, may be of any surface.
+    A line of one pixel, such as the one left of a board's front, may belong to any surface.
     """
     for u in range(len(mapped)):
         d = row[u + 1]
@@ -183,7 +182,7 @@ def _mark_mapped(above: Any, row: Any, below: Any, max_z: Any, mapped: Any) -> N
 
 @kernel
 def _sum_columns(z: Any, first: Any, sums: Any, counts: Any) -> None:
-    """Write sums and numbers of depths of each column, over `_HALF` rows of a band."""
+    """Write the sums and counts of depths of each column over `_HALF` rows of a band."""
     sums[:], counts[:] = _NOTHING, 0
     for v in range(first + 1, first + 1 + _HALF):
         for u in range(len(sums)):
@@ -195,7 +194,7 @@ def _sum_columns(z: Any, first: Any, sums: Any, counts: Any) -> None:
 def _place_band(
     z: Any, mapped: Any, rays: Any, rows: Any, limits: Any, T: Any, points: Any, n: Any
 ) -> Any:
-    """Write the points of a band of rows after the first `n`, and return how many there are."""
+    """Write the points of a band of rows after the first `n`; return the new count."""
     first, last = rows
     height, width = last - first, mapped.shape[1]
     xs, ys = rays[0, first:last], rays[1, first:last]
@@ -232,12 +231,11 @@ def _place_band(
 
 @kernel
 def _strides(halves: Any, numbers: Any, ray: Any, limits: Any) -> Any:
-    """Return which columns and rows of a block are enough: every so manieth.
+    """Return the column and row strides that thin a block.
 
-    The slope of the surface is that between the means of a block's halves, in which the noise of
-    single pixels is gone. Every k-th is enough where points at that distance on the surface are
-    nearer than `limits.half`; a block with less than half of its pixels, or on both sides of an
-    edge, is not thinned.
+    The slope of the surface is computed from the means of the block's halves, which average out
+    pixel noise. A stride k is sufficient if every k-th pixels are closer than `limits.half` on the
+    surface. A block with less than half of its pixels, or across an edge, is not thinned.
     """
     width = len(halves[0])
     middle = min(_HALF, width)
@@ -265,7 +263,7 @@ def _strides(halves: Any, numbers: Any, ray: Any, limits: Any) -> Any:
 
 @kernel
 def _first_mapped(mapped: Any, v0: Any, v1: Any, u0: Any, u1: Any) -> Any:
-    """Return row and column of the first pixel of a patch that is mapped, and whether one is."""
+    """Return row and column of the first mapped pixel of a patch, and whether there is one."""
     for v in range(v0, np.uint64(v1)):
         for u in range(u0, np.uint64(u1)):
             if mapped[v, u]:
@@ -277,9 +275,9 @@ def _first_mapped(mapped: Any, v0: Any, v1: Any, u0: Any, u1: Any) -> Any:
 def _end_lines(
     z: Any, rays: Any, rows: Any, max_z: Any, sight: Any, T: Any, ends: Any, hits: Any, n: Any
 ) -> Any:
-    """Write where lines of sight of a band end after the first `n`; return how many there are.
+    """Write the ends of a band's rays after the first `n`; return the new count.
 
-    A line ends on the surface, or before it where it is too noisy to be mapped.
+    A ray ends on the surface, or before it where the surface is too noisy to map.
     """
     every, passed = sight.every, sight.passed
     first, last = rows

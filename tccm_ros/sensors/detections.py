@@ -1,6 +1,6 @@
-"""Detections of a recogniser: their stream, and from messages to records.
+"""Object detections: their stream, and conversion of messages to records.
 
-What a detector recognised gives the objects on surfaces their labels; it measures no surface.
+Detections give labels to objects on surfaces; they are no measurements of surfaces.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tccm_ros.robot import MountKind, Stream
 NOT_FINITE = "detection: its position is not finite"
 NO_CLASS = "detection: no class with a score within 0 to 1"
 OTHER_FRAME = "detection: in another frame than its message"
-"""Why a detection of a message is not used."""
+"""Reasons of unused detections."""
 
 
 class PosedDetections(Posed):
@@ -38,7 +38,7 @@ class PosedDetections(Posed):
 
     @property
     def center_base(self) -> Float64:
-        """The middles in the base frame, float64 (N, 3), m; not for those in the map frame."""
+        """The centres in the base frame, float64 (N, 3), m; not for detections in the map frame."""
         T_base_sensor = self.T_base_sensor[0]
         if self.detections.frame_id == self.odom_frame:
             T_base_sensor = inverse(self.T_odom_base[0])
@@ -46,10 +46,10 @@ class PosedDetections(Posed):
 
 
 def detections_from_message(message: Any) -> tuple[Detections, ...]:
-    """Return the record of a vision_msgs/Detection3DArray; none where nothing was detected.
+    """Return the record of a vision_msgs/Detection3DArray; empty where nothing was detected.
 
-    The position of a detection is the middle of its box, or the pose of its best hypothesis where
-    the box has no size. A detection that cannot be used is counted, the others are.
+    The position of a detection is the centre of its box, or the pose of its best hypothesis if the
+    box has no size. Unusable detections are left out and counted.
     """
     if not len(message.detections):
         return ()

@@ -1,8 +1,8 @@
-"""Laser scans: their streams, and from ranges to points.
+"""Laser scans: their streams, and conversion of ranges to points.
 
-A scan is read from sensor_msgs/LaserScan; a tilting laser maps what stands around (`TILT_SCAN`), a
-level one the walls (`LEVEL_SCAN`). Which beams count is REP-117 and mixed pixels, and each beam has
-the pose of its own time.
+A scan is read from sensor_msgs/LaserScan. A tilting laser maps the surroundings (`TILT_SCAN`), a
+level laser the walls (`LEVEL_SCAN`). Beams are selected by REP-117 and by a filter of mixed pixels.
+Each beam has the pose at its own time.
 """
 
 import math
@@ -27,14 +27,14 @@ NOTHING_SEEN = "nothing seen"
 NO_LIMITS = "range_min is not below range_max"
 OUT_OF_LIMITS = "no range between range_min and range_max"
 TOO_FAR = "all ranges beyond scan.max_range: are they millimetres?"
-"""Why scans without a hit are dropped."""
+"""Reasons of dropped scans without a hit."""
 
 NO_RETURNS = "ranges at range_max are taken as nothing seen"
-"""What is said of scans whose driver writes `range_max` where nothing is."""
+"""Remark on scans whose driver encodes "no return" as `range_max`."""
 
 
 def scan_from_message(message: Any) -> Scan:
-    """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.
+    """Return the scan of a sensor_msgs/LaserScan; its ranges may use the memory of the message.
 
     Raises
     ------
@@ -63,12 +63,12 @@ def time_span(scan: Scan) -> tuple[int, int]:
 
 
 def rejection_reason(scan: Scan, limits: ScanFilter | None = None) -> str | None:
-    """Return why a scan cannot be used, None where it can.
+    """Return why a scan is rejected; None where it is not.
 
     Parameters
     ----------
     scan
-        Of one laser.
+        A scan.
     limits
         Limits of the configuration, in addition to the scan's own.
     """
@@ -83,7 +83,7 @@ def rejection_reason(scan: Scan, limits: ScanFilter | None = None) -> str | None
 
 
 def _reason_of_ranges(scan: Scan, limits: ScanFilter | None) -> str | None:
-    """Return why no beam of a scan hit anything, None where one did."""
+    """Return why a scan has no hit; None where it has one."""
     low, high = scan.range_min, scan.range_max
     if limits is not None:
         low, high = max(low, limits.min_range), min(high, limits.max_range)
@@ -101,7 +101,7 @@ def _reason_of_ranges(scan: Scan, limits: ScanFilter | None) -> str | None:
 
 
 def remark(scan: Scan) -> str | None:
-    """Return what is unusual about a scan that is used, None where nothing is."""
+    """Return a remark on an unusual scan that is used anyway; None for a usual one."""
     return NO_RETURNS if scan.no_returns else None
 
 
@@ -122,7 +122,7 @@ TILT_SCAN = Stream(
 
 
 def timed_scan(scan: Scan, config: Config) -> Scan:
-    """Return a scan with the times of its beams corrected by ``scan.reverse`` and the offset.
+    """Return a scan with beam times corrected by ``scan.reverse`` and ``scan.time_offset``.
 
     Beam i of N of a reversed scan was measured at ``stamp + (N - 1 - i) * time_increment``.
     """
@@ -148,7 +148,7 @@ LEVEL_SCAN = replace(
 
 
 def scan_stream(stream: Stream, config: Config) -> Stream:
-    """Return the stream of a laser whose scans are judged by the limits of a configuration."""
+    """Return the stream of a laser with the range limits of a configuration."""
     return replace(stream, rejection_reason=partial(rejection_reason, limits=config.scan))
 
 
@@ -165,20 +165,20 @@ def beam_stamps(scan: Scan) -> Int64:
 
 
 def valid_beams(scan: Scan, config: Config, *, line_ends: bool = True) -> Bool:
-    """Return which beams hit something, bool (N,).
+    """Return a mask of the beams with a valid hit, bool (N,).
 
-    Dropped are nan and infinite ranges (REP-117), 0, ranges outside the scan's own limits or
-    those of the group `scan`, and mixed pixels at edges.
+    Rejected are NaN and infinite ranges (REP-117), 0, ranges outside the scan's own limits or those
+    of the group `scan`, and mixed pixels at edges.
 
     Parameters
     ----------
     scan
-        Of one laser.
+        A scan.
     config
-        Its group `scan`.
+        Group `scan`.
     line_ends
-        Whether the last hit of a straight line before a step away from the laser is kept: the edge
-        of a surface is where its hits end.
+        Whether to keep the last hit of a straight line before a step away from the laser, which
+        marks the edge of a surface.
     """
     limits = config.scan
     low, high = max(scan.range_min, limits.min_range), min(scan.range_max, limits.max_range)
@@ -205,14 +205,14 @@ def directions(scan: Scan) -> tuple[Float64, Float64]:
 
 
 def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[Float64, Float64]:
-    """Return the laser's poses over the scan, close enough to blend between.
+    """Return the laser's poses over the scan, dense enough for linear blending.
 
     Parameters
     ----------
     posed
-        A scan with its poses.
+        A posed scan.
     T_frame_odom
-        float64 (4, 4); the poses are given in that frame, in odom if None.
+        float64 (4, 4), target frame of the poses; None for odom.
 
     Returns
     -------
@@ -228,20 +228,20 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
 def project(
     posed: PosedScan, chosen: Bool, T_frame_odom: Float64 | None = None
 ) -> tuple[Float64, Int32]:
-    """Return the hits of chosen beams, each with the pose of its own time.
+    """Return the points of selected beams, each with the pose at its own time.
 
     Parameters
     ----------
     posed
-        A scan with its poses.
+        A posed scan.
     chosen
-        bool (N,), of beams that hit something.
+        bool (N,), beams with a valid hit.
     T_frame_odom
-        float64 (4, 4), from odom to the frame of the points; None: they are in odom.
+        float64 (4, 4), from odom to the frame of the points; None for odom.
 
     Returns
     -------
-    points float64 (M, 3), m, and their beams int32 (M,).
+    points float64 (M, 3), m, and beam indices int32 (M,).
     """
     times, T = laser_poses(posed, T_frame_odom)
     cosines, sines = directions(posed.scan)
@@ -250,10 +250,9 @@ def project(
 
 
 def used_beams(posed: PosedScan, config: Config) -> Bool:
-    """Return which beams hit something that is not the robot itself, bool (N,).
+    """Return a mask of the beams with a valid hit outside the robot itself, bool (N,).
 
-    Only hits as near as the robot's shapes are placed for that: all hits are placed where they are
-    binned.
+    Only hits near the robot's shapes are projected here; `CycleBuilder` projects all hits later.
     """
     valid, shapes = valid_beams(posed.scan, config), posed.own_shapes
     if shapes is None or not len(shapes.kinds):
@@ -268,10 +267,10 @@ def used_beams(posed: PosedScan, config: Config) -> Bool:
 
 
 def _max_range(posed: PosedScan, T_odom_shape: Float64, half: Float64) -> float:
-    """Return a range, m, beyond which no hit lies in a shape with half extents (S, 3).
+    """Return a range, m, beyond which no hit is inside a shape with half extents (S, 3).
 
-    The laser goes straight between its poses: it is furthest from the middle of a shape at one of
-    them. Blended poses shorten a beam by less than the part that is added (`BLEND_ANGLE`).
+    The laser moves linearly between its poses, so its distance from a shape's centre is maximal at
+    one of them. The factor covers the shortening of a beam by blended poses (`BLEND_ANGLE`).
     """
     lasers = np.einsum("kij,kj->ki", posed.T_odom_base, posed.T_base_laser[:, :, 3])[:, None, :3]
     to_middle = np.linalg.norm(T_odom_shape[:, :3, 3] - lasers, axis=-1)
@@ -279,15 +278,15 @@ def _max_range(posed: PosedScan, T_odom_shape: Float64, half: Float64) -> float:
 
 
 def project_level(posed: PosedScan, config: Config) -> tuple[Float64, Int32]:
-    """Return the hits of a level scan as the base saw them at the scan's stamp.
+    """Return the points of a level scan in the base frame at the scan's stamp.
 
     Returns
     -------
-    points float64 (N, 2), m, in the base frame at the scan's stamp, levelled (without its roll
-    and pitch), and their beams int32 (N,).
+    points float64 (N, 2), m, in the base frame at the scan's stamp without roll and pitch, and beam
+    indices int32 (N,).
     """
     T_level_odom = inverse(level(posed.T_odom_base[_stamp_sample(posed)]))
-    # Matching compares scans from different places: a wall's visible end moves with the robot.
+    # Matching compares scans from different places; the visible end of a wall moves with the robot.
     chosen = valid_beams(posed.scan, config, line_ends=False)
     points, beams = project(posed, chosen, T_level_odom)
     return points[:, :2], beams
@@ -296,6 +295,6 @@ def project_level(posed: PosedScan, config: Config) -> tuple[Float64, Int32]:
 def _stamp_sample(posed: PosedScan) -> int:
     """Return the index of the pose sample at the scan's stamp.
 
-    It is the first one, or the last one (-1) where beams are stamped backwards.
+    It is the first, or the last (-1) where the time increment is negative.
     """
     return 0 if posed.pose_stamps_ns[0] == posed.scan.stamp_ns else -1

@@ -1,19 +1,20 @@
-"""Compiled loops of `scan`: one pass over the beams each. Their numpy twins are in the tests."""
+"""Compiled loops over the beams of a scan. The tests contain numpy references."""
 
 import numpy as np
 
 from tccm_ros.kernels import kernel
 
 BLEND_ANGLE = 0.005
-"""Poses of a scan that differ by more than this, rad, get poses between them. Chosen: blending
+"""Maximum rotation between two poses of a scan, rad; poses are inserted above it. Chosen: blending
 matrices over less shortens a vector by at most angle^2 / 8, a 300,000th."""
 
 STRAIGHT_RUN = 3
-"""Hits in line that make a wall. Chosen: an edge with two mixed pixels has at most two."""
+"""Number of collinear hits that make a wall. Chosen: an edge with two mixed pixels has at most two.
+"""
 
 STRAIGHT_STEP = 0.2
 STRAIGHT_NOISE = 0.5
-"""A hit is in line with its neighbours within these fractions of their step in range and of the
+"""Tolerance of collinearity of a hit with its neighbours: fractions of the step in range and of the
 range noise. Chosen."""
 
 BOX, SPHERE, CYLINDER = 0, 1, 2
@@ -21,22 +22,22 @@ BOX, SPHERE, CYLINDER = 0, 1, 2
 
 @kernel
 def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def]
-    """Return whether hit i lies on the straight line through its two neighbours' hits.
+    """Return whether hit i is on the straight line through the hits of its two neighbours.
 
-    Seen from the laser, 1/r along a line is a sinusoid of the bearing, hence
-    ``1/r[i-1] + 1/r[i+1] = 2 cos(step) / r[i]``. A fraction of the step in range is allowed
-    (`STRAIGHT_STEP`), and one of `noise` (`STRAIGHT_NOISE`).
+    In polar coordinates, 1/r along a line is a sinusoid of the bearing, hence ``1/r[i-1] + 1/r[i+1]
+    = 2 cos(step) / r[i]``. The tolerance is `STRAIGHT_STEP` times the step in range plus
+    `STRAIGHT_NOISE` times `noise`.
 
     Parameters
     ----------
     ranges, hit
         float32 (N,), m, and bool (N,).
     i
-        The beam.
+        Index of the beam.
     cos_step
         Cosine of the angle between beams.
     noise
-        m.
+        Range noise, m.
     """
     if i < 1 or i + 1 >= len(ranges) or not (hit[i - 1] and hit[i] and hit[i + 1]):
         return False
@@ -47,24 +48,24 @@ def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def
 
 @kernel
 def ends_straight(ranges, hit, i, side, cos_step, noise):  # type: ignore[no-untyped-def]
-    """Return whether hit i is the last one of a straight line, before a step away from the laser.
+    """Return whether hit i is the last of a straight line, before a step away from the laser.
 
-    The last beam before an edge has one neighbour on its surface only. Where it is on the line
-    through the two before it, and `STRAIGHT_RUN` hits before it are straight, it is as little a
-    mixed pixel as they are. The first beam beyond an edge has the step towards the laser, and is
-    none: what is behind does not end there.
+    The last beam before an edge has one neighbour on its surface only. If it is on the line through
+    the two hits before it, and `STRAIGHT_RUN` hits before it are straight, it is no mixed pixel.
+    The first beam after an edge has the step towards the laser, and is none of these: the surface
+    behind is occluded, and does not end there.
 
-    The line is carried on, not filled in: without the allowance for the step of `is_straight`, or a
-    wall behind the edge would be on it.
+    The line is extrapolated, not interpolated: the tolerance for the step of `is_straight` is left
+    out, or else a wall behind the edge would be on the line.
 
     Parameters
     ----------
     ranges, hit, cos_step, noise
         As in `is_straight`.
     i
-        The beam.
+        Index of the beam.
     side
-        -1 where those before it have lower numbers, 1 where they have higher ones.
+        -1 if the beams before it have lower indices, 1 if higher.
     """
     last = i + (STRAIGHT_RUN + 2) * side
     if not (0 <= last < len(ranges) and 0 <= i - side < len(ranges)):
@@ -83,13 +84,13 @@ def ends_straight(ranges, hit, i, side, cos_step, noise):  # type: ignore[no-unt
 def mark_valid(  # type: ignore[no-untyped-def]
     ranges, low, high, step, shadow_angle, shadow_jump, line_ends
 ):
-    """Return the beams that hit something, bool (N,).
+    """Return a mask of the beams with a valid hit, bool (N,).
 
-    A beam is dropped where its range is not a number within [low, high], and where it is a mixed
-    pixel: its range differs from a neighbour's by more than `shadow_jump`, and the line between
-    their hits lies within `shadow_angle` of the beam. A wall seen at a grazing angle looks like
-    that too, but is straight: a hit is kept in a run of `STRAIGHT_RUN` hits that are in line with
-    their neighbours, and with `line_ends` as its last one before a step away from the laser
+    A beam is rejected if its range is not a number within [low, high], or if it is a mixed pixel:
+    its range differs from a neighbour's by more than `shadow_jump`, and the line between their hits
+    is within `shadow_angle` of the beam. A wall at a grazing angle has the same steps, but is
+    straight: a hit is kept in a run of `STRAIGHT_RUN` hits that are collinear with their
+    neighbours, and with `line_ends` also as its last hit before a step away from the laser
     (`ends_straight`).
 
     Parameters
@@ -101,11 +102,11 @@ def mark_valid(  # type: ignore[no-untyped-def]
     step
         Angle between beams, rad.
     shadow_angle
-        rad; 0 keeps mixed pixels.
+        Maximum angle of a mixed pixel, rad; 0 keeps mixed pixels.
     shadow_jump
-        m.
+        Minimum step in range of a mixed pixel, m.
     line_ends
-        Whether the last hit of a straight line is kept.
+        Whether to keep the last hit of a straight line.
     """
     n = len(ranges)
     hit = np.empty(n, np.bool_)
@@ -170,7 +171,7 @@ def rotation_between(A, B, axis):  # type: ignore[no-untyped-def]
 
 @kernel
 def turned(A, axis, angle, t, out):  # type: ignore[no-untyped-def]
-    """Write a pose that is turned about an axis in its child frame and moved to `t`.
+    """Write a pose rotated about an axis in its child frame, with translation `t`.
 
     Parameters
     ----------
@@ -196,7 +197,7 @@ def turned(A, axis, angle, t, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def refine_poses(times, T):  # type: ignore[no-untyped-def]
-    """Put poses between poses so that neighbours differ by at most `BLEND_ANGLE`.
+    """Insert poses so that neighbours differ by at most `BLEND_ANGLE`.
 
     Parameters
     ----------
@@ -205,7 +206,7 @@ def refine_poses(times, T):  # type: ignore[no-untyped-def]
 
     Returns
     -------
-    float64 (M,) and (M, 3, 4); translation goes linearly, rotation along the great circle.
+    float64 (M,) and (M, 3, 4); translations are linear, rotations on the great circle.
     """
     n = len(times)
     steps = np.ones(max(n - 1, 0), np.int64)
@@ -235,16 +236,16 @@ def refine_poses(times, T):  # type: ignore[no-untyped-def]
 
 @kernel
 def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: ignore[no-untyped-def]
-    """Place the valid beams, each with the pose of its own time.
+    """Return the points of valid beams, each with the pose at its own time.
 
     Parameters
     ----------
     ranges, valid, cosines, sines
-        (N,): m, bool, and of the bearings.
+        (N,): ranges in m, mask, and cosine and sine of the bearings.
     first, step
-        Time of the first beam and between beams, s, on the clock of `times`.
+        Time of the first beam and time between beams, s, on the clock of `times`.
     times, T
-        float64 (M,), increasing, and (M, 3, 4): poses of the laser, blended between.
+        float64 (M,), increasing, and (M, 3, 4): poses of the laser, blended linearly.
 
     Returns
     -------
@@ -283,7 +284,7 @@ def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: 
 
 @kernel
 def mark_inside(points, kinds, half, T_shape_frame, padding):  # type: ignore[no-untyped-def]
-    """Return which points lie in any of some shapes, bool (N,).
+    """Return a mask of the points inside any of the shapes, bool (N,).
 
     Parameters
     ----------
@@ -292,11 +293,11 @@ def mark_inside(points, kinds, half, T_shape_frame, padding):  # type: ignore[no
     kinds
         int64 (S,): BOX, SPHERE or CYLINDER (along z).
     half
-        float64 (S, 3), half extents, m; a radius is the first.
+        float64 (S, 3), half extents, m; the first is the radius of a sphere or cylinder.
     T_shape_frame
-        float64 (S, 4, 4), from the points' frame to the shapes'.
+        float64 (S, 4, 4), from the points' frame to each shape's frame.
     padding
-        Each shape is grown by this, m.
+        Margin around each shape, m.
     """
     inside = np.zeros(len(points), np.bool_)
     for s in range(len(kinds)):

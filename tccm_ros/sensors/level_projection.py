@@ -1,9 +1,9 @@
-"""Level scans of robots without a level laser, projected from depth images or point clouds.
+"""Level scans for robots without a level laser, projected from depth images or point clouds.
 
-For each bearing in the base frame the range is that of the nearest vertical surface within a band
-of heights: the mean of its points, of which the nearest alone would be too near by the noise of
-many. A horizontal surface has no range: where the edge of the view cuts a table top, the nearest
-point moves with the head, and a scan with such points moves a robot that stands.
+For each bearing in the base frame, the range is that of the nearest vertical surface in a band of
+heights: the mean of its points, as the minimum would be biased by noise. Horizontal surfaces have
+no range: where the edge of the view cuts a table top, the nearest point moves with the head, and
+matching would move a robot at rest.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from tccm_ros.sensors.measured import MeasuredPoints, without_robot
 from tccm_ros.sensors.point_cloud import PosedCloud, placed_points
 
 BEARING_STEP = math.radians(0.5)
-"""Between the beams of the level scan, rad: as many level lasers have."""
+"""Angle between the beams of the level scan, rad, as of many level lasers."""
 
 BEAMS = 720
-"""All around: what was not looked at is nan."""
+"""Number of beams over 360 deg; unobserved bearings are NaN."""
 
 SLAB, SLAB_PER_RANGE_SQUARED = 0.06, 0.012
-"""Ranges are counted in slabs of this width, m, and of this more per range squared, 1/m, where that
-is more: six times the noise of a depth camera."""
+"""Width of a range bin, m, and its increase per range squared, 1/m, where that is larger: six times
+the noise of a depth camera."""
 
 NEAR = math.sqrt(SLAB / SLAB_PER_RANGE_SQUARED)
-"""From this range on, m, a step of the slabs is one of the inverse range."""
+"""Range, m, from which on bins are uniform in inverse range."""
 
 MIN_EXTENT = 0.1
-"""A surface whose points reach this far in height, m, is vertical (chosen: more than the edge of a
-table top, less than two rings of a lidar with 16 on a wall 3 m away)."""
+"""Minimum height of a vertical surface, m (chosen: more than the edge of a table top, less than two
+rings of a 16-ring lidar on a wall 3 m away)."""
 
 MIN_POINTS = 2
-"""Points that make a range: a single one may be a flying pixel."""
+"""Minimum number of points of a range: a single one may be a flying pixel."""
 
 MIN_RANGE = 0.05
 MAX_RANGE = 30.0
-"""Limits of the level scan, m."""
+"""Range limits of the level scan, m."""
 
 
 class LevelProjector:
-    """Makes level scans of posed images or clouds.
+    """Projects posed images or clouds to level scans.
 
     Parameters
     ----------
@@ -64,11 +64,11 @@ class LevelProjector:
 
     @property
     def is_on(self) -> bool:
-        """Whether level scans are made."""
+        """Whether level scans are enabled."""
         return self._kind is not None
 
     def project(self, event: Event) -> Scan | None:
-        """Return the level scan of a posed record, None for other events."""
+        """Return the level scan of a posed record; None for other events."""
         if self._kind is None or not isinstance(event, self._kind):
             return None
         points = self._points(event)
@@ -87,7 +87,7 @@ class LevelProjector:
         )
 
     def _points(self, posed: Posed) -> Float64:
-        """Return what was seen, in odom, without the robot itself; noisy points too."""
+        """Return all points in odom without the robot itself, including noisy ones."""
         if isinstance(posed, PosedImage):
             return seen_points(posed, self._config)
         assert isinstance(posed, PosedCloud)
@@ -97,7 +97,7 @@ class LevelProjector:
 
 
 def _stamp_index(posed: Posed) -> int:
-    """Return the pose sample nearest to the record's stamp."""
+    """Return the index of the pose sample nearest to the record's stamp."""
     return int(np.argmin(np.abs(posed.pose_stamps_ns - posed.stamp_ns)))
 
 
@@ -114,8 +114,8 @@ def nearest_ranges(points: Any, low: Any, high: Any) -> Any:
 
     Returns
     -------
-    float64 (BEAMS,), m: +inf where only what lies outside the band was seen, nan where nothing was
-    and where all that was seen in the band is horizontal.
+    float64 (BEAMS,), m: +inf where all points are outside the band, NaN where there are no points,
+    or where all points in the band are on horizontal surfaces.
     """
     slabs = _slab(MAX_RANGE) + 2
     lowest = np.full((BEAMS, slabs), np.float32(np.inf))
@@ -148,7 +148,7 @@ def nearest_ranges(points: Any, low: Any, high: Any) -> Any:
 
 @kernel
 def _slab(r: Any) -> Any:
-    """Return the slab of a range: equal steps of the range, then of its inverse."""
+    """Return the bin of a range: uniform in range, then in inverse range."""
     if r < NEAR:
         return np.int64(r / SLAB)
     return np.int64(NEAR / SLAB + (1.0 / NEAR - 1.0 / r) / SLAB_PER_RANGE_SQUARED)

@@ -1,4 +1,4 @@
-"""What a sensor that measures points gives to the map: points, and what its lines of sight pass."""
+"""Measured points of one record, and its rays through free space."""
 
 from __future__ import annotations
 
@@ -17,23 +17,22 @@ from tccm_ros.sensors.laser_scan_kernels import mark_inside
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPoints:
-    """The points of one record in odom, thinned, and some of its lines of sight.
+    """The thinned points of one record in odom, and a sample of its rays.
 
     Attributes
     ----------
     points
         float64 (N, 3), m, in odom.
     stamps_ns
-        int64 (N,), time of each point; None where all have the record's stamp.
+        int64 (N,), time of each point; None where all points have the record's stamp.
     origins, ends
-        float64 (L, 3), m, in odom: lines of sight.
+        float64 (L, 3), m, in odom: start and end of each ray.
     hits
-        bool (L,), whether a line ended on a surface.
+        bool (L,), whether the ray ends on a surface.
     line_angle
-        Angle between neighbouring lines of sight, rad.
+        Angle between neighbouring rays, rad.
     gaps
-        float64 (N,), distance of each point to the next line of measurements, m; None where points
-        are dense.
+        float64 (N,), distance of each point to the next scan line, m; None for dense points.
     """
 
     points: Float64
@@ -45,7 +44,7 @@ class MeasuredPoints:
     gaps: Float64 | None = None
 
     def chosen(self, keep: Bool) -> MeasuredPoints:
-        """Return the same with some of its points."""
+        """Return a copy with the points of a mask, and all rays."""
         if keep.all():
             return self
         stamps_ns = None if self.stamps_ns is None else self.stamps_ns[keep]
@@ -55,16 +54,16 @@ class MeasuredPoints:
 
 
 def without_robot(measured: MeasuredPoints, posed: Posed, config: Config) -> MeasuredPoints:
-    """Return what was measured without the robot's own shapes.
+    """Return the points outside the robot's own shapes.
 
     Parameters
     ----------
     measured
-        In odom.
+        Points in odom.
     posed
-        The record; its shapes are where they were at its stamp.
+        The posed record, with the robot's shapes at its stamp.
     config
-        Uses `scan.self_padding`.
+        Group `scan`: `self_padding`.
     """
     shapes = posed.own_shapes
     if shapes is None or not len(shapes.kinds) or not len(measured.points):
@@ -84,7 +83,7 @@ def without_robot(measured: MeasuredPoints, posed: Posed, config: Config) -> Mea
 def _near_and_inside(
     points: Float64, T_odom_shape: Float64, shapes: SelfShapes, padding: float
 ) -> Bool:
-    """Return which points (N, 3) lie in a shape; those outside the box of all are not looked at."""
+    """Return a mask of the points (N, 3) inside a shape; a common bounding box is tested first."""
     radius = np.linalg.norm(shapes.half + padding, axis=1)[:, None]
     low = (T_odom_shape[:, :3, 3] - radius).min(axis=0)
     high = (T_odom_shape[:, :3, 3] + radius).max(axis=0)
@@ -102,11 +101,11 @@ def in_region(measured: MeasuredPoints, posed: Posed, config: Config) -> Measure
     Parameters
     ----------
     measured
-        In odom.
+        Points in odom.
     posed
-        The record, whose base pose counts where the region is in the base frame.
+        The posed record, for its base pose if the region is in the base frame.
     config
-        Uses `map.region` and `map.region_frame`.
+        Group `map`: `region` and `region_frame`.
     """
     region = config.map.region
     if region is None:
@@ -119,7 +118,7 @@ def in_region(measured: MeasuredPoints, posed: Posed, config: Config) -> Measure
 
 @kernel
 def kept_rows(points: Any, keep: Any) -> Any:
-    """Return the rows of points (N, 3) for which `keep`, bool (N,), holds: as indexing does."""
+    """Return the rows of points (N, 3) for which `keep`, bool (N,), is True; fast indexing."""
     n = 0
     for i in range(len(keep)):
         n += keep[i]
@@ -133,7 +132,7 @@ def kept_rows(points: Any, keep: Any) -> Any:
 
 @kernel
 def mark_within(points: Any, low: Any, high: Any) -> Any:
-    """Return which points (N, 3) lie between two corners (3,), bool (N,); nan lies outside."""
+    """Return a mask (N,) of the points (N, 3) between two corners (3,); NaN is outside."""
     within = np.empty(len(points), np.bool_)
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

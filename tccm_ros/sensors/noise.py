@@ -1,10 +1,9 @@
-"""Errors of measured points, of each alone and of all points of a view together.
+"""Errors of measured points: independent for each point, and common to all points of a view.
 
-A point's error has three parts. White noise is independent from point to point, and an average over
-N points has 1 / N of its variance. A systematic part is shared by all points of a view: an error of
-the range of the form ``offset + scale r + bend r^2``, and one of the sensor's direction. No number
-of points makes it smaller. The error of the view's pose is shared by them, too, and is known from
-the graph.
+A point's error has three parts. White noise is independent between points: an average over N points
+has 1 / N of its variance. A systematic part is common to all points of a view: a range error of the
+form ``offset + scale r + bend r^2``, and an error of the sensor's direction. Averaging does not
+reduce it. The error of the view's pose is also common to them, and is known from the graph.
 """
 
 from __future__ import annotations
@@ -19,10 +18,10 @@ from tccm_ros.records import SensorKind
 def systematic_errors(
     points: Float64, viewpoint: Float64, sensor: SensorKind, config: Config
 ) -> Float64:
-    """Return how points move where one part of the systematic error is off by one sigma.
+    """Return the displacement of points by one sigma of each systematic error.
 
-    The parts are independent of each other: the covariance that points i and j share is the sum of
-    ``e[i, k] e[j, k]'`` over the parts k.
+    The systematic errors are independent of each other: the covariance between points i and j is
+    the sum of ``e[i, k] e[j, k]'`` over the errors k.
 
     Parameters
     ----------
@@ -31,14 +30,14 @@ def systematic_errors(
     viewpoint
         float64 (3,), position of the sensor in the same frame.
     sensor
-        Kind of the sensor.
+        Kind of sensor.
     config
-        Uses `sensors.laser_systematic`, `sensors.depth_systematic` and `sensors.cloud_systematic`.
+        Group `sensors`: `laser_systematic`, `depth_systematic` and `cloud_systematic`.
 
     Returns
     -------
-    float64 (N, 5, 3), m: for each point and each part (offset, scale, bend, and rotations of the
-    sensor about x and y) a displacement
+    float64 (N, 5, 3), m: displacement of each point by each error (offset, scale, bend, and
+    rotations of the sensor about x and y)
     """
     sigmas = {
         SensorKind.LASER: config.sensors.laser_systematic,

@@ -1,7 +1,6 @@
-"""Point clouds of lidars and cameras: their streams, and from records to points in odom.
+"""Point clouds of lidars and cameras: their streams, and conversion of records to points in odom.
 
-Each point has the pose of its own time. Where points are nearer than the map distinguishes, one of
-them stays.
+Each point has the pose at its own time. Points are thinned to the resolution of the map.
 """
 
 from __future__ import annotations
@@ -22,17 +21,17 @@ from tccm_ros.sensors.laser_scan_kernels import refine_poses
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
 
 MAX_LINES = 10_000
-"""Lines of sight of a cloud that are followed. Chosen: a line for each column at `views.reach`."""
+"""Maximum number of traced rays of a cloud. Chosen: one for each column at `views.reach`."""
 
 ELEVATION_BIN = math.radians(0.1)
-"""Elevations that are distinguished, rad: the finest lidars have a ring each 0.1 deg."""
+"""Resolution of elevations, rad: the finest lidars have a ring each 0.1 deg."""
 
 VOXELS_PER_CELL = 4
-"""Voxels, of which each keeps one point, along the edge of a cell."""
+"""Voxels along the edge of a cell; each voxel keeps one point."""
 
 
 MAX_WAITING = 50
-"""Clouds that wait for poses at one time: 80 MB of 130,000 points."""
+"""Maximum number of waiting clouds: 80 MB of 130,000 points."""
 
 
 class PosedCloud(Posed):
@@ -55,14 +54,14 @@ def time_span(cloud: PointCloud) -> tuple[int, int]:
 
 NOTHING_SEEN = "nothing seen"
 TOO_FAR = "points beyond scan.max_range: are they millimetres?"
-"""Why clouds are dropped."""
+"""Reasons of dropped clouds."""
 
 LOST_FRACTION = 0.01
-"""A cloud of which less than this fraction of the points is within range is in another unit."""
+"""If a smaller fraction of a cloud's points is within range, the unit is wrong."""
 
 
 def rejection_reason(cloud: PointCloud, max_range: float = math.inf) -> str | None:
-    """Return why a cloud cannot be used, None where it can; `max_range` is in m."""
+    """Return why a cloud is rejected; None where it is not. `max_range` is in m."""
     if not len(cloud.points):
         return "empty"
     is_point = has_returned(cloud.points)
@@ -96,14 +95,14 @@ def cloud_stream(topic: str, config: Config | None = None, *, can_be_base: bool 
 
 
 class PlacedPoints(NamedTuple):
-    """The points of a cloud within range, and from where they were seen.
+    """The points of a cloud within range, and their viewpoints.
 
     Attributes
     ----------
     points, origins
-        float64 (N, 3), the points and the sensor at the time of each, in odom, m.
+        float64 (N, 3), the points, and the sensor's position at the time of each, in odom, m.
     indices
-        int64 (N,), rows of the cloud.
+        int64 (N,), row indices of the cloud.
     """
 
     points: Float64
@@ -112,7 +111,7 @@ class PlacedPoints(NamedTuple):
 
 
 def placed_points(posed: PosedCloud, config: Config) -> PlacedPoints:
-    """Return the points of a cloud within range, each with the pose of its own time."""
+    """Return the points of a cloud within range, each with the pose at its own time."""
     cloud = posed.cloud
     times, T = refine_poses(
         (posed.pose_stamps_ns - cloud.stamp_ns) * 1e-9,
@@ -121,7 +120,7 @@ def placed_points(posed: PosedCloud, config: Config) -> PlacedPoints:
     since_ns = np.zeros(0, np.int64) if cloud.since_ns is None else cloud.since_ns
     points = np.empty((len(cloud.points), 3))
     origins, indices = np.empty_like(points), np.empty(len(points), np.int64)
-    # Kernels are compiled for arrays that can be written to alone.
+    # Kernels are compiled for writable arrays only.
     xyz = cloud.points if cloud.points.flags.writeable else cloud.points.copy()
     args = xyz, since_ns, *_limits(config), times, T
     n = place_points(*args, points, origins, indices)
@@ -129,7 +128,7 @@ def placed_points(posed: PosedCloud, config: Config) -> PlacedPoints:
 
 
 def measure_cloud(posed: PosedCloud, config: Config) -> MeasuredPoints:
-    """Return the points of a cloud in odom, and some of its lines of sight."""
+    """Return the points of a cloud in odom, and a sample of its rays."""
     cloud, placed = posed.cloud, placed_points(posed, config)
     every = max(len(placed.points) // MAX_LINES, 1)
     ends = placed.points[::every].copy()
@@ -156,17 +155,17 @@ def _limits(config: Config) -> tuple[float, float]:
 
 
 def angle_between_rings(xyz: Float32, low: float, high: float) -> float:
-    """Return the angle between the rings of a lidar, rad; `ELEVATION_BIN` where there are none.
+    """Return the angle between the rings of a lidar, rad; `ELEVATION_BIN` where it has no rings.
 
-    It is the median step between the elevations that occur: noise lies along the beam, so that
-    those of one ring are one elevation.
+    The median step between occupied elevation bins. Range noise is along the beam, so that a ring
+    occupies one bin.
 
     Parameters
     ----------
     xyz
         float32 (N, 3), in the sensor's frame, m.
     low, high
-        Points of ranges between these count, m.
+        Range limits of the points to use, m.
     """
     square = np.einsum("ij,ij->i", xyz, xyz)
     seen = xyz[(square >= low * low) & (square <= high * high)]
@@ -182,21 +181,20 @@ def place_points(
     xyz: Any, since_ns: Any, low: Any, high: Any, times: Any, T: Any,
     points: Any, origins: Any, indices: Any,
 ) -> Any:  # fmt: skip
-    """Place points with the pose of their own time, and return how many there are.
+    """Transform points with the pose at their own time, and return their number.
 
     Parameters
     ----------
     xyz
-        float32 (N, 3), m, in the sensor's frame; what is not finite is left out.
+        float32 (N, 3), m, in the sensor's frame; points that are not finite are left out.
     since_ns
         int64 (N,), times of the points on the clock of `times`, ns; empty where all are 0.
     low, high
         Limits of the range, m.
     times, T
-        float64 (M,), s, increasing, and (M, 3, 4): poses of the sensor, blended between.
+        float64 (M,), s, increasing, and (M, 3, 4): poses of the sensor, blended linearly.
     points, origins, indices
-        float64 (N, 3), the points and where they were seen from, and int64 (N,), their indices;
-        written.
+        float64 (N, 3) points, float64 (N, 3) viewpoints, and int64 (N,) row indices; written.
     """
     last, n = len(times) - 1, 0
     for i in range(len(xyz)):

@@ -1,4 +1,4 @@
-"""The sensors that are built in: a new one is a module of this room and a line here."""
+"""The built-in sensors; a new one is a module of this folder and a line here."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from tccm_ros.sensors.point_cloud import cloud_stream
 
 
 def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
-    """Return the streams of the configured sensors; a caller may add others to them.
+    """Return the streams of the configured sensors; a caller may add others.
 
-    Where another program localises the robot, level scans are not needed.
+    With external localisation there are no level scans.
     """
     config = config or Config()
     sensors = config.sensors
-    # The level scans that are made of the only cloud move it as those of a laser would.
+    # Level scans from the only cloud move the base like those of a laser.
     is_base = sensors.level_from == "points" and len(sensors.point_clouds) == 1
     return (
         *(scan_stream(replace(TILT_SCAN, role=topic), config) for topic in sensors.tilt_scans),
@@ -34,14 +34,14 @@ def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
 
 
 def stream_for_topic(stream: Stream, topic: str) -> Stream:
-    """Return a stream with the reader of the messages that its topic has, going by its name.
+    """Return a stream with the message reader for a topic, by the topic's name.
 
     Parameters
     ----------
     stream
-        One of `default_streams`.
+        A stream of `default_streams`.
     topic
-        Resolved name: of images it tells whether they are compressed.
+        Resolved name; for images, it tells whether they are compressed.
     """
     if stream.record is CameraImage:
         return camera_stream(stream.role, compressed=is_compressed_picture(topic))
@@ -51,7 +51,7 @@ def stream_for_topic(stream: Stream, topic: str) -> Stream:
 
 
 def roles_of(processor: str, config: Config | None = None) -> frozenset[str]:
-    """Return the roles of the streams that are for a processor (`Stream.processor`)."""
+    """Return the roles of the streams of a processor (`Stream.processor`)."""
     return frozenset(
         stream.role for stream in default_streams(config) if stream.processor == processor
     )

@@ -1,6 +1,6 @@
-"""The linear support vector machine that says which regions may hold the number of a door sign.
+"""The linear support vector machine that selects regions with the number of a door sign.
 
-`tools/train_signs.py` makes `weights.npz` from rendered pictures alone, with fixed seeds.
+`tools/train_signs.py` trains `weights.npz` on rendered pictures alone, with fixed seeds.
 """
 
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from tccm_ros.arrays import Float32, Float64, UInt8
 from tccm_ros.signs.hog import hog_features, region_patches
 
 WEIGHTS = Path(__file__).with_name("weights.npz")
-"""What `tools/train_signs.py` writes."""
+"""Weights file written by `tools/train_signs.py`."""
 
 SCALES = (0.85, 1.18)
-"""Other sizes at which a box is scored, as parts of its own: saliency bounds a number now tightly,
-now with what is around it (chosen)."""
+"""Further sizes at which a box is scored. Chosen: saliency boxes enclose a number sometimes
+tightly, sometimes with its surroundings."""
 
 DOUBT = 0.5
-"""What scores less than the threshold by more than this is not scored at other sizes. Chosen: in
-twelve rendered pictures no box was lost by it that the mean accepts."""
+"""A box whose score is below the threshold by more than this is not scored at other sizes. Chosen:
+in twelve rendered pictures this lost no box that the mean score accepts."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class SignClassifier:
     weights
         float32 (`N_FEATURES`,).
     bias
-        Added to the product of weights and features.
+        Bias of the linear function.
     threshold
-        Least score of a region that is accepted.
+        Minimum score of an accepted region.
     """
 
     weights: Float32
@@ -42,10 +42,10 @@ class SignClassifier:
     threshold: float
 
     def scores(self, gray: UInt8, boxes: Float64) -> Float32:
-        """Return the score of each box, larger for what looks more like a number on a plate.
+        """Return the score of each box; a larger score is more like a number on a plate.
 
-        It is the mean over `SCALES` of the box, which keeps its middle; a box that scores less than
-        the threshold by more than `DOUBT` as it is keeps that score.
+        The score is the mean over `SCALES` about the box's centre. A box that scores below the
+        threshold by more than `DOUBT` at its own size keeps that score.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class SignClassifier:
 
 
 def _scaled(boxes: Float64, scale: float) -> Float64:
-    """Return boxes (N, 4) of another size about the same middles."""
+    """Return boxes (N, 4) scaled about their centres."""
     middles, halves = 0.5 * (boxes[:, :2] + boxes[:, 2:]), 0.5 * (boxes[:, 2:] - boxes[:, :2])
     return np.hstack([middles - scale * halves, middles + scale * halves])
 

@@ -1,4 +1,4 @@
-"""Door signs in a picture: all its text first, then which of it is a sign."""
+"""The text-first detector of door signs: reads all text of a picture, then selects the signs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tccm_ros.signs.reading import TextLine, TextReader
 from tccm_ros.signs.saliency_detector import SaliencyDetector
 
 MAX_SCALE = 2.0
-"""Largest scale of a picture for the finder. Chosen: an enlarged one shows nothing new."""
+"""Maximum scale of a picture for the text finder. Chosen: further upscaling shows no new text."""
 
 
 class Detector(Protocol):
@@ -33,12 +33,12 @@ class Detector(Protocol):
 
 
 def sign_detector(settings: Signs) -> Detector:
-    """Return the detector that a configuration chooses.
+    """Return the detector selected by `signs.detector`.
 
     Raises
     ------
     MissingExtraError
-        When what reads text is not installed.
+        When the packages for reading text are not installed.
     """
     if settings.detector == "published":
         return SaliencyDetector()
@@ -46,17 +46,17 @@ def sign_detector(settings: Signs) -> Detector:
 
 
 class SignDetector:
-    """Detects and reads door signs by their text.
+    """Detects door signs by reading all text.
 
     Parameters
     ----------
     side
-        Short side of a picture as it is searched for text, pixels.
+        Shorter side of a picture during text detection, pixels.
 
     Raises
     ------
     MissingExtraError
-        When what reads text is not installed.
+        When the packages for reading text are not installed.
     """
 
     def __init__(self, side: int = Signs().detector_side) -> None:
@@ -67,7 +67,7 @@ class SignDetector:
         return self.search(pixels).signs
 
     def search(self, pixels: UInt8) -> SearchedText:
-        """Return the door signs of a picture, and its text that is none, with the reasons.
+        """Return the door signs of a picture, and its other text with the reasons of refusal.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class SignDetector:
         signs: list[DetectedSign] = []
         reasons: list[tuple[ReadLine, str]] = []
         on_signs: list[ReadLine] = []
-        # Numbers before names: a name may be written larger than the number of its plate.
+        # Numbers before names: a name may be in larger letters than the number of its plate.
         for own in sorted(read, key=lambda r: (not has_digits(r.number or ""), -r.line.height)):
             if own in on_signs:
                 continue
@@ -106,7 +106,7 @@ class SignDetector:
         )
 
     def _read_lines(self, picture: Image.Image, lines: list[TextLine]) -> list[ReadLine]:
-        """Return the lines that have text; all turned where the picture stands upside down."""
+        """Return the lines that have text, rotated by 180 deg if the picture is upside down."""
         read = [self._read(picture, line) for line in lines]
         if read and all(r.number is None for r in read):
             highest = max(read, key=lambda r: r.line.height)

@@ -1,4 +1,4 @@
-"""Histograms of oriented gradients of regions that are scaled to one size.
+"""Histograms of oriented gradients (HOG) of regions scaled to one size.
 
 N. Dalal and B. Triggs, "Histograms of oriented gradients for human detection", CVPR 2005: unsigned
 gradients in nine bins, cells of 8 x 8 pixels, blocks of 2 x 2 cells, L2-hys normalisation.
@@ -13,10 +13,11 @@ from tccm_ros.arrays import Float32, Float64, UInt8
 from tccm_ros.kernels import kernel
 
 PATCH_WIDTH, PATCH_HEIGHT = 64, 32
-"""Size to which each region is scaled, pixels. Chosen: a number of three to five characters."""
+"""Size to which each region is scaled, pixels. Chosen: fits a number of three to five
+characters."""
 
 PATCH_SHAPE = (PATCH_HEIGHT, PATCH_WIDTH)
-"""Of a patch as an array."""
+"""Shape of a patch array."""
 
 CELL = 8
 """Edge of a cell, pixels (Dalal and Triggs)."""
@@ -28,15 +29,15 @@ MAX_COMPONENT = 0.2
 """Largest component of a normalised block before it is normalised again (Dalal and Triggs)."""
 
 MARGIN = 0.15
-"""Part of a box's height by which its region is larger on each side. Chosen: the edge of what
-stands out is seen whole."""
+"""Margin of a region on each side, as a fraction of the box's height. Chosen: keeps the edges of
+salient characters in the region."""
 
 N_FEATURES = (PATCH_WIDTH // CELL - 1) * (PATCH_HEIGHT // CELL - 1) * 4 * BINS
 """Length of a feature vector."""
 
 
 def region_patches(gray: UInt8, boxes: Float64) -> UInt8:
-    """Return the regions of boxes, each scaled to one size.
+    """Return the regions of boxes as patches of one size.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def region_patches(gray: UInt8, boxes: Float64) -> UInt8:
 
 @kernel
 def hog_features(patches: UInt8) -> Float32:
-    """Return the histograms of oriented gradients of patches.
+    """Return the HOG features of patches.
 
     Parameters
     ----------
@@ -77,7 +78,8 @@ def hog_features(patches: UInt8) -> Float32:
     Returns
     -------
     float32 (N, `N_FEATURES`)
-        Blocks row by row; of each its four cells, of each cell its nine bins from 0 to 180 deg.
+        Blocks in row-major order; per block its four cells, per cell its nine bins from 0 to 180
+        deg.
     """
     n = len(patches)
     rows, columns = PATCH_HEIGHT // CELL, PATCH_WIDTH // CELL

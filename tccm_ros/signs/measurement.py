@@ -1,4 +1,4 @@
-"""What one picture tells of door signs (section III.A.2 of the surface mapping paper)."""
+"""Measurements of door signs in one picture (section III.A.2 of the surface mapping paper)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from tccm_ros.arrays import Float64, UInt8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectedSign:
-    """A door sign in a picture.
+    """A door sign in a picture, in pixels.
 
     Attributes
     ----------
     text
-        All lines of the plate that were read, from top to bottom, joined by spaces.
+        All read lines of the plate, from top to bottom, joined by spaces.
     number
-        The number of the room, capital letters; the name on a plate without one.
+        The room number, in capital letters; the name on a plate without a number.
     pixel
         float64 (2,), middle of the number, pixels from the left and the top.
     box
@@ -40,16 +40,16 @@ class DetectedSign:
 
 
 class RefusedText(NamedTuple):
-    """Text in a picture that is no door sign.
+    """Text in a picture that was refused as a door sign.
 
     Attributes
     ----------
     text
-        As read; empty where it was not.
+        Text of the line; empty where it was not read.
     pixel
         float64 (2,), its middle, pixels.
     reason
-        Why it is none.
+        Reason of the refusal.
     """
 
     text: str
@@ -58,14 +58,14 @@ class RefusedText(NamedTuple):
 
 
 class SearchedText(NamedTuple):
-    """The text of a picture.
+    """All text of a picture: door signs and refused text.
 
     Attributes
     ----------
     signs
         Door signs, from left to right.
     refused
-        What else was looked at, from top to bottom.
+        Refused text, from top to bottom.
     """
 
     signs: list[DetectedSign]
@@ -74,24 +74,24 @@ class SearchedText(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignMeasurement:
-    """A door sign in a picture: where, what it says and what it looks like.
+    """A door sign in a picture: bearing, text and appearance.
 
     Attributes
     ----------
     stamp_ns
-        When the picture was taken.
+        Time of the picture.
     pixel
-        float64 (2,), middle of the number, of the picture as it was taken: (0, 0) is the middle of
-        its first pixel, as for a CameraInfo.
+        float64 (2,), middle of the number in the original picture; (0, 0) is the centre of the
+        first pixel, as for a CameraInfo.
     bearing
-        float64 (3,), unit vector from the camera to that middle, in the optical frame (x right,
-        y down, z forward: REP-103), without the lens' distortion.
+        float64 (3,), unit vector from the camera to that middle, in the optical frame (x right, y
+        down, z forward: REP-103), with lens distortion removed.
     T_base_camera
         float64 (4, 4), pose of the optical frame in the base frame at the stamp.
     text
-        All lines of the plate that were read, from top to bottom, joined by spaces.
+        All read lines of the plate, from top to bottom, joined by spaces.
     number
-        The number of the room, in capital letters; the name on a plate without one.
+        The room number, in capital letters; the name on a plate without a number.
     confidence
         Mean probability of the number's characters, 0 to 1.
     patch
@@ -101,9 +101,9 @@ class SignMeasurement:
         float64 (4, 2), of the number: top left, top right, bottom right, bottom left, pixels.
     plate
         float64 (4, 3), unit vectors as `bearing` to the corners of all lines of the plate; NaN
-        where they are not known.
+        where unknown.
     focal_length
-        Of the camera, pixels: a pixel's noise divided by it is one in rad.
+        Of the camera, pixels; converts pixel noise to rad.
     """
 
     stamp_ns: int
@@ -121,16 +121,16 @@ class SignMeasurement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchedPicture:
-    """A picture in which door signs were looked for, whether one was read in it or not.
+    """A picture that was searched for door signs, with or without a result.
 
     Attributes
     ----------
     stamp_ns
-        When the picture was taken.
+        Time of the picture.
     T_base_camera
         float64 (4, 4), pose of the optical frame in the base frame at the stamp.
     focal_lengths, center
-        float64 (2,) each, of the picture as it was taken, pixels; without the lens' distortion.
+        float64 (2,) each, of the original picture, pixels, for a pinhole camera without distortion.
     size
         Width and height, pixels.
     """
@@ -143,10 +143,10 @@ class SearchedPicture:
 
     @property
     def key(self) -> tuple[int, bytes]:
-        """What it has in common with the measurements that were made in it."""
+        """Key of the picture, equal for all measurements made in it."""
         return picture_key(self.stamp_ns, self.T_base_camera)
 
 
 def picture_key(stamp_ns: int, T_base_camera: Float64) -> tuple[int, bytes]:
-    """Return what tells pictures from each other: the stamp, and of several cameras the pose."""
+    """Return the identity of a picture: its stamp, and its pose to distinguish several cameras."""
     return stamp_ns, T_base_camera.tobytes()

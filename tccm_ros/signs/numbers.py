@@ -1,4 +1,4 @@
-"""Which texts are the number of a room, and which lines are rows of a list."""
+"""Tell room numbers and rows of lists from other texts."""
 
 import re
 import unicodedata
@@ -6,20 +6,20 @@ from collections.abc import Sequence
 
 GROUP = r"(?:[A-Z]{0,3}\d{1,5}[A-Z]{0,3}|[A-Z]{1,3})"
 NUMBER = re.compile(rf"(?=.*\d){GROUP}(?:[-./]{GROUP}){{0,3}}")
-"""A room's number: up to four groups of digits with letters before or after them (12-034B, C7-118,
-00.12.019), of which one at least has digits."""
+"""A room number: up to four groups of digits with letters before or after them (12-034B, C7-118,
+00.12.019), at least one of them with digits."""
 
 CODE = re.compile(r"[A-Z]{1,3}|[A-Z]{0,3}\d{1,5}[A-Z]{0,3}")
-"""A word beside a number that is part of it: a wing, a floor, a building (BC 410, C7 118)."""
+"""A word that is part of an adjacent number: a wing, a floor, a building (BC 410, C7 118)."""
 
 NAME = re.compile(r"(?:(?:Prof|Dr|Mr|Mrs|Ms)\.? ?){1,3}(?:[A-Z][\w'-]*\.? ?){1,4}")
-"""A person, by the title: names without one have the form of any heading."""
+"""A person's name with a title; names without a title look like any heading."""
 
 SUBSTANCES = frozenset({"CO2", "H2O"})
-"""Words on extinguishers and taps, which hang beside doors."""
+"""Words on fire extinguishers and taps, which hang beside doors."""
 
 GENERIC = frozenset({"NO", "NR", "RM"})
-"""Short words beside a number that tell doors not from each other."""
+"""Short words beside a number that are the same on all doors."""
 
 PHONE_OR_DATE = re.compile(r"(?:\d+[-./ ])?\d{3}[-./ ]\d{4}|\d+[-./]\d+[-./]\d{4,}")
 FRACTION = re.compile(r"\d{1,2}/\d{1,2}")
@@ -28,30 +28,30 @@ FRACTION = re.compile(r"\d{1,2}/\d{1,2}")
 GLUED = re.compile(
     r"(?<=[A-Za-z]{4})(?=\d{1,2}$)|(?<=[A-Za-z][a-z]{2})(?=\d{1,2}$)|(?<=[^\W\da-zA-Z])(?=\d)"
 )
-"""Between a word and its number, where a reader has lost the space: Room3, and after other
-letters than Latin ones, of which a reader may have made an arrow."""
+"""Position between a word and its number where OCR has lost the space: Room3, and after non-Latin
+letters, which OCR may have made of an arrow."""
 
 LOOKALIKES = str.maketrans("OIL|", "0111")
-"""Letters that are read for digits within a number."""
+"""Letters that OCR confuses with digits within a number."""
 
 DASHES = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2015\u2212", "-"))
 
 ENDS = " .,:;-_'\"`|<>=~*\u2022\u00b7\u2190\u2191\u2192\u2193\u2196\u2197\u2198\u2199\u25b6\u25c0"
-"""Characters that are no part of a text at its ends: arrows and marks."""
+"""Characters to strip from the ends of a text: arrows and punctuation."""
 
 
 def normalised(text: str) -> str:
-    """Return a text in one form: compatible characters, single spaces, no marks at its ends."""
+    """Return a text in canonical form: NFKC, single spaces, no punctuation at the ends."""
     plain = unicodedata.normalize("NFKC", text).translate(DASHES).strip()
     return " ".join(GLUED.sub(" ", plain).split()).strip(ENDS)
 
 
 def room_number(text: str) -> str | None:
-    """Return the number of a room that a line of text is or ends or begins with, None for none.
+    """Return the room number that is, begins or ends a line of text; None for none.
 
-    Short codes beside it belong to it. A range of numbers, a time, a date, a price or a telephone
-    number is none. A single digit is one where it stands alone; after a single word, the word
-    belongs to it: lists say "Meeting Room 3".
+    Adjacent short codes belong to the number. Ranges of numbers, times, dates, prices and telephone
+    numbers are no room numbers. A single digit is one where it stands alone; after a single word,
+    the word belongs to it: lists say "Meeting Room 3".
 
     Parameters
     ----------
@@ -74,27 +74,27 @@ def room_number(text: str) -> str | None:
 
 
 def person_name(text: str) -> str | None:
-    """Return the name of a person with a title that a line of text is, capitals, None for none."""
+    """Return a line of text in capitals if it is a name with a title; None otherwise."""
     return text.upper() if NAME.fullmatch(text) else None
 
 
 def has_digits(text: str) -> bool:
-    """Return whether there is a digit in a text."""
+    """Return whether a text contains a digit."""
     return any(map(str.isdigit, text))
 
 
 def is_doubtful(number: str) -> bool:
-    """Return whether a number has a single digit, as much that is none has."""
+    """Return whether a number has one digit only, as many false readings have."""
     return _digits(number) == 1
 
 
 def joined_number(parts: Sequence[str]) -> str:
-    """Return the number that lines of a plate make together, from top to bottom."""
+    """Return the number that lines of a plate form together, from top to bottom."""
     return " ".join(dict.fromkeys(parts))
 
 
 def _with_codes(words: Sequence[str], k: int, number: str) -> str:
-    """Return a number, word `k` of a line, with the codes before and after it."""
+    """Return word `k` of a line, a number, joined with the codes before and after it."""
     first = last = k
     while first > 0 and _is_code(words[first - 1]):
         first -= 1
@@ -112,7 +112,7 @@ def _digits(text: str) -> int:
 
 
 def _as_number(word: str) -> str | None:
-    """Return a word as a number of a room, None where it is none."""
+    """Return a word as a room number; None where it is none."""
     if _digits(word) > 1 and not NUMBER.fullmatch(word):
         word = word.translate(LOOKALIKES)
     if not NUMBER.fullmatch(word) or PHONE_OR_DATE.fullmatch(word) or FRACTION.fullmatch(word):
@@ -121,16 +121,16 @@ def _as_number(word: str) -> str | None:
 
 
 def _is_range(word: str) -> bool:
-    """Return whether a word is two numbers of one length, the second larger: "216-220"."""
+    """Return whether a word is a range of two numbers of equal length: "216-220"."""
     low, dash, high = word.partition("-")
     is_pair = bool(dash) and low.isdigit() and high.isdigit() and len(low) == len(high)
     return is_pair and int(high) > int(low)
 
 
 def is_list(heights: Sequence[float], own: int) -> bool:
-    """Return whether lines are those of a list or notice, of which the number is only one.
+    """Return whether the number is one row of a list or notice.
 
-    The number of a door sign is written larger than what else is on the plate.
+    On a door sign, the number is larger than the other text of the plate.
 
     Parameters
     ----------
@@ -143,5 +143,5 @@ def is_list(heights: Sequence[float], own: int) -> bool:
 
 
 def n_alike(heights: Sequence[float], own: int) -> int:
-    """Return how many other lines are as high as a number's, or higher."""
+    """Return how many other lines are at least about as high as the number's line."""
     return sum(h > 0.75 * heights[own] for k, h in enumerate(heights) if k != own)

@@ -1,4 +1,4 @@
-"""Which lines of text are a door sign: one plate, and the form of a room's number on it."""
+"""Group lines of text into plates, and decide which plates are door signs."""
 
 from __future__ import annotations
 
@@ -13,40 +13,39 @@ from tccm_ros.signs.numbers import has_digits, is_doubtful, joined_number
 from tccm_ros.signs.reading import TextLine, bounding_corners
 
 ALIKE = 0.75
-"""Height of a line, in those of another, from which on it is as high. Chosen: capital and small
+"""Minimum height ratio of a line to another to count as equally high. Chosen: capital and small
 letters of one type size differ by less."""
 
 LIST_DISTANCE = (1.0, 6.0)
-"""How far beside, and above or below a line others are rows of its list or notice, in its heights.
-Chosen: three rows; no poster beside a plate."""
+"""Maximum distance beside, and above or below a line of other rows of its list or notice, in line
+heights. Chosen: three rows; no poster beside a plate."""
 
 NUMBERS_DISTANCE = 6.0
-"""How far from a number others of its height are of one list or dial, in its heights. Chosen: the
-numbers of a clock are that near; those of two doors are not, at an angle at which they can be read.
-"""
+"""Maximum distance between numbers of equal height in one list or dial, in line heights. Chosen:
+the numbers of a clock are closer; those of two doors are not, at readable viewing angles."""
 
 NOTICE_LINES = 5
-"""Other lines in that distance, as high or higher, that make a notice. Chosen: a number and four
-names of one size are a plate."""
+"""Number of other lines within that distance, as high or higher, that makes a notice. Chosen: a
+number and four names of one size are a plate."""
 
 LIST_NUMBERS = 2
-"""Of these, lines with digits or names that make a list. Chosen: two lines are a number."""
+"""Number of those with digits or names that makes a list. Chosen: two lines are a number."""
 
 PLATE_DISTANCE = (1.5, 2.5)
-"""How far beside, and above or below a number other lines are on its plate, in its heights. Chosen:
-plates have margins, and room between their parts."""
+"""Maximum distance beside, and above or below a number of other lines of its plate, in line
+heights. Chosen: plates have margins, and gaps between their parts."""
 
 PART_DISTANCE = (1.0, 1.2)
-"""The same of lines that make a number together. Chosen: one and a half lines."""
+"""The same for lines that form a number together. Chosen: one and a half lines."""
 
 MIN_CONFIDENCE = 0.8
-"""Least mean probability of the characters of a number. Chosen."""
+"""Minimum mean probability of the characters of a number. Chosen."""
 
 DIGIT_CONFIDENCE = 0.95
-"""The same of a number of one digit: many dark spots look like one. Chosen."""
+"""The same for a number of one digit: many dark spots look like one. Chosen."""
 
 OTHER_CONFIDENCE = 0.6
-"""The same of the other lines of a plate. Chosen."""
+"""The same for the other lines of a plate. Chosen."""
 
 
 class ReadLine(NamedTuple):
@@ -55,13 +54,13 @@ class ReadLine(NamedTuple):
     Attributes
     ----------
     line
-        Where.
+        Position in the picture.
     text
-        Normalised.
+        Text in canonical form (`normalised`).
     confidence
         Mean probability of its characters, 0 to 1.
     number
-        Of a room that it has, or the name of a person; None for none.
+        Room number in the text, or name of a person; None for none.
     """
 
     line: TextLine
@@ -71,14 +70,14 @@ class ReadLine(NamedTuple):
 
 
 class Plate(NamedTuple):
-    """Lines of text that belong together.
+    """The lines of text of one plate.
 
     Attributes
     ----------
     parts
-        Those that make the number, from top to bottom; the highest of all is among them.
+        Lines that form the number, from top to bottom; the highest line is among them.
     others
-        Those around them.
+        Other lines of the plate.
     """
 
     parts: tuple[ReadLine, ...]
@@ -86,7 +85,7 @@ class Plate(NamedTuple):
 
     @property
     def number(self) -> str:
-        """Of the room; a word without one belongs to the digit that it stands with."""
+        """The room number; a word that belongs to a single digit is part of it."""
         return joined_number([part.number or part.text.upper() for part in self.parts])
 
     def sign(self) -> DetectedSign:
@@ -106,14 +105,14 @@ class Plate(NamedTuple):
 
 
 def plate_of(own: ReadLine, lines: Sequence[ReadLine]) -> Plate:
-    """Return the plate of a number.
+    """Return the plate around a line with a number.
 
     Parameters
     ----------
     own
-        The line with the number, the highest of its plate that has one.
+        The highest line of the plate that has a number.
     lines
-        All that were read.
+        All lines that were read.
     """
     parts = [own]
     for other in near(own, lines, PART_DISTANCE):
@@ -126,16 +125,16 @@ def plate_of(own: ReadLine, lines: Sequence[ReadLine]) -> Plate:
 
 
 def refusal(plate: Plate, lines: Sequence[ReadLine], notices: Sequence[TextLine]) -> str:
-    """Return why a plate is no door sign; empty where it is one.
+    """Return the reason why a plate is no door sign; empty where it is one.
 
     Parameters
     ----------
     plate
-        With a number.
+        A plate with a number.
     lines
-        All that were read.
+        All lines that were read.
     notices
-        Lines of notices.
+        Lines of notices, from `lines_of_notices`.
     """
     own = max(plate.parts, key=lambda part: bool(part.number) * part.line.height)
     confidence = min(part.confidence for part in plate.parts)
@@ -151,7 +150,7 @@ def refusal(plate: Plate, lines: Sequence[ReadLine], notices: Sequence[TextLine]
 
 
 def _numbers_around(own: ReadLine, lines: Sequence[ReadLine]) -> list[ReadLine]:
-    """Return a number with those of its height that stand alone around it, and around these."""
+    """Return a number and the chain of single numbers of its height around it."""
     found = [own]
     for one in found:
         found += [
@@ -166,7 +165,7 @@ def _numbers_around(own: ReadLine, lines: Sequence[ReadLine]) -> list[ReadLine]:
 
 
 def lines_of_notices(lines: Sequence[TextLine]) -> list[TextLine]:
-    """Return the lines that have many as high around them, and the ends of these lists."""
+    """Return the lines of notices: lines with many equally high neighbours, and rows near them."""
     along = [line.lengthwise for line in lines]
     rows = [[o for o in along if o is not own and _is_row(own, o)] for own in along]
     found = [own for own, near in zip(along, rows) if len(near) >= NOTICE_LINES]
@@ -178,12 +177,12 @@ def lines_of_notices(lines: Sequence[TextLine]) -> list[TextLine]:
 
 
 def _is_row(own: TextLine, other: TextLine) -> bool:
-    """Return whether another line may be a row of a list with one: as high, and near."""
+    """Return whether another line may be a row of the same list: near, and as high."""
     return _is_as_high(other, own) and _is_near(own, other, LIST_DISTANCE)
 
 
 def near(own: ReadLine, lines: Sequence[ReadLine], distance: tuple[float, float]) -> list[ReadLine]:
-    """Return the other lines within a distance beside, and above or below one, in its heights."""
+    """Return other lines within a distance beside, and above or below a line, in its heights."""
     return [r for r in lines if r is not own and _is_near(own.line, r.line, distance)]
 
 
@@ -192,20 +191,20 @@ def _is_as_high(line: TextLine, own: TextLine) -> bool:
 
 
 def _is_near(own: TextLine, other: TextLine, distance: tuple[float, float]) -> bool:
-    """Return whether a line is within a distance along and across another, in its heights."""
+    """Return whether a line is within a distance along and across another, in line heights."""
     gap = _gap(own, other)
     return bool((gap <= np.array(distance) * own.height).all()) and min(gap) <= 0.0
 
 
 def _gap(own: TextLine, other: TextLine) -> Float64:
-    """Return the distance along and across a line to another, (2,) pixels; below 0 they overlap."""
+    """Return the gaps along and across a line to another, (2,) pixels; negative if they overlap."""
     inside, outside = own.corners @ own.axes.T, other.corners @ own.axes.T
     below = inside.min(axis=0) - outside.max(axis=0)
     return np.maximum(outside.min(axis=0) - inside.max(axis=0), below)
 
 
 def _in_order(lines: Sequence[ReadLine]) -> list[ReadLine]:
-    """Return lines from top to bottom, and those beside each other from left to right."""
+    """Return lines in reading order: from top to bottom, and from left to right within a row."""
     along, down = lines[0].line.axes
     rest = sorted(lines, key=lambda r: float(r.line.center @ down))
     ordered: list[ReadLine] = []

@@ -1,4 +1,4 @@
-"""From posed pictures to measurements of door signs, at a limited rate."""
+"""Select posed pictures at a limited rate, and measure the door signs in them."""
 
 from __future__ import annotations
 
@@ -28,27 +28,28 @@ UNCHANGED = "pictures of a view that was looked at before"
 NO_EXTRA = "pictures that nothing can read: extra signs is not installed"
 
 STILL_M, STILL_RAD = 0.01, 0.01
-"""A camera that has moved less than this (m, rad) may show the same view. Chosen: odometry at rest
-wanders by less; half a degree moves a picture by some pixels."""
+"""A camera that has moved less than this (m, rad) may show the same view. Chosen: odometry drifts
+less at rest; half a degree moves a picture by several pixels."""
 
 VIEW_SIZE = (64, 48)
-"""Width and height to which views are scaled to be compared, pixels. Chosen: a picture's noise is
-averaged, and a digit that can be read is seen."""
+"""Width and height to which views are scaled before they are compared, pixels. Chosen: averages the
+noise of a picture, and still shows a change of a readable digit."""
 
 BORDER = 0.25
-"""Distance of a number from the border of a picture up to which it may be cut off, in its heights.
-Chosen: a line grows beyond its ink by as much."""
+"""Distance of a number from the border of a picture below which it may be cut off, in its heights.
+Chosen: a line grows by as much beyond its ink."""
 
 MIN_UP = 0.5
-"""Least part of the vertical in a picture's plane from which on its upper side is known. Chosen: a
-camera looks up or down by less than 60 deg."""
+"""Minimum length of the vertical projected to the image plane for which the upper side of a picture
+is defined. Chosen: a camera looks up or down by less than 60 deg."""
 
 SAME_LEVELS = 4.0
-"""Change of brightness in one of these pixels up to which a view is the same, of 255. Chosen."""
+"""Maximum change of brightness of a scaled pixel within the same view, of 255. Chosen."""
 
 
 class PictureSelector:
-    """Selects the first picture in each 1 / `signs.rate` s of stamps, so that runs repeat.
+    """Selects the first picture of each 1 / `signs.rate` s of stamps, whatever the processing
+    speed.
 
     Parameters
     ----------
@@ -61,24 +62,24 @@ class PictureSelector:
         self._last = -1
 
     def selects(self, stamp_ns: int) -> bool:
-        """Return whether a picture is looked at; pictures come in the order of their stamps."""
+        """Return whether a picture is selected; pictures come in stamp order."""
         number = stamp_ns // self._period_ns
         is_first, self._last = number != self._last, number
         return is_first
 
     def clear(self) -> None:
-        """Forget what was selected: the clock jumped."""
+        """Reset the selection after a jump of the clock."""
         self._last = -1
 
 
 class LastView:
-    """The view that was looked at last."""
+    """The view that was searched last."""
 
     def __init__(self) -> None:
         self._last: tuple[Float64, Float64] | None = None
 
     def changes(self, posed: PosedPicture, pixels: UInt8) -> bool:
-        """Return whether a picture shows another view, by its camera's pose or its content."""
+        """Return whether a picture shows a new view, by its camera's pose or its content."""
         view = Image.fromarray(pixels).convert("L").resize(VIEW_SIZE, Image.Resampling.BOX)
         new = posed.T_odom_base[0] @ posed.T_base_sensor[0], np.asarray(view, float)
         if self._last is not None and _is_same(*self._last, *new):
@@ -95,21 +96,21 @@ def _is_same(T_before: Float64, view_before: Float64, T: Float64, view: Float64)
 
 
 class SignProcessor:
-    """Reads the door signs of the pictures that are to be looked at.
+    """Reads door signs in selected pictures.
 
     Parameters
     ----------
     config
-        Group `signs` is used.
+        Group `signs`.
 
     Attributes
     ----------
     counts
-        ``pictures`` that were looked at, and ``signs`` that were read in them.
+        Numbers of ``pictures`` searched, and of ``signs`` read in them.
     dropped
-        Pictures that were not looked at, by reason.
+        Number of pictures that were not searched, by reason.
     problem
-        What is missing to read anything, a sentence; empty where nothing is.
+        Error sentence if the packages for reading text are missing; empty otherwise.
     """
 
     def __init__(self, config: Config) -> None:
@@ -122,14 +123,14 @@ class SignProcessor:
         self.problem = ""
 
     def add(self, event: Any) -> list[SearchedPicture | SignMeasurement]:
-        """Return what a picture tells, as `read` does; nothing for other events."""
+        """Handle an event: return the result of `read` for a picture, nothing for other events."""
         if type(event) is MapReset:
             self._selector.clear()
             self._view = LastView()
         return self.read(event) if self.selects(event) else []
 
     def selects(self, event: Any) -> bool:
-        """Return whether an event is a picture to be looked at; those that are not are counted."""
+        """Return whether an event is a selected picture; other pictures are counted as dropped."""
         if type(event) is not PosedPicture:
             return False
         is_selected = self._selector.selects(event.stamp_ns)
@@ -138,9 +139,9 @@ class SignProcessor:
         return is_selected
 
     def read(self, posed: PosedPicture) -> list[SearchedPicture | SignMeasurement]:
-        """Return a picture that was selected as a searched one, and the signs in it.
+        """Return the searched picture and the signs in it.
 
-        Nothing for the view that was looked at before.
+        An unchanged view gives nothing.
         """
         try:
             self._detector = self._detector or sign_detector(self._settings)
@@ -162,7 +163,7 @@ class SignProcessor:
 
 
 def searched_picture(posed: PosedPicture) -> SearchedPicture:
-    """Return what of a picture tells which signs it could have shown."""
+    """Return the camera model and pose of a picture, which determine the signs it could show."""
     camera = posed.image.camera
     assert camera is not None
     has_P = is_rectified_topic(posed.role) and camera.P[0, 0] > 0.0
@@ -175,29 +176,29 @@ def searched_picture(posed: PosedPicture) -> SearchedPicture:
 
 
 def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> list[SignMeasurement]:
-    """Return what a picture tells of the door signs in it, from left to right.
+    """Return the measurements of the door signs in a picture, from left to right.
 
     Parameters
     ----------
     detector
-        Finds and reads them.
+        Detector that finds and reads the signs.
     posed
         The picture with its calibration and the pose of its camera.
     pixels
-        uint8 (H, W) or (H, W, 3), its own.
+        uint8 (H, W) or (H, W, 3), pixels of the picture.
     """
     camera = posed.image.camera
     assert camera is not None
     quarters = quarter_rotations(posed.T_base_sensor[0])
     pixels = np.ascontiguousarray(np.rot90(pixels, quarters))
     found = detector.search(pixels).signs
-    # Of a number that the border cuts off, the middle is not known.
+    # The middle of a number that is cut off at the border is unknown.
     signs = [s for s in found if _is_whole(s, (pixels.shape[1], pixels.shape[0]))]
     if not signs:
         return []
 
     def in_picture(points: Float64) -> Float64:
-        # The detector counts from the edge of the first pixel, a calibration from its middle.
+        # The origin of the detector is the corner of the first pixel, of a calibration its centre.
         return _turned_back(points, quarters, posed.image.size) - 0.5
 
     middles = in_picture(np.array([sign.pixel for sign in signs]))
@@ -227,9 +228,9 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
 
 
 def quarter_rotations(T_base_camera: Float64) -> int:
-    """Return how often a picture is rotated by 90 deg counter-clockwise to have its upper side up.
+    """Return the number of counter-clockwise rotations by 90 deg that bring its upper side up.
 
-    None for a camera that looks so far up or down that its picture has no upper side.
+    0 for a camera that looks up or down so steeply that its picture has no upper side.
 
     Parameters
     ----------
@@ -243,13 +244,13 @@ def quarter_rotations(T_base_camera: Float64) -> int:
 
 
 def _turned_back(points: Float64, quarters: int, size: tuple[int, int]) -> Float64:
-    """Return points (N, 2) of a picture of a size that was turned counter-clockwise, in itself."""
+    """Return points (N, 2) of a counter-clockwise rotated picture in the original picture."""
     for k in reversed(range(quarters)):
         points = np.column_stack([size[k % 2] - points[:, 1], points[:, 0]])
     return points
 
 
 def _is_whole(sign: DetectedSign, size: tuple[int, int]) -> bool:
-    """Return whether a number is so far inside a picture that its border cuts nothing off."""
+    """Return whether a number has enough margin to the border to be complete."""
     margin = BORDER * sign.box[3]
     return bool((sign.corners > margin).all() and (sign.corners < np.array(size) - margin).all())

@@ -1,8 +1,8 @@
-"""Text of a picture: lines are found and rectified, then recognised.
+"""Text in pictures: find lines, rectify and recognise them.
 
-The two networks are those of PP-OCR v4 that the package rapidocr-onnxruntime brings along, run by
-onnxruntime on one thread, so that a picture gives the same text on every run. The package itself is
-not imported: it would load OpenCV with its windows.
+The two networks are those of PP-OCR v4 from the package rapidocr-onnxruntime. onnxruntime runs them
+on one thread, so that results are reproducible. The package itself is not imported, because it
+would load OpenCV with its windows.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ FINDER = "ch_PP-OCRv4_det_infer.onnx"
 RECOGNISER = "ch_PP-OCRv4_rec_infer.onnx"
 
 TEXT_PROBABILITY = 0.3
-"""Least probability of a pixel of text (PP-OCR)."""
+"""Minimum probability of a text pixel (PP-OCR)."""
 
 LINE_PROBABILITY = 0.5
-"""Least mean probability of the pixels of a line (PP-OCR)."""
+"""Minimum mean probability of the pixels of a line (PP-OCR)."""
 
 GROWTH = 1.6
-"""By how much a line is larger than the core that the finder marks: area / perimeter (PP-OCR)."""
+"""Growth of a line from the core that the finder marks, in units of area / perimeter (PP-OCR)."""
 
 FINDER_STEP = 32
-"""Width and height that the finder takes are multiples of it, pixels (PP-OCR)."""
+"""The finder takes widths and heights that are multiples of this, pixels (PP-OCR)."""
 
 LINE_HEIGHT = 48
-"""Height of a line that is recognised, pixels (PP-OCR)."""
+"""Height of a line for recognition, pixels (PP-OCR)."""
 
 WIDTH_STEP, MAX_WIDTH = 32, 320
-"""A line's width is filled up to a multiple, and limited, pixels. Chosen."""
+"""Step to which a line's width is padded, and maximum width, pixels. Chosen."""
 
 MIN_LINE = 6
-"""Least width and height of the core of a line, pixels of the finder. Chosen."""
+"""Minimum width and height of the core of a line, pixels of the finder. Chosen."""
 
 NARROW_ASPECT = 0.67
-"""Width over height of the core of a line below which it may be written upwards or downwards.
-Chosen: the core of a single digit is as narrow, and is read in all three orientations."""
+"""Width over height of the core of a line below which the text may be vertical. Chosen: the core of
+a single digit is as narrow, and is read in all three orientations."""
 
 STEEP_ASPECT = 2.0
 """Height over width of a line above which its edges are fitted along its longer side. Chosen."""
 
 SURE = 0.8
-"""Mean probability of the characters from which on no other orientation is tried. Chosen."""
+"""Mean probability of the characters above which no other orientation is tried. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,23 +98,23 @@ class TextLine:
 
     @property
     def orientations(self) -> list[TextLine]:
-        """The line as it may be written: as it is; one that is narrow upwards and downwards too."""
+        """The possible reading directions: its own, and for a narrow line also up and down."""
         if self.width >= NARROW_ASPECT * self.height:
             return [self]
         return [self.turned(k) for k in (0, 1, -1)]
 
     @property
     def lengthwise(self) -> TextLine:
-        """The line along its longer edges, upwards where these are steep."""
+        """The line along its longer edges; upwards where these are steep."""
         return self.turned(1) if self.is_steep else self
 
     @property
     def is_steep(self) -> bool:
-        """Whether it is so narrow that it runs upwards or downwards, or is a single character."""
+        """Whether the line is narrow: vertical text or a single character."""
         return STEEP_ASPECT * self.width < self.height
 
     def turned(self, quarters: int) -> TextLine:
-        """Return the same part of the picture, read a number of quarter turns further."""
+        """Return the same quadrilateral with its reading direction rotated by quarter turns."""
         return TextLine(np.roll(self.corners, quarters, axis=0))
 
 
@@ -124,11 +124,11 @@ class Reading(NamedTuple):
     Attributes
     ----------
     text
-        As read.
+        Recognised text.
     confidence
         Mean probability of its characters, 0 to 1.
     line
-        The line as it is written: one that runs upwards begins below.
+        The line in reading direction: text that runs upwards begins at the bottom.
     """
 
     text: str
@@ -164,7 +164,7 @@ class TextReader:
         scale
             Pixels of the finder per pixel of the picture.
         everywhere
-            Whether all of the picture is searched; else the parts in which text may be.
+            Whether to search the whole picture; otherwise only candidate regions (`text_regions`).
         """
         own = np.array(picture.size)
         size = np.maximum(np.ceil(scale * own / FINDER_STEP).astype(int), 1) * FINDER_STEP
@@ -188,14 +188,14 @@ class TextReader:
         return [corners + low for corners in text_lines(probability[0, 0])]
 
     def read(self, picture: Image.Image, line: TextLine) -> Reading:
-        """Return the text of a line in its surest orientation.
+        """Return the text of a line in its most probable orientation.
 
         Parameters
         ----------
         picture
             RGB.
         line
-            One of those that `find` returned.
+            A line returned by `find`.
         """
         best = Reading("", 0.0, line)
         for orientation in line.orientations:
@@ -214,7 +214,7 @@ class TextReader:
         return self._decoded(probability[0])
 
     def _decoded(self, probability: Float32) -> tuple[str, float]:
-        """Return text and mean probability of a sequence (T, characters): greedy CTC."""
+        """Return text and mean probability of a sequence (T, characters) by greedy CTC decoding."""
         best = probability.argmax(axis=1)
         kept = best != 0
         kept[1:] &= best[1:] != best[:-1]
@@ -225,15 +225,15 @@ class TextReader:
 
 
 def text_lines(probability: Float32) -> list[Float64]:
-    """Return the corners (4, 2) of the lines in a map of text, as PP-OCR's finder grows them.
+    """Return the corners (4, 2) of the lines in a text probability map, grown as by PP-OCR.
 
-    A line is bounded by straight upper and lower edges, fitted to the columns of what is connected,
-    so that one seen at an angle is rectified; a line that runs upwards or downwards by its rows.
+    Straight upper and lower edges are fitted to the columns of each connected component, so that
+    oblique lines are rectified; for vertical lines, left and right edges are fitted to the rows.
 
     Parameters
     ----------
     probability
-        float32 (H, W), of text.
+        float32 (H, W), probability of text.
     """
     labels, _ = ndimage.label(probability > TEXT_PROBABILITY, np.ones((3, 3)))
     found = []
@@ -244,14 +244,14 @@ def text_lines(probability: Float32) -> list[Float64]:
         if probability[rows, columns][mask].mean() < LINE_PROBABILITY:
             continue
         is_steep = mask.shape[0] > STEEP_ASPECT * mask.shape[1]
-        # In the transposed picture, left and right edges are the upper and lower ones.
+        # In the transposed mask, left and right edges become upper and lower edges.
         corners = _grown(mask.T)[[0, 3, 2, 1], ::-1] if is_steep else _grown(mask)
         found.append(corners + np.array([columns.start, rows.start]))
     return found
 
 
 def _grown(mask: Bool) -> Float64:
-    """Return the corners (4, 2) of a line, pixels of the picture (H, W) of its core."""
+    """Return the corners (4, 2) of a line, pixels, from the mask (H, W) of its core."""
     height, width = mask.shape
     x = np.arange(width)
     top = mask.argmax(axis=0)
@@ -273,7 +273,7 @@ def _grown(mask: Bool) -> Float64:
 
 
 def bounding_corners(lines: Sequence[TextLine]) -> Float64:
-    """Return the corners float64 (4, 2) around lines, along the first of them, pixels."""
+    """Return the corners float64 (4, 2) of the rectangle around lines, along the first, pixels."""
     first = lines[0].corners
     along = (first[1] - first[0]) / max(float(np.linalg.norm(first[1] - first[0])), 1e-9)
     axes = np.array([along, [-along[1], along[0]]])
@@ -284,7 +284,7 @@ def bounding_corners(lines: Sequence[TextLine]) -> Float64:
 
 
 def rectified(picture: Image.Image, line: TextLine) -> Image.Image:
-    """Return a line of a picture as a picture of `LINE_HEIGHT` pixels that is not slanted."""
+    """Return a line as a rectified picture of height `LINE_HEIGHT` pixels."""
     width = round(LINE_HEIGHT * line.width / max(line.height, 1.0))
     size = (min(max(width, LINE_HEIGHT // 2), MAX_WIDTH), LINE_HEIGHT)
     quad = tuple(line.corners[[0, 3, 2, 1]].ravel())
@@ -292,7 +292,7 @@ def rectified(picture: Image.Image, line: TextLine) -> Image.Image:
 
 
 def _each_once(lines: list[TextLine]) -> list[TextLine]:
-    """Return lines without those whose middle is in a longer one: regions overlap."""
+    """Return lines without duplicates of overlapping regions: middles inside a longer line."""
     kept: list[TextLine] = []
     for line in sorted(lines, key=lambda line: -line.width):
         if not any(_is_inside(line.center, other.bounds) for other in kept):
@@ -309,7 +309,7 @@ def _mean_length(edges: Float64) -> float:
 
 
 def _network_input(picture: Image.Image) -> Float32:
-    """Return the pixels (1, 3, H, W) of a picture: blue, green, red from -1 to 1."""
+    """Return the pixels (1, 3, H, W) of a picture as blue, green, red in -1 to 1."""
     pixels = np.asarray(picture)
     values = np.empty((1, 3, *pixels.shape[:2]), np.float32)
     for k in range(3):
@@ -319,7 +319,7 @@ def _network_input(picture: Image.Image) -> Float32:
 
 
 def missing_extra() -> str:
-    """Return what is not installed of what reads text, and what to do; empty where all is there."""
+    """Return an error sentence if the packages for reading text are missing; empty otherwise."""
     found = find_spec("rapidocr_onnxruntime")
     if found is None or found.origin is None or find_spec("onnxruntime") is None:
         return (
@@ -330,7 +330,7 @@ def missing_extra() -> str:
 
 
 def _models() -> Path:
-    """Return the folder of the networks."""
+    """Return the folder of the network files."""
     missing, found = missing_extra(), find_spec("rapidocr_onnxruntime")
     if missing or found is None or found.origin is None:
         raise MissingExtraError(missing)
@@ -338,7 +338,7 @@ def _models() -> Path:
 
 
 def _session(path: Path) -> Any:
-    """Return a network that runs on one thread."""
+    """Return an inference session on one thread."""
     from onnxruntime import InferenceSession, SessionOptions
 
     options = SessionOptions()

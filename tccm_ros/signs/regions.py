@@ -1,4 +1,4 @@
-"""Parts of a picture in which text may be: blocks with corners, not flat ones and straight edges.
+"""Regions of a picture that may contain text: blocks with corners, no flat areas or edges.
 
 J. Shi and C. Tomasi, "Good features to track", CVPR 1994: the smaller eigenvalue of the structure
 tensor is large where a window has gradients in two directions. Text has them everywhere.
@@ -12,28 +12,28 @@ from scipy import ndimage
 from tccm_ros.arrays import Bool, Float32, Int64, UInt8
 
 BLOCK = 16
-"""Edge of a block, pixels. Chosen: two characters of the smallest text that is read."""
+"""Edge of a block, pixels. Chosen: two characters of the smallest readable text."""
 
 REDUCTIONS = (2, 4)
-"""By how much a picture is reduced before its gradients are taken. Chosen: small text, and large
-text that is blurred."""
+"""Factors by which a picture is reduced before gradients are computed. Chosen: for small text, and
+for large blurred text."""
 
 MIN_GRADIENT = 4.0
-"""Least gradient of a block across its main one, over two pixels, of 255. Chosen: a third of that
-of a plate in the dark."""
+"""Minimum gradient of a block perpendicular to its main gradient, over two pixels, of 255. Chosen:
+a third of that of a plate in the dark."""
 
 NOISE_FACTOR, NOISE_PERCENTILE = 2.5, 20.0
-"""And its least multiple of that of the flattest blocks, of which one in five is the last. Chosen:
-numbers of two buildings have 3.7 at least (bench_signs.py)."""
+"""Minimum multiple of the noise level, and the percentile of blocks that defines the noise level.
+Chosen: numbers in two buildings have a factor of at least 3.7 (bench_signs.py)."""
 
 
 MARGIN = 0.1
-"""By how much a region is larger on each side, as a part of its smaller one. Chosen: the outer
-strokes of large characters have no corners."""
+"""Margin of a region on each side, as a fraction of its shorter side. Chosen: the outer strokes of
+large characters have no corners."""
 
 
 def text_regions(gray: UInt8) -> Int64:
-    """Return the parts of a picture in which text may be.
+    """Return the regions of a picture that may contain text.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def text_regions(gray: UInt8) -> Int64:
     Returns
     -------
     int64 (N, 4)
-        Left, top, right and bottom of each, pixels; multiples of `BLOCK`. None is in another, and
-        what stands out has a block of margin.
+        Left, top, right and bottom of each region, pixels; multiples of `BLOCK`. No region contains
+        another; each has a margin of one block.
     """
     height, width = gray.shape
     busy = np.zeros((height // BLOCK, width // BLOCK), bool)
@@ -63,14 +63,14 @@ def text_regions(gray: UInt8) -> Int64:
 
 
 def _reduced(gray: UInt8, k: int) -> Float32:
-    """Return the means of squares of k x k pixels; a rest at the right and lower edge is left."""
+    """Return the means of blocks of k x k pixels; a rest at the right and lower edge is dropped."""
     height, width = gray.shape[0] // k, gray.shape[1] // k
     parts = gray[: height * k, : width * k].reshape(height, k, width, k)
     return np.asarray(parts.mean(axis=(1, 3), dtype=np.float32))
 
 
 def _with_corners(gray: Float32) -> Bool:
-    """Return which blocks of a picture have gradients in two directions."""
+    """Return a mask of the blocks of a picture that have gradients in two directions."""
     gx, gy = np.zeros_like(gray), np.zeros_like(gray)
     gx[:, 1:-1] = gray[:, 2:] - gray[:, :-2]
     gy[1:-1] = gray[2:] - gray[:-2]
@@ -88,7 +88,7 @@ def _with_corners(gray: Float32) -> Bool:
 
 
 def _merged(boxes: Int64) -> Int64:
-    """Return boxes (N, 4), merged where a box around two is no larger than both together."""
+    """Return boxes (N, 4), merged where a bounding box is no larger than the sum of two areas."""
     done: list[Int64] = []
     for box in boxes:
         k = 0

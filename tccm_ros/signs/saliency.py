@@ -1,7 +1,7 @@
 """Salient boxes of a picture, by the spectral residual at several scales.
 
-X. Hou and L. Zhang, "Saliency detection: a spectral residual approach", CVPR 2007: what the log
-spectrum of a picture has beyond its own local average stands out of the picture.
+X. Hou and L. Zhang, "Saliency detection: a spectral residual approach", CVPR 2007: the deviation of
+the log spectrum from its local average marks salient regions.
 """
 
 import numpy as np
@@ -11,23 +11,25 @@ from scipy import fft, ndimage
 from tccm_ros.arrays import Float32, Float64, UInt8
 
 WIDTHS = (96, 192, 288, 384)
-"""Widths to which a picture is scaled, pixels. Hou and Zhang take 64; a plate that is 12 pixels
-high in 960 x 720 needs the wider ones."""
+"""Widths to which a picture is scaled, pixels. Hou and Zhang use 64; a plate of 12 pixels height in
+960 x 720 needs the larger ones."""
 
 BLUR_SIGMA = 2.0
-"""Sigma of the blur of a saliency map, pixels. Hou and Zhang take 2.5 to 8, at one scale."""
+"""Sigma of the Gaussian blur of a saliency map, pixels. Hou and Zhang use 2.5 to 8, at one
+scale."""
 
 THRESHOLDS = (2.0, 3.0)
-"""Multiples of the mean saliency above which a pixel is salient. Hou and Zhang take 3."""
+"""Multiples of the mean saliency above which a pixel is salient. Hou and Zhang use 3."""
 
 MIN_SIDE = 10.0
-"""Least width and height of a box, pixels: smaller text cannot be read. Chosen."""
+"""Minimum width and height of a box, pixels: smaller text is unreadable. Chosen."""
 
 MAX_FRACTION = 0.4
-"""Largest width and height of a box, as a fraction of the picture's width. Chosen."""
+"""Maximum width and height of a box, as a fraction of the picture's width. Chosen."""
 
 ASPECTS = (0.4, 8.0)
-"""Least and largest width of a box in its heights. Chosen: a number of one to seven characters."""
+"""Minimum and maximum width of a box in its heights. Chosen: a number of one to seven
+characters."""
 
 
 def spectral_residual(gray: Float32) -> Float32:
@@ -53,7 +55,7 @@ def spectral_residual(gray: Float32) -> Float32:
 
 
 def salient_boxes(gray: UInt8) -> Float64:
-    """Return the boxes of what stands out of a picture, those of the coarsest scale first.
+    """Return the salient boxes of a picture, those of the coarsest scale first.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ def salient_boxes(gray: UInt8) -> Float64:
 
 
 def _of_fitting_size(boxes: Float64, picture_width: int) -> Float64:
-    """Return the boxes that can hold a number, each once."""
+    """Return the distinct boxes whose size fits a number."""
     width, height = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
     largest = MAX_FRACTION * picture_width
     fits = (np.minimum(width, height) >= MIN_SIDE) & (np.maximum(width, height) <= largest)

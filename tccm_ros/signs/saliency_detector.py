@@ -1,7 +1,7 @@
-"""Door signs in a picture, as section III.A.2 of the surface mapping paper detects them.
+"""Saliency detector of door signs, as in section III.A.2 of the surface mapping paper.
 
-Saliency proposes boxes, histograms of oriented gradients and an SVM decide which may show the
-number of a sign, and what they accept is read.
+Saliency proposes boxes, HOG features and an SVM select those that may show the number of a sign,
+and OCR reads the accepted boxes.
 """
 
 import math
@@ -18,53 +18,55 @@ from tccm_ros.signs.reading import TextLine, TextReader, bounding_corners
 from tccm_ros.signs.saliency import salient_boxes
 
 MAX_REGIONS = 12
-"""Largest number of boxes of a picture that are searched for text. Chosen: 5 to 10 ms for each."""
+"""Maximum number of boxes of a picture that are searched for text. Chosen: 5 to 10 ms per box."""
 
 MARGIN_X, MARGIN_Y = 0.5, 0.6
-"""What is searched for text beyond a box, in its heights. Chosen: the other lines of a plate."""
+"""Margin around a box that is searched for text, in its heights. Chosen: the other lines of a
+plate.
+"""
 
 MAX_MARGIN = 60.0
-"""Height of a box above which the margin does not grow, pixels. Chosen: it holds a whole plate."""
+"""Height of a box above which the margin does not grow, pixels. Chosen: it covers a whole plate."""
 
 CUT = 1
-"""Part of the pixels that may saturate when the contrast of a region is stretched, %. Chosen."""
+"""Percentage of pixels that may saturate when the contrast of a region is stretched. Chosen."""
 
 FINDER_AREA = 144.0**2
-"""Size to which what is searched for text is scaled, pixels. Chosen: the finder needs some 10 ms
-for it, and finds a number of a fifth of its height."""
+"""Area to which a search region is scaled, pixels. Chosen: the finder needs some 10 ms for it, and
+finds a number of a fifth of its height."""
 
 MAX_SCALE = 2.0
-"""Largest scale for that, of small boxes. Chosen."""
+"""Maximum scale for that, for small boxes. Chosen."""
 
 MAX_LINES = 3
-"""Largest number of lines of a plate that are read. Chosen."""
+"""Maximum number of lines read per plate. Chosen."""
 
 LIST_DISTANCE = (1.0, 6.0)
-"""How far beside and above or below a number other lines are looked for, in its heights. Chosen:
-three rows of a list, so that its first and last ones are known too; no poster beside a plate."""
+"""Maximum distance beside and above or below a number of other lines, in its heights. Chosen: three
+rows of a list, which also covers its first and last rows; no poster beside a plate."""
 
 LIST_LINE = 14.0
-"""Height of the number for that, pixels. Chosen: the finder finds lines of ten and more."""
+"""Height of the number in that search, pixels. Chosen: the finder finds lines of ten and more."""
 
 MIN_CONFIDENCE = 0.8
-"""Least mean probability of the characters of a number. Chosen."""
+"""Minimum mean probability of the characters of a number. Chosen."""
 
 OTHER_CONFIDENCE = 0.6
-"""The same of the other lines. Chosen."""
+"""The same for the other lines. Chosen."""
 
 
 @dataclass(frozen=True)
 class Proposals:
-    """What is known of a picture before anything is read.
+    """Candidate boxes of a picture before text is read.
 
     Attributes
     ----------
     boxes
-        float64 (N, 4), left, top, right and bottom of what stands out, pixels.
+        float64 (N, 4), left, top, right and bottom of salient boxes, pixels.
     scores
-        float32 (N,), of the classifier.
+        float32 (N,), scores of the classifier.
     accepted
-        float64 (K, 4), boxes that are read, the best first; no two of them overlap much.
+        float64 (K, 4), boxes to be read, the best first, without large overlaps.
     """
 
     boxes: Float64
@@ -73,17 +75,17 @@ class Proposals:
 
 
 class SaliencyDetector:
-    """Detects and reads door signs.
+    """Detects door signs in salient regions and reads them.
 
     Parameters
     ----------
     classifier
-        Which boxes may show a number; None for the one of the package.
+        Classifier of boxes; None for the one of the package.
 
     Raises
     ------
     MissingExtraError
-        When what reads text is not installed.
+        When the packages for reading text are not installed.
     """
 
     def __init__(self, classifier: SignClassifier | None = None) -> None:
@@ -92,7 +94,7 @@ class SaliencyDetector:
 
     @property
     def threshold(self) -> float:
-        """Least score of a box that is accepted."""
+        """Minimum score of an accepted box."""
         return self._classifier.threshold
 
     def detect(self, pixels: UInt8) -> list[DetectedSign]:
@@ -114,11 +116,11 @@ class SaliencyDetector:
         return sorted(found, key=lambda sign: float(sign.pixel[0]))
 
     def search(self, pixels: UInt8) -> SearchedText:
-        """Return the door signs of a picture, without what was refused."""
+        """Return the door signs of a picture; refused text is not reported."""
         return SearchedText(self.detect(pixels), [])
 
     def propose(self, gray: UInt8) -> Proposals:
-        """Return what stands out of a picture, and what of it is to be read.
+        """Return the salient boxes of a picture, and those to be read.
 
         Parameters
         ----------
@@ -136,7 +138,7 @@ class SaliencyDetector:
         return Proposals(boxes, scores, np.array(accepted).reshape(-1, 4))
 
     def _read(self, whole: Image.Image, box: Float64) -> DetectedSign | None:
-        """Return the door sign whose number a box of a picture shows, None where it shows none."""
+        """Return the door sign whose number a box shows; None where it shows none."""
         margin = min(float(box[3] - box[1]), MAX_MARGIN) * np.array([MARGIN_X, MARGIN_Y])
         low = np.maximum(np.floor(box[:2] - margin), 0.0)
         high = np.minimum(np.ceil(box[2:] + margin), whole.size)
@@ -165,14 +167,14 @@ class SaliencyDetector:
         return None
 
     def _is_row(self, whole: Image.Image, line: TextLine, low: Float64) -> bool:
-        """Return whether a line is a row of a list or notice, by what is around it.
+        """Return whether a line is a row of a list or notice, by the lines around it.
 
         Parameters
         ----------
         whole
             The picture, RGB.
         line
-            Of text, in a region of the picture.
+            Line of text, in a region of the picture.
         low
             float64 (2,), left and top of the region, pixels.
         """
@@ -190,18 +192,18 @@ class SaliencyDetector:
     def _sign(
         self, picture: Image.Image, lines: list[TextLine], own: int, read: tuple[str, str, float]
     ) -> DetectedSign:
-        """Return a sign with its other lines, pixels counted from the corner of the region.
+        """Return a sign with its other lines; pixels are counted from the corner of the region.
 
         Parameters
         ----------
         picture
             The region, RGB.
         lines
-            Those near the number, from top to bottom.
+            Lines near the number, from top to bottom.
         own
             Index of the number's line.
         read
-            Its text, the number and the confidence.
+            Text of the line, the number and the confidence.
         """
         texts = {own: read[0]}
         others = [k for k in range(len(lines)) if k != own]
@@ -218,7 +220,7 @@ class SaliencyDetector:
 
 
 def _corners(box: Float64) -> Float64:
-    """Return left, top, right and bottom of a box of left, top, width and height."""
+    """Return left, top, right and bottom of a box given as left, top, width and height."""
     return np.append(box[:2], box[:2] + box[2:])
 
 
@@ -227,6 +229,6 @@ def _is_inside(pixel: Float64, box: Float64) -> bool:
 
 
 def _overlap(a: Float64, b: Float64) -> float:
-    """Return the common area of two boxes as a part of the smaller one."""
+    """Return the common area of two boxes as a fraction of the smaller one."""
     common = np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0.0))
     return float(common / min(np.prod(a[2:] - a[:2]), np.prod(b[2:] - b[:2])))

@@ -1,4 +1,4 @@
-"""Readings of one plate: how far two of them are from each other, and what most of them say."""
+"""Edit distance and majority vote of the readings of one plate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def edit_distance(a: str, b: str) -> int:
-    """Return how many characters must be changed, added or left out to make one text the other.
+    """Return the Levenshtein distance: characters to change, insert or delete between two texts.
 
     V. Levenshtein, 1966, "Binary codes capable of correcting deletions, insertions, and reversals".
     """
@@ -19,10 +19,10 @@ def edit_distance(a: str, b: str) -> int:
 
 
 def vote(readings: Sequence[tuple[str, float]]) -> tuple[str, float]:
-    """Return the text with the largest sum of confidences, and how sure it is, 0 to 1.
+    """Return the text with the largest sum of confidences, and its mean confidence, 0 to 1.
 
-    Of texts with equal sums, the one that was read first. A reading that says another text counts
-    as one without confidence.
+    Of texts with equal sums, the first reading wins. A reading of another text counts as confidence
+    0.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Height, roll and pitch of the base by odometry: given values of poses, no variables of the graph.
+"""Height, roll and pitch of the base from odometry, which are not variables of the pose graph.
 
-The graph estimates x, y and yaw. Odometry of wheels has no more; that of a legged robot also tells
-how high its base is over the ground, and its roll and pitch.
+The graph estimates x, y and yaw. Wheel odometry has no other components; odometry of a legged robot
+also contains the height of the base above the ground, and its roll and pitch.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ def with_attitude(poses: ArrayLike, attitudes: ArrayLike) -> Float64:
 
 
 class AttitudeTrack:
-    """Height, roll and pitch of the base over time; samples come in the order of their stamps."""
+    """Height, roll and pitch of the base over time; samples are added in stamp order."""
 
     def __init__(self) -> None:
         self._samples = Track(3, UNBOUNDED_NS)
         self._newest_ns = 0
 
     def add(self, stamp_ns: int, attitude: Attitude) -> None:
-        """Add a sample; while it stays the same, one is kept."""
+        """Add a sample; runs of equal samples are stored as their first and last one."""
         value, known = np.array(attitude), self._samples
         if not len(known) or not np.array_equal(known.values[-1], value):
             if len(known):
@@ -56,14 +56,14 @@ class AttitudeTrack:
 
     @property
     def newest(self) -> Attitude:
-        """The newest sample, level without any."""
+        """The newest sample; level if there is none."""
         z, roll, pitch = self._samples.values[-1].tolist() if len(self._samples) else LEVEL
         return z, roll, pitch
 
     def at(self, stamps_ns: Sequence[int] | Int64) -> Float64:
         """Return attitudes float64 (N, 3) at N stamps.
 
-        They are linear between samples, held at the ends, and 0 without samples.
+        They are interpolated linearly, held at the ends, and 0 without samples.
         """
         stamps, values = self._samples.stamps_ns, self._samples.values
         found = np.zeros((len(stamps_ns), 3))

@@ -1,7 +1,7 @@
-"""Roll and pitch of the base at views, by its IMU, against what is usual over the whole run.
+"""Roll and pitch of the base at views by its IMU, relative to the mean over the whole run.
 
-A tilt cycle is posed as it comes, when later drives are not known. A solution knows all of them, so
-that views of the first stop have their roll and pitch as well.
+When a tilt cycle is posed, later drives are unknown. A solution uses all drives, so that views of
+the first stop have roll and pitch as well.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from tccm_ros.robot.roll_pitch import significant
 from tccm_ros.robot.tracks import Track
 
 MAX_GAP_NS = 500_000_000
-"""Samples with a wider step between them tell nothing of the time there (chosen)."""
+"""Maximum gap between samples for interpolation (chosen)."""
 
 QUANTUM = 0.00025
-"""Step, rad, of the usual roll and pitch. Chosen: 0.75 mm at 3 m; a drive more does not move each
-view by a little."""
+"""Quantisation step of the usual roll and pitch, rad. Chosen: 0.75 mm at 3 m; avoids small motions
+of all views after each drive."""
 
 UNBOUNDED_NS = 2**62
-"""How long samples are kept: as long as the run, whose views may all be solved again."""
+"""History of the samples: unlimited, as all views of a run may be solved again."""
 
 
 class RollPitchTrack:
-    """Roll and pitch by stamp, as they come."""
+    """Samples of roll and pitch in stamp order."""
 
     def __init__(self) -> None:
         self._samples = Track(3, UNBOUNDED_NS)
@@ -37,15 +37,15 @@ class RollPitchTrack:
         return len(self._samples)
 
     def add(self, sample: RollPitch) -> None:
-        """Add a sample; one that is not newer than the one before is left out."""
+        """Add a sample; one that is not newer than the previous one is dropped."""
         is_newer = self._samples.append(sample.stamp_ns, np.array([*sample.measured, sample.sigma]))
         if is_newer and sample.usual is not None:
             self._usual = np.round(np.array(sample.usual) / QUANTUM) * QUANTUM
 
     def at(self, stamps_ns: Sequence[int]) -> Float64:
-        """Return roll and pitch against the usual ones at V stamps, rad, float64 (V, 2).
+        """Return roll and pitch relative to the usual value at V stamps, rad, float64 (V, 2).
 
-        They are exactly 0 where they are no more than noise, and where nothing tells them.
+        They are exactly 0 where they are insignificant or unknown.
         """
         found = np.zeros((len(stamps_ns), 2))
         if self._usual is None:

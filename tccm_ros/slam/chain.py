@@ -1,4 +1,4 @@
-"""Keyframes of all sessions in a pose graph, and poses anchored to them."""
+"""Keyframes of all sessions in a pose graph, and poses anchored to keyframes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.se2 import compose
 
 START_SIGMA = 1e-4
-"""Standard deviation (m, rad) of the first pose, which defines the map: small, but not zero
+"""Standard deviation (m, rad) of the first pose, which defines the map frame: small, but not zero
 (chosen)."""
 
 YAW_STEPS = 18
-"""Yaw offsets of a keyframe that are tried over 90 degrees: every 5 degrees (chosen)."""
+"""Number of candidate yaw offsets of a keyframe over 90 degrees: every 5 degrees (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +40,11 @@ class AnchoredPose:
     cov
         float64 (3, 3) of (x, y, yaw) in the frame of `pose`.
     sigma_z_roll_pitch
-        Standard deviations of z (m), roll and pitch (rad), which are zero for the keyframe.
+        Standard deviations of z (m), roll and pitch (rad) relative to the keyframe, whose are zero.
     roll_pitch
-        By an IMU or odometry, rad.
+        Roll and pitch by an IMU or odometry, rad.
     z
-        By odometry, m.
+        Height by odometry, m.
     """
 
     keyframe: int
@@ -71,21 +71,21 @@ def yaw_offset_for(phi: Float64) -> float:
 
 @dataclass(slots=True)
 class Chain:
-    """Keyframes, each constrained to the one before it in its session.
+    """Keyframes, each with a factor to the previous one of its session.
 
     Attributes
     ----------
     keyframes
-        Of all sessions, in the order of their ids.
+        Keyframes of all sessions, in the order of ids.
     keys
         Their variables in the graph.
     fixed
-        Poses float64 (3,) of keyframes that must not move, by id: the map in localisation.
+        Poses float64 (3,) of fixed keyframes, by id: those of the map in localisation.
     origins
-        Poses float64 (3,) of the first keyframes of trajectories that are not joined to the map.
+        Poses float64 (3,) of the first keyframes of sessions that are not connected to the map.
     told
-        Poses float64 (3,) in map that another program tells, and their covariances (3, 3) of
-        (x, y, yaw) in map, by id.
+        Poses float64 (3,) in map from an external localisation, and their covariances (3, 3) of (x,
+        y, yaw) in map, by id.
     """
 
     keyframes: list[GraphKeyframe] = field(default_factory=list)
@@ -95,7 +95,7 @@ class Chain:
     told: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
-        """Append a keyframe that sees lines at `phi`, float64 (L,), rad."""
+        """Append a keyframe that observes lines at `phi`, float64 (L,), rad."""
         self.keys.append(keyframe_key(keyframe.id, yaw_offset_for(phi)))
         self.keyframes.append(keyframe)
 
@@ -104,7 +104,7 @@ class Chain:
         return k == 0 or self.keyframes[k].session != self.keyframes[k - 1].session
 
     def factors_of(self, k: int) -> list[Factor]:
-        """Return the factors that constrain keyframe `k`: the first of a later session is free."""
+        """Return the factors of keyframe `k`; the first of a later session is free in the plane."""
         keyframe, key = self.keyframes[k], self.keys[k]
         if k in self.fixed:
             return [_pinned(key, self.fixed[k])]
@@ -126,16 +126,16 @@ class Chain:
         constrained: Collection[int],
         anchored: Mapping[Key, AnchoredPose] | None = None,
     ) -> PoseGraph:
-        """Build the graph of all keyframes and of the poses that are anchored to them.
+        """Build the graph of all keyframes and anchored poses.
 
         Parameters
         ----------
         poses
-            Planar start poses (3,), one for each keyframe.
+            Planar start poses (3,), one per keyframe.
         constrained
-            Sessions that factors constrain; the others are pinned where they began.
+            Sessions connected by factors; the others are fixed at their origins.
         anchored
-            Poses anchored to keyframes, by their variables.
+            Poses anchored to keyframes, by variable.
         """
         starts: dict[Key, Float64] = dict(zip(self.keys, poses))
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
@@ -150,7 +150,7 @@ class Chain:
     def anchor(
         self, key: Key, anchored: AnchoredPose, poses: Sequence[Float64] | Float64
     ) -> tuple[Float64, Factor]:
-        """Return the start value and the factor of a pose that is anchored to a keyframe.
+        """Return the start value and the factor of an anchored pose.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class Chain:
         anchored
             The pose in its keyframe.
         poses
-            float64 (K, 3), where the keyframes are in map.
+            float64 (K, 3), poses of the keyframes in map.
 
         Returns
         -------

@@ -1,8 +1,8 @@
 """Front end: scan-to-submap matching of level scans, in stamp order.
 
-Odometry predicts, a correlative search finds the neighbourhood of the answer, point-to-line
-alignment refines it with odometry as a prior. The prior adds information in directions that the
-map does not constrain: along a corridor the result and its covariance are those of odometry.
+Odometry predicts the pose, a correlative search finds the basin of convergence, and point-to-line
+alignment refines the pose with odometry as a prior. The prior adds information in directions that
+the map does not constrain: along a corridor, the result and its covariance are those of odometry.
 """
 
 from __future__ import annotations
@@ -27,102 +27,104 @@ LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw), m and rad, of an unknown motion between two scans (chosen)."""
 
 DECAY_TIME = 0.5
-"""Time (s) in which a motion that nothing observes decays by a factor of e, without odometry
-(chosen: robots brake in less)."""
+"""Time constant (s) of the exponential decay of unobserved motion without odometry (chosen: robots
+brake in less)."""
 
 CONTRADICTION_CHI2, CONTRADICTING_SCANS = 16.3, 5
-"""Odometry that has never reported a motion is not believed after so many scans in a row that
-deviate by more than this (99.9 % of three degrees of freedom): the wheels are not measured
+"""Odometry that has never reported a motion is ignored after this number of consecutive scans that
+deviate by more than this chi2 (99.9 % of three degrees of freedom): the wheels have no encoders
 (chosen)."""
 
 STEADY_COV = np.diag([0.15**2, 0.15**2, 0.15**2])
 """Covariance of (x, y, yaw), m and rad, of the change of motion between two scans without odometry:
-within what robots accelerate (chosen)."""
+the accelerations of robots (chosen)."""
 
 STEADY_TIME = 0.1
-"""Time (s) since the last match to which `STEADY_COV` belongs; its standard deviation grows with it
-(lasers of 10 Hz)."""
+"""Time (s) since the last match for which `STEADY_COV` holds; the standard deviation is
+proportional to it (10 Hz lasers)."""
 
 MIN_ANGLE_STEP, MAX_ANGLE_STEPS = 0.012, 25
-"""Yaw step (rad) of a search, small enough for alignment; steps to either side at most (chosen)."""
+"""Yaw step (rad) of a search, small enough for alignment, and maximum number of steps to either
+side (chosen)."""
 
 WINDOW_SIGMAS, MAX_WINDOW = 3.0, (1.0, 0.8)
-"""Half width of the search in standard deviations of odometry; its maximum, m and rad (chosen)."""
+"""Half width of the search in standard deviations of odometry, and its maximum, m and rad
+(chosen)."""
 
 WIDE_WINDOW, MAX_WIDE_WINDOW = (1.0, 0.6), (3.0, 0.8)
-"""Half width (m, rad) of the search for a scan that matches badly; its maximum, where the pose has
-not been known for a while (chosen)."""
+"""Half width (m, rad) of the search after a bad match, and its maximum after some time without a
+match (chosen)."""
 
 MIN_POINTS = 5
-"""Points of a scan that is matched at all (chosen)."""
+"""Minimum number of points of a scan for matching (chosen)."""
 
 LOCAL_LEVELS = 3
-"""Levels of the local map's likelihood grid: windows are small (chosen)."""
+"""Number of levels of the local map's likelihood grid; few, as windows are small (chosen)."""
 
 MIN_INLIERS = 0.7
-"""Below this fraction of matched points, the search for a scan is widened (chosen)."""
+"""Inlier fraction below which the search for a scan is widened (chosen)."""
 
 MIN_USED_INLIERS = 0.4
-"""Below this fraction of matched points, a match is not used (chosen)."""
+"""Inlier fraction below which a match is not used (chosen)."""
 
 UNUSED_INFLATION = 4.0
-"""Factor on the covariance of odometry where a match is not used (chosen)."""
+"""Factor on the covariance of odometry if a match is not used (chosen)."""
 
 CONFIRMING_KEYFRAMES = 3
-"""In a map of fewer keyframes, hardly any surface is confirmed: confirmation is not asked
+"""Maps of fewer keyframes have hardly any confirmed surfaces; confirmation is then not required
 (chosen)."""
 
 STANDING_STEP = (0.002, 0.002)
-"""A robot stands whose odometry reports a step of less than this (m, rad) between two scans
+"""A robot is at rest if odometry reports a step of less than this (m, rad) between two scans
 (chosen)."""
 
 LOST_FRACTION, LOST_INLIERS, LOST_TIME = 0.3, 0.4, 1.5
-"""A robot that stands was carried where its scans, from then on and for so long (s), see through
-more than the first fraction of the confirmed surfaces in view and less than the second fraction of
-their points fits the map. ``bench/bench_match_statistics.py``: on four real recordings of robots
-that are not lost, 99 % of the scans see through less than 0.29 and fit to more than 0.7. The time
-is chosen: who walks past hides surfaces and lets none be seen through; a
-door that opens before the robot leaves the rest where it was (0.25 and 0.6); behind the door of a
-lift that has changed floors it is 0.75 and 0.22; who is put down askew elsewhere in the tests' ring
-sees through 0.7 to 0.9, and 0.05 to 0.12 fits. Who is put down exactly along another stretch of the
-same corridor (0.2 and 0.6) is not told from a door."""
+"""Kidnapped robot detection at rest. The robot was moved if all its scans over this time (s) see
+through more than the first fraction of the confirmed surfaces in view, and have fewer inliers than
+the second fraction. ``bench/bench_match_statistics.py``: on four real recordings of robots that are
+not lost, 99 % of the scans see through less than 0.29 and have more than 0.7 inliers. The time is
+chosen: a passer-by occludes surfaces, but none is seen through. A door that opens before the robot
+leaves the rest unchanged (0.25 and 0.6). Behind the door of a lift that has changed floors, the
+fractions are 0.75 and 0.22. A robot placed askew elsewhere in the tests' ring has 0.7 to 0.9, and
+0.05 to 0.12. A robot placed exactly along another stretch of the same corridor (0.2 and 0.6) cannot
+be distinguished from an open door."""
 
 NOTICE_TIME = 0.5
-"""A contradiction is told after this time (s) (chosen: who walks past at once is none)."""
+"""Time (s) after which a contradiction is reported (chosen: longer than a passer-by)."""
 
 MIN_GAIN, MIN_GAIN_WITHOUT_ODOMETRY = 0.3, 0.1
-"""Quality by which a match of the wide search must exceed the first: against odometry, and without
-odometry (chosen)."""
+"""Minimum gain in quality of the wide search over the first match: with odometry, and without
+(chosen)."""
 
 NATS_PER_BEAM = 1.0
 """Log-likelihood that an independent beam adds to a pose that explains it (chosen: a beam hits a
 surface of a room by accident with a probability of a third)."""
 
 EARLY_KEYFRAME_INLIERS = 0.65
-"""Below this fraction of matched points, a scan becomes a keyframe early (chosen)."""
+"""Inlier fraction below which a scan becomes a keyframe early (chosen)."""
 
 EARLY_FRACTION = 0.4
-"""Fraction of ``graph.keyframe_distance`` after which it may (chosen)."""
+"""Minimum fraction of ``graph.keyframe_distance`` for an early keyframe (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphKeyframe:
-    """A keyframe and its motion since the keyframe before it.
+    """A keyframe and the motion from the previous keyframe.
 
     Attributes
     ----------
     id, scan
-        Index among the keyframes of all sessions; its scan.
+        Index among the keyframes of all sessions, and the scan.
     pose
-        float64 (3,), estimate of the front end, in the front end's own map.
+        float64 (3,), estimate of the front end, in its own map.
     delta, cov
-        Planar pose (3,) in the keyframe before and covariance (3, 3) of (x, y, yaw) in this
+        Planar pose (3,) in the previous keyframe, and covariance (3, 3) of (x, y, yaw) in this
         keyframe's own frame; zero for the first of a session.
     session
-        Run of the robot: each has a map frame of its own until a loop closure localises it.
+        Number of the session; it has its own map frame until a loop closure localises it.
     systematic
-        float64 (3,), (x, y, yaw) in this keyframe's own frame: by how much `delta` is off where the
-        scale of odometry is off by one standard deviation, the same error in all of a session.
+        float64 (3,), (x, y, yaw) in this keyframe's own frame: error of `delta` for an odometry
+        scale error of one standard deviation. The scale error is constant over a session.
     """
 
     id: int
@@ -141,7 +143,7 @@ class TrackedPose:
     Attributes
     ----------
     stamp_ns
-        Of the scan.
+        Stamp of the scan.
     keyframe
         Id of the keyframe.
     pose
@@ -157,39 +159,39 @@ class TrackedPose:
 
 
 def decaying_motion(velocity: Float64, seconds: float) -> Float64:
-    """Return the motion (3,) in a time (s) of a robot that brakes, from its velocity (3,).
+    """Return the motion (3,) of a braking robot in a time (s), from its velocity (3,).
 
-    It is never longer than the velocity times `DECAY_TIME`.
+    It is at most the velocity times `DECAY_TIME`.
     """
     return np.asarray(velocity * (-np.expm1(-seconds / DECAY_TIME) * DECAY_TIME))
 
 
 def decayed(velocity: Float64, seconds: float, information: Float64, prior_cov: Float64) -> Float64:
-    """Return a velocity after what no scan observes of it has decayed.
+    """Return a velocity after decay of the components that no scan observes.
 
-    The pose is the mean, weighted by information, of the prediction and of the match; the weight of
-    the prediction W = (I + P^-1)^-1 P^-1 tells which part of the motion is its own. In the norm of
+    The pose is the mean of prediction and match, weighted by information. The weight of the
+    prediction, W = (I + P^-1)^-1 P^-1, gives the unobserved part of the motion. In the norm of
     P^-1, W is symmetric with eigenvalues between 0 and 1: the velocity never grows.
 
     Parameters
     ----------
     velocity
-        float64 (3,), the mean over the time, m/s and rad/s.
+        float64 (3,), the mean over the interval, m/s and rad/s.
     seconds
-        The time.
+        Duration of the interval.
     information
-        float64 (3, 3) of the match alone on (x, y, yaw) in the frame of the pose.
+        float64 (3, 3), information of the match alone on (x, y, yaw) in the frame of the pose.
     prior_cov
         float64 (3, 3), P, covariance of the prediction, in the same frame.
     """
     weight = np.linalg.inv(np.eye(3) + prior_cov @ information)
-    # At the end of the time over its mean, of a velocity that decays by e in `DECAY_TIME`.
+    # Ratio of final to mean velocity in the interval, for exponential decay with `DECAY_TIME`.
     x = seconds / DECAY_TIME
     return np.asarray(velocity - (1.0 - x / np.expm1(x)) * (weight @ velocity))
 
 
 def _since(since_ns: int | None, scan: LevelScan, is_so: bool) -> int | None:
-    """Return since when something is so: from the stamp of a scan on, None where it is not."""
+    """Return the stamp since when a condition holds; None where it does not (`is_so`)."""
     return (scan.stamp_ns if since_ns is None else since_ns) if is_so else None
 
 
@@ -206,24 +208,24 @@ class _LocalMap:
 
 @dataclass(slots=True)
 class FrontEnd:
-    """Scan-to-submap matching; deterministic in the order of the scans.
+    """Scan-to-submap matching; deterministic for a given order of scans.
 
     Attributes
     ----------
     config
-        ``matching.*``, ``odometry.*`` and ``graph.*``.
+        Groups ``matching``, ``odometry`` and ``graph``.
     first_id
         Id of the first keyframe of this session.
     session
-        Number of this session; a robot that was lost begins another one.
+        Number of this session; a lost robot begins a new one.
     keyframes
-        Of all sessions since the start.
+        Keyframes of all sessions since the start.
     is_lost
-        Whether the newest scans match nothing: the next one begins another session.
+        Whether the newest scans match nothing; the next scan then begins a new session.
     tracked
-        The poses of all scans.
+        Poses of all scans.
     pose
-        float64 (3,), of the newest scan in the front end's map.
+        float64 (3,), pose of the newest scan in the front end's map.
     """
 
     config: Config
@@ -233,14 +235,14 @@ class FrontEnd:
     tracked: list[TrackedPose] = field(default_factory=list)
     pose: Float64 = field(default_factory=lambda: np.zeros(3))
     is_lost: bool = False
-    # Where a match was last used; since when the pose is not known, and since when scans see
+    # Pose of the last used match; stamps since when the pose is unknown, and since when scans see
     # through the surfaces of the map.
     _matched: _StampedPose | None = None
     _unmatched_ns: int | None = None
     _elsewhere_ns: int | None = None
     _map: _LocalMap | None = None
     _last: LevelScan | None = None
-    # Mean of the newest motion, (m/s, m/s, rad/s) in the frame of the pose before.
+    # Mean velocity of the newest motion, (m/s, m/s, rad/s), in the frame of the previous pose.
     _velocity: Float64 = field(default_factory=lambda: np.zeros(3))
     _moved: bool = False
     _stood: bool = False
@@ -250,14 +252,14 @@ class FrontEnd:
     _odometry_pose: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_odom: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_cov: Float64 = field(default_factory=lambda: np.zeros((3, 3)))
-    # Time for which the gyroscope alone told the yaw since the anchor, s; None where wheels did.
+    # Time since the anchor with yaw from the gyroscope only, s; None where wheels gave yaw.
     _gyro_s: float | None = 0.0
 
     def __post_init__(self) -> None:
         self._scale.error_variance = self.config.odometry.sigma_scale**2
 
     def add(self, scan: LevelScan, start: Float64 | None = None) -> TrackedPose:
-        """Estimate the pose of a scan; `start` (3,) is that of the first in the front end's map."""
+        """Estimate the pose of a scan; `start` (3,) is the first pose in the front end's map."""
         if self.is_lost:
             self.begin_session()
         if self._last is None:
@@ -275,7 +277,7 @@ class FrontEnd:
         return tracked
 
     def begin_session(self) -> None:
-        """Begin another session: the next scan is somewhere else."""
+        """Begin a new session; the next scan is at an unrelated place."""
         if self._last is not None:
             self.session += 1
         self.is_lost, self._unmatched_ns, self._elsewhere_ns = False, None, None
@@ -283,15 +285,15 @@ class FrontEnd:
         self._velocity, self._contradictions = np.zeros(3), 0
 
     def contradicts(self, stamp_ns: int) -> bool:
-        """Return whether for a while before a stamp the pose was not known.
+        """Return whether the pose was unknown for `NOTICE_TIME` before a stamp.
 
-        Scans contradict odometry, or there is none and they match nothing.
+        Scans contradict odometry, or without odometry they match nothing.
         """
         since_ns = self._unmatched_ns
         return since_ns is not None and stamp_ns - since_ns > NOTICE_TIME * 1e9
 
     def forget(self) -> None:
-        """Drop the keyframes and poses that no later scan is matched with."""
+        """Delete keyframes and poses that matching does not need any more."""
         needed = max(self.config.matching.submap_keyframes, CONFIRMING_KEYFRAMES)
         gone = max(len(self.keyframes) - needed, 0)
         self.first_id += gone
@@ -314,7 +316,7 @@ class FrontEnd:
             inliers < EARLY_KEYFRAME_INLIERS
             and distance + yaw > EARLY_FRACTION * graph.keyframe_distance
         )
-        # A scan of another place must not enter the map that is to tell so.
+        # A scan of another place must not enter the map that has to detect the change.
         if (far or early) and not self._is_contradicted() and not self._is_hidden(scan, inliers):
             systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
@@ -323,7 +325,7 @@ class FrontEnd:
         return cov
 
     def _update_velocity(self, scan: LevelScan, before: Float64, prior_cov: Float64) -> None:
-        """Note the motion that led to a scan, from the pose before it or the last known one."""
+        """Update the velocity of the motion to a scan, from the previous or last known pose."""
         assert self._matched is not None
         observed, seconds = self._information is not None, self._seconds_to(scan)
         if observed:
@@ -337,9 +339,10 @@ class FrontEnd:
             self._matched = _StampedPose(scan.stamp_ns, self.pose.copy())
 
     def _systematic(self, scan: LevelScan, cov: Float64) -> Float64:
-        """Return by how much odometry's scale moves a scan since its keyframe, one sigma of it.
+        """Return the motion of a scan since its keyframe by one sigma of odometry's scale error.
 
-        What matching observes, it corrects: the pose is the mean of both, weighted by information.
+        Matching corrects the observed components: the pose is the mean of prediction and match,
+        weighted by information.
         """
         if not self._believes_odometry(scan):
             return np.zeros(3)
@@ -361,12 +364,12 @@ class FrontEnd:
         self._scale.update(odometry, moved, information, noise)
 
     def _predict(self, scan: LevelScan) -> tuple[Float64, Float64, Float64]:
-        """Return the predicted pose, that by odometry since the last keyframe, and its covariance.
+        """Return the predicted pose, the pose by odometry since the last keyframe, and covariance.
 
-        Odometry's position counts from the last keyframe, and not from scan to scan: people who
-        walk along pull each scan back a little, and these errors would add up. Its heading counts
+        Odometry's position is integrated from the last keyframe, not from scan to scan: people who
+        walk along bias each match slightly, and these errors would accumulate. Its heading is used
         from scan to scan while the robot moves, also for the direction of its steps: wheels slip in
-        heading, and walls determine it nearly everywhere.
+        heading, and walls determine heading nearly everywhere.
         """
         assert self._last is not None
         assert self._matched is not None
@@ -382,8 +385,8 @@ class FrontEnd:
             self._use_gyro(scan, step)
         expected = compose(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
-        # What scans add to the heading of a robot that stands must not add up. Odometry that is
-        # late stands for one scan.
+        # Matching must not accumulate heading errors of a robot at rest. Late odometry looks like
+        # rest for one scan.
         if step.any() or not self._stood:
             self._odometry_pose[2] = expected[2]
         self._stood = not step.any()
@@ -394,10 +397,10 @@ class FrontEnd:
         return expected, prior, self._anchor_cov + cov
 
     def _use_gyro(self, scan: LevelScan, step: Float64) -> None:
-        """Put the yaw by the gyroscope into a step of odometry, where both scans have it.
+        """Replace the yaw of an odometry step by the gyroscope's, if both scans have one.
 
-        Wheels slip in turns, a gyroscope does not. What moved while the wheels stand is another
-        question: it is asked of the scans.
+        Wheels slip in turns, a gyroscope does not. Whether the robot moves while the wheels stand
+        is decided by scans.
         """
         assert self._last is not None
         if scan.heading is None or self._last.heading is None:
@@ -408,7 +411,7 @@ class FrontEnd:
             self._gyro_s += (scan.stamp_ns - self._last.stamp_ns) * 1e-9
 
     def _seconds_to(self, scan: LevelScan) -> float:
-        """Return the time (s) from the scan before to a scan."""
+        """Return the time (s) from the previous scan to a scan."""
         assert self._last is not None
         return (scan.stamp_ns - self._last.stamp_ns) * 1e-9
 
@@ -416,7 +419,7 @@ class FrontEnd:
         return scan.has_odometry and self._contradictions < CONTRADICTING_SCANS
 
     def _check_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
-        """Count scans in a row that observe a motion while odometry says that the robot stands."""
+        """Count consecutive scans that observe a motion while odometry reports rest."""
         assert self._last is not None
         if not scan.has_odometry or between(self._last.odom, scan.odom).any():
             return
@@ -424,17 +427,17 @@ class FrontEnd:
             contradicts = self._contradicts(scan, prior, prior_cov)
             self._contradictions = self._contradictions + 1 if contradicts else 0
         if not self._believes_odometry(scan):
-            # Where odometry goes on, it counts from here.
+            # Odometry is integrated from here if it recovers.
             self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
             self._anchor_cov, self._gyro_s = STEADY_COV, 0.0
 
     def _check_lost(self, scan: LevelScan, inliers: float) -> None:
-        """Note how long the pose has not been known, and whether the robot is elsewhere.
+        """Update how long the pose has been unknown, and whether the robot is elsewhere.
 
-        Scans contradict odometry that said that the robot stood: whoever is carried by a lift sees
-        the other floor as the door opens, and drives on at once. Without odometry, a scan that
-        matches nothing leaves the pose unknown. People who hide the map let none of it be seen
-        through: the place is the same, and the search for it goes on.
+        With odometry, scans contradict its report of rest: a robot carried by a lift sees another
+        floor as the door opens, and drives off at once. Without odometry, a scan that matches
+        nothing leaves the pose unknown. People who occlude the map do not make it transparent: the
+        place is the same, and the search for it continues.
         """
         unknown = (
             self._map is not None
@@ -454,14 +457,14 @@ class FrontEnd:
         self.is_lost = since_ns is not None and scan.stamp_ns - since_ns > LOST_TIME * 1e9
 
     def _is_contradicted(self) -> bool:
-        """Return whether it is open where in the map the newest scans are."""
+        """Return whether the place of the newest scans in the map is in doubt."""
         return self._unmatched_ns is not None
 
     def _is_accidental(self, scan: LevelScan, result: Alignment, prior: Prior) -> bool:
-        """Return whether a match without odometry is by accident.
+        """Return whether a match without odometry is accidental.
 
-        It is further from the prediction than robots drive; or it is to find the pose again, and
-        fits no better than one for which the search is widened.
+        It is further from the prediction than robots drive; or it is a relocalisation with fewer
+        inliers than the limit below which the search is widened.
         """
         if self._believes_odometry(scan):
             return False
@@ -471,10 +474,10 @@ class FrontEnd:
         return bool(is_far) or (finds_again and result.inliers < MIN_INLIERS)
 
     def _is_hidden(self, scan: LevelScan, inliers: float) -> bool:
-        """Return whether people who have come hide the map from a scan without odometry.
+        """Return whether people occlude the map in a scan without odometry.
 
-        Most of its points that fit nothing are where the map's scans saw nothing: they are no new
-        surfaces. With such a scan in the map, the next ones would follow whoever walks past.
+        Most of its outliers are where the map's scans had free space, so they are no new surfaces.
+        With such a scan in the map, the next ones would follow the passers-by.
         """
         if inliers >= EARLY_KEYFRAME_INLIERS or self._believes_odometry(scan):
             return False
@@ -489,7 +492,7 @@ class FrontEnd:
         return float(np.mean(passes > hits)) > 0.5 * (1.0 - inliers)
 
     def _stands(self, scan: LevelScan) -> bool:
-        """Return whether wheels that have turned before say that the robot stands."""
+        """Return whether odometry, which has reported motion before, reports rest."""
         if self._last is None or not self._moved or not self._believes_odometry(scan):
             return False
         step = between(self._last.odom, scan.odom)
@@ -504,7 +507,7 @@ class FrontEnd:
         information = free.information / self.config.matching.correlated_beams
         total = np.linalg.inv(information + np.linalg.inv(prior_cov))
         deviation = between(prior, free.pose)
-        # Odometry's covariance is the same along any axes; the information is along the map's.
+        # Odometry's covariance is isotropic; the information is along the map's axes.
         deviation[:2] = free.pose[:2] - prior[:2]
         weight = information - information @ total @ information
         return bool(deviation @ weight @ deviation > CONTRADICTION_CHI2)
@@ -512,7 +515,7 @@ class FrontEnd:
     def _match(
         self, scan: LevelScan, predicted: Float64, prior: Float64, prior_cov: Float64
     ) -> tuple[Float64, Float64, float]:
-        """Return the pose, its covariance in its own frame and the fraction of inliers."""
+        """Return the pose, its covariance in its own frame and the inlier fraction."""
         self._information = None
         if self._map is None or not self.config.matching.enabled or len(scan.points) < MIN_POINTS:
             return predicted, prior_cov, 1.0
@@ -553,7 +556,7 @@ class FrontEnd:
         start = correlate(
             self._map.grid, scan.search_points, centre, window, angle_step=step, penalty=penalty
         )
-        # Odometry's covariance is diagonal, and the same along any two axes of the plane.
+        # Odometry's covariance is diagonal and isotropic in the plane.
         known = Prior(prior, np.diag(1.0 / np.diag(prior_cov)))
         return align(
             self._map.lines,
@@ -567,10 +570,10 @@ class FrontEnd:
     def _search_wide(
         self, scan: LevelScan, predicted: Float64, prior_cov: Float64, near: Alignment
     ) -> Alignment:
-        """Search around the predicted pose and the last one: odometry may have jumped."""
+        """Search around the predicted and the last pose: odometry may have jumped."""
         window, min_quality = WIDE_WINDOW, -np.inf
         if not self._believes_odometry(scan):
-            # As far as the robot can have driven: what hides the map must not move it.
+            # Limit the search to plausible motion: an occlusion of the map must not move the robot.
             sigma, min_quality = float(prior_cov[0, 0] ** 0.5), MIN_USED_INLIERS
             low = self._window(STEADY_COV)[0], WIDE_WINDOW[1]
             window = (
@@ -583,7 +586,7 @@ class FrontEnd:
             for centre in (predicted, self.pose, goes_on)
         ]
         min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
-        # To match nothing is an alternative, too: its quality is 0.
+        # No match is an alternative as well; its quality is 0.
         quality, gains = self._match_quality(scan, near), []
         for f in found:
             chance = self._gain_by_chance(scan, predicted, f)
@@ -593,11 +596,10 @@ class FrontEnd:
         return found[best] if gains[best] > 0.0 else near
 
     def _gain_by_chance(self, scan: LevelScan, predicted: Float64, found: Alignment) -> float:
-        """Return the quality that one of the poses as near to the predicted one has by chance.
+        """Return the quality that the best pose within the distance of a match has by chance.
 
-        Of so many poses one fits by accident to as many independent beams as the logarithm of their
-        number: a camera's short arc of furniture fits somewhere nearly always, and a scan of all
-        around does not.
+        Among N poses, the best fits log N independent beams by accident: a camera's short arc of
+        furniture nearly always fits somewhere, a scan of 360 deg does not.
         """
         away = np.abs(between(predicted, found.pose))
         cells, yaws = 2.0 * np.hypot(*away[:2]) / CELL + 1.0, 2.0 * away[2] / MIN_ANGLE_STEP + 1.0

@@ -1,13 +1,13 @@
-"""Solutions while driving: what came since the last batch is added to its graph.
+"""Solutions while driving: extend the graph of the last batch.
 
-A batch builds and optimises the whole graph, and its time grows with the map. What a robot sees in
-the seconds between two solutions touches little of it: here keyframes, walls and loop closures that
-are new are added to a graph that stays optimised (`kept_graph`), and lines are assigned to the
-walls that there are (`growing_walls`). Everything else is as the batch left it.
+A batch builds and optimises the whole graph, and its time grows with the map. The observations
+between two solutions affect only a small part of it: new keyframes, walls and loop closures are
+added to a graph that stays optimised (`kept_graph`), and lines are assigned to existing walls
+(`growing`). Everything else remains as in the batch.
 
-A batch is made again where that is not enough: where loop closures contradict each other, or the
-map has moved so far that lines may be of other walls (`Growth.solve` returns None). The final
-result is always that of a batch.
+A new batch is needed if loop closures contradict each other, or if the map has moved so far that
+line associations may change (`Growth.solve` returns None). The final result is always that of a
+batch.
 """
 
 from __future__ import annotations
@@ -39,35 +39,35 @@ from tccm_ros.slam.walls.lines import Lines
 from tccm_ros.slam.walls.outliers import OBSERVATION_CHI2
 
 MIN_KEYFRAMES = 500
-"""With fewer, a batch takes less than a second (chosen)."""
+"""Minimum number of keyframes; with fewer, a batch takes less than a second (chosen)."""
 
 MAX_MOVED = 0.5
-"""Lines are assigned to walls anew where a keyframe has moved by this fraction of
-``walls.gate_distance`` or ``walls.gate_angle`` since they were (chosen)."""
+"""Lines are associated again if a keyframe has moved by this fraction of ``walls.gate_distance`` or
+``walls.gate_angle`` since the last association (chosen)."""
 
 
 class Growth:
-    """The graph of a batch solution, and what was added to it.
+    """The graph of a batch solution, extended by newer factors.
 
     Parameters
     ----------
     solution
-        Of the batch, with its covariances; all sessions have a place in the map.
+        Solution of the batch, with its covariances; all sessions are placed in the map.
     used
-        What constrains its keyframes.
+        The inliers that constrain its keyframes.
     chain, closer, lines
-        Keyframes, loop closures and the lines of each keyframe, to which the caller adds.
+        Keyframes, loop closures and the lines of each keyframe; the caller appends to them.
     views
-        Stamps (ns) of the views in it.
+        Stamps (ns) of the views of the batch.
     config
-        ``walls.*``.
+        Group ``walls``.
 
     Attributes
     ----------
     used
-        What constrains the keyframes now.
+        The inliers that constrain the keyframes now.
     views
-        The variables of views, and the factors between them.
+        Variables of views, and factors between them.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Growth:
         return wall_factors(observations, self._lines, self._chain.keys, self._config)
 
     def _corner_factors(self, numbers: Iterable[int]) -> dict[Hashable, list[Factor]]:
-        """Return the factors of corners by the variable of each."""
+        """Return the factors of corners, by corner variable."""
         if not uses_corners(self._config):
             return {}
         walls, keys = self._walls, self._chain.keys
@@ -119,14 +119,14 @@ class Growth:
     def solve(
         self, anchored: Mapping[Key, AnchoredPose], others: Sequence[Factor]
     ) -> KeptSolution | None:
-        """Add what is new and optimise; None where a batch is needed.
+        """Add new factors and optimise; return None where a batch is needed.
 
         Parameters
         ----------
         anchored
             All poses anchored to keyframes, by their variables.
         others
-            All factors but those of keyframes, loop closures, walls and between views.
+            All factors except those of keyframes, loop closures, walls and between views.
         """
         chain, keys = self._chain, self._chain.keys
         new = range(len(self._assigned_at), len(keys))
@@ -148,7 +148,7 @@ class Growth:
             added = self._kept.update(factors, starts, changing, self._corner_factors(corners))
             self._take_out(rows, added[: len(seen)], known)
         except RuntimeError:
-            # Rounding has made the graph's factor singular; a batch makes it anew.
+            # Numerically singular; a batch builds a new graph.
             return None
         self._loop_factors += [index for (index,) in added[len(seen) : len(seen) + len(loops)]]
         self._assigned_at = np.concatenate([self._assigned_at, poses[new.start :]])
@@ -162,7 +162,7 @@ class Growth:
         return solution
 
     def _extrapolated(self, new: range) -> Float64:
-        """Return the poses (K, 3) of all keyframes, of the new ones by their steps."""
+        """Return the poses (K, 3) of all keyframes, of new ones by their odometry steps."""
         poses = [*self._kept.solution().planar_poses(self._chain.keys[: new.start])]
         for k in new:
             poses.append(compose(poses[-1], self._chain.keyframes[k].delta))
@@ -174,7 +174,7 @@ class Growth:
         return structure_factors(self._walls.table) if has_prior else []
 
     def _take_out(self, rows: Int64, factors: Sequence[Sequence[int]], known: int) -> None:
-        """Take out the new observations that do not fit their wall, of the `known` first walls."""
+        """Remove new observations that are outliers of their wall, one of the `known` first."""
         if not self._config.walls.enabled or not len(rows):
             return
         indices = np.array(factors, np.int64)[:, 0]
@@ -184,7 +184,7 @@ class Growth:
             self._kept.remove(indices[gone].tolist())
 
     def _is_sound(self, solution: KeptSolution) -> bool:
-        """Return whether all loop closures agree, and lines are still near the walls they fit."""
+        """Return whether loop closures are consistent and line associations still valid."""
         chi2 = 2.0 * solution.errors_of(self._loop_factors)
         moved = solution.planar_poses(self._chain.keys) - self._assigned_at
         gates = self._config.walls
@@ -193,7 +193,7 @@ class Growth:
         return not ((chi2 > LOOP_CHI2).any() or (far | turned).any())
 
     def _note_used(self) -> None:
-        """Note what constrains the keyframes now."""
+        """Update the inliers that constrain the keyframes."""
         closer = self._closer
         loops = [*self.used.loops, *closer.accepted[self._loops_seen :]]
         self._loops_seen = len(closer.accepted)

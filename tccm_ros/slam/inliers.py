@@ -1,4 +1,4 @@
-"""Selection of the loop closures and walls that enter the final graph."""
+"""Selection of the loop closures, walls and landmark observations of the final graph."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class Inliers:
     Attributes
     ----------
     poses
-        float64 (K, 3), the keyframes by odometry, matching, loops and landmarks.
+        float64 (K, 3), keyframe poses from odometry, matching, loop closures and landmarks.
     loops, records
-        The loop closures, and the record of these and of what was rejected.
+        The accepted loop closures, and the records of accepted and rejected ones.
     walls, corners
-        The walls that fit, and the points where they meet.
+        The inlier walls, and their corners.
     scale
-        Factor by which covariances of the graph are to be multiplied.
+        Factor to apply to the graph's covariances.
     observations
-        Of landmarks, as given: their kinds choose robust noise models themselves.
+        Landmark observations, unfiltered: their kinds use robust noise models.
     signs, refused_signs
-        Door signs, of the views that agree, and what was read and is none.
+        Door signs with consistent views, and rejected readings of room numbers.
     """
 
     poses: Float64
@@ -65,29 +65,29 @@ def select_inliers(
     pictures: Sequence[PictureView],
     config: Config,
 ) -> Inliers:
-    """Take out loop closures that contradict the rest, then lines, walls and views of signs.
+    """Reject inconsistent loop closures, then lines, walls and views of signs.
 
     Parameters
     ----------
     closer, chain
-        Loops as found while driving, and the keyframes.
+        Loop closures found while driving, and the keyframes.
     lines
         The lines of each keyframe.
     observations
-        Of landmarks, in the order in which they enter the graph.
+        Landmark observations, in the order in which they enter the graph.
     sign_views
-        Of door signs, in the order in which they were taken.
+        Views of door signs, in the order of the pictures.
     pictures
-        Those in which signs were looked for, in the order of their stamps.
+        Pictures that were searched for signs, in stamp order.
     config
-        ``walls.*`` and ``lines.*``.
+        Groups ``walls`` and ``lines``.
     """
     keys, seen = chain.keys, landmark_factors(observations)
     graph = chain.graph(closer.poses, closer.constrained, seen.anchored)
     graph.add(seen.factors)
     poses, kept = select_loops(graph, keys, closer.accepted)
     loops = [p for p, ok in zip(closer.accepted, kept) if ok]
-    # Without landmarks: the question is how well keyframes, loops and walls fit each other.
+    # Without landmarks, to test the consistency of keyframes, loop closures and walls.
     graph = chain.graph(poses, closer.constrained)
     graph.add([p.factor(keys) for p in loops])
     table = associate_walls(poses, lines, config)
@@ -106,14 +106,14 @@ def select_inliers(
 
 
 def loop_records(closer: LoopCloser, kept: Sequence[bool] | Bool) -> list[Loop]:
-    """Return the records of all proposals: those kept, those that contradict them, the others.
+    """Return the records of all proposals: accepted, contradicted, and the others.
 
     Parameters
     ----------
     closer
-        Has them.
+        The loop closer with the proposals.
     kept
-        bool (L,), one for each that it has accepted.
+        bool (L,), for each proposal accepted by it, whether it is consistent.
     """
     checked = list(zip(closer.accepted, kept))
     proposals = [replace(p, reason=LoopReason.CONSISTENT) for p, ok in checked if ok]

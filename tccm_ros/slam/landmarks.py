@@ -1,7 +1,7 @@
-"""Landmarks of registered kinds: their observations hang on keyframes, and their estimates.
+"""Landmarks of registered kinds: observations anchored to keyframes, and estimates.
 
-An observation is made from a pose of its own that hangs on a keyframe, as a surface view does. A
-landmark of a later session is that of an earlier one if kind and id are the same.
+An observation has a pose of its own, anchored to a keyframe, like a surface view. Landmarks of
+different sessions are identical if kind and id are equal.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from tccm_ros.slam.graph.pose_graph import GraphSolution
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchoredObservation:
-    """An observation of a landmark, and the pose from which it was made.
+    """A landmark observation and its pose.
 
     Attributes
     ----------
     observation
         The record.
     anchored
-        The pose of the base at its stamp, relative to a keyframe.
+        Pose of the base at its stamp, relative to a keyframe.
     """
 
     observation: LandmarkObservation
@@ -43,14 +43,14 @@ class AnchoredObservation:
 
 
 class LandmarkFactors(NamedTuple):
-    """What observations of landmarks add to a graph.
+    """Poses and factors of landmark observations, to be added to a graph.
 
     Attributes
     ----------
     anchored
-        The poses from which landmarks were observed, by variable.
+        Observer poses, by variable.
     factors
-        One for each observation.
+        One factor per observation.
     """
 
     anchored: dict[Key, AnchoredPose]
@@ -60,18 +60,18 @@ class LandmarkFactors(NamedTuple):
 def landmark_factors(
     observations: Sequence[AnchoredObservation], *, first: int = 0, unit_variance: float = 1.0
 ) -> LandmarkFactors:
-    """Return the poses and factors of observations; observations of one stamp have one pose.
+    """Return the poses and factors of observations; observations of equal stamp have one pose.
 
     Parameters
     ----------
     observations
-        In the order in which they enter the graph.
+        Observations in the order in which they enter the graph.
     first
         Number of the first pose.
     unit_variance
-        Factor by which the covariances of the graph's other factors are too large. Those of
-        landmarks, and how far the base rolls and pitches, are taken as true, and are divided by it,
-        so that the weights are right.
+        Factor by which the covariances of the graph's other factors are too large. Covariances of
+        landmarks, and of the base's roll and pitch, are correct, and are divided by this factor to
+        get the right relative weights.
     """
     made = LandmarkFactors({}, [])
     z, roll, pitch = np.array(Z_ROLL_PITCH_SIGMAS) / np.sqrt(unit_variance)
@@ -92,14 +92,14 @@ def landmark_factors(
 def landmark_records(
     observations: Sequence[AnchoredObservation], solution: GraphSolution, scale: float
 ) -> tuple[Landmark, ...]:
-    """Return the optimised landmarks in the order of kind and id.
+    """Return the optimised landmarks, sorted by kind and id.
 
     Parameters
     ----------
     observations
-        Of all landmarks.
+        Observations of all landmarks.
     solution
-        Of the graph that holds them.
+        Solution of the graph that contains them.
     scale
         Factor on their covariances.
     """

@@ -1,10 +1,9 @@
-"""The live estimate: the newest solution, and how the robot has moved against it since.
+"""The live estimate: the newest solution, extrapolated by the motion since.
 
-A solution puts its newest keyframe and its walls in the map. Keyframes after it are added as the
-graph would add them: by the motion between them, and by the lines that they see of those walls
-(an extended Kalman filter; Thrun, Burgard and Fox 2005, "Probabilistic robotics", 7.4). All of it
-acts on what is published alone. A solution that comes later takes the place of the one before, and
-the keyframes after it are added again.
+A solution gives the poses of its newest keyframe and of its walls. Later keyframes are added as in
+the graph: by the motion between them, and by observations of those walls (an extended Kalman
+filter; Thrun, Burgard and Fox 2005, "Probabilistic robotics", 7.4). This affects published poses
+only. A new solution replaces the previous one, and the keyframes after it are added again.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from tccm_ros.slam.walls.line_noise import line_covariance
 from tccm_ros.slam.walls.lines import Lines
 
 INNOVATION_CHI2 = 13.8
-"""Gate for the squared Mahalanobis distance of a line from its wall: 99.9 % of two degrees of
+"""Gate on the squared Mahalanobis distance of a line from its wall: 99.9 % of two degrees of
 freedom."""
 
 
@@ -37,13 +36,14 @@ class LivePose(NamedTuple):
     Attributes
     ----------
     stamp_ns
-        Of the newest scan, or the newest odometry without a level laser; -1 before the first.
+        Stamp of the newest scan, or of the newest odometry without a level laser; -1 before the
+        first.
     pose
         float64 (3,), (x, y, yaw) of base in map.
     map_odom
         float64 (3,), planar pose of the odometry frame in map: ``pose * odom^-1``.
     localised
-        Whether the pose is in the frame of the map that was loaded (always without one).
+        Whether the pose is in the frame of the loaded map (always True without one).
     attitude
         Height, roll and pitch of the base by odometry.
     """
@@ -61,14 +61,14 @@ class LivePose(NamedTuple):
 
 
 class MapWalls(NamedTuple):
-    """Walls of a solution, each with the side from which it was seen.
+    """Walls of a solution, with the side of observation.
 
     Attributes
     ----------
     phi, rho
-        float64 (W,), rad and m: ``x cos phi + y sin phi = rho``; phi points away from who sees it.
+        float64 (W,), rad and m: ``x cos phi + y sin phi = rho``; phi points away from the observer.
     extent
-        float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
+        float64 (W, 2), minimum and maximum position along the tangent (-sin phi, cos phi), m.
     """
 
     phi: Float64
@@ -77,12 +77,12 @@ class MapWalls(NamedTuple):
 
     @classmethod
     def of(cls, walls: Sequence[Wall], T_map_walls: Float64) -> MapWalls:
-        """Return walls in map.
+        """Return walls transformed to map.
 
         Parameters
         ----------
         walls
-            In a frame of their own.
+            Walls in a common frame.
         T_map_walls
             Planar pose (3,) of that frame in map.
         """
@@ -103,7 +103,7 @@ class SolvedKeyframe(NamedTuple):
     Attributes
     ----------
     id
-        Of the keyframe.
+        Id of the keyframe.
     pose
         float64 (3,), in map.
     cov
@@ -126,7 +126,7 @@ class _Estimate(NamedTuple):
 
 
 class LiveEstimate:
-    """Where the newest keyframe is in the map of the newest solution.
+    """The pose of the newest keyframe in the map of the newest solution.
 
     Parameters
     ----------
@@ -143,16 +143,16 @@ class LiveEstimate:
         self._session = -1
 
     def add(self, keyframe: GraphKeyframe, lines: Lines, start: Float64 | None = None) -> None:
-        """Add the next keyframe of the front end, and the lines that it sees, in its frame.
+        """Add the next keyframe of the front end, and its lines in its own frame.
 
         Parameters
         ----------
         keyframe, lines
             The keyframe and its lines.
         start
-            float64 (3,), where the first one of a session is in map, where that is known.
+            float64 (3,), pose in map of the first keyframe of a session, if known.
         """
-        if keyframe.session != self._session:  # the robot was lost: it is somewhere else
+        if keyframe.session != self._session:  # the robot was lost: its place is unknown
             self._since.clear()
             self._session, self._newest, self._solved, self._walls = (
                 keyframe.session, None, None, NO_WALLS,
@@ -163,7 +163,7 @@ class LiveEstimate:
             self._newest = _Estimate(start, np.zeros((3, 3)))
 
     def take(self, solved: SolvedKeyframe, walls: MapWalls) -> bool:
-        """Go on from a solution: from its newest keyframe; return whether that is of this session.
+        """Continue from a solution; return whether its newest keyframe is of this session.
 
         Parameters
         ----------
@@ -183,15 +183,15 @@ class LiveEstimate:
         return True
 
     def pose(self, tracked: TrackedPose) -> Float64:
-        """Return the pose float64 (3,) in map of a scan that hangs on the newest keyframe."""
+        """Return the pose float64 (3,) in map of a scan that is relative to the newest keyframe."""
         assert self._newest is not None
         return compose(self._newest.pose, tracked.pose)
 
     def covariance(self, tracked: TrackedPose) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in map of such a pose.
 
-        It is that of the solution's newest keyframe, whose error in yaw acts over the way since
-        then, and that of the motion since.
+        The covariance of the solution's newest keyframe, whose yaw error acts over the distance
+        driven since, plus the covariance of the motion since.
         """
         assert self._newest is not None
         pose = self.pose(tracked)
@@ -205,7 +205,7 @@ class LiveEstimate:
         return cov
 
     def _after(self, before: _Estimate | None, keyframe: GraphKeyframe, lines: Lines) -> _Estimate:
-        """Return where a keyframe is, by that of the one before it."""
+        """Return the estimate of a keyframe from that of the previous one."""
         if before is None:
             return _Estimate(keyframe.pose.copy(), np.zeros((3, 3)))
         pose = compose(before.pose, keyframe.delta)
@@ -220,7 +220,7 @@ class LiveEstimate:
         return estimate
 
     def _wall_of(self, lines: Lines, i: int, pose: Float64) -> int:
-        """Return the nearest wall of a line by the gates of association, -1 for none."""
+        """Return the nearest wall of a line within the association gates, -1 for none."""
         walls, gates = self._walls, self._config.walls
         ends = transform2(pose, lines.endpoints[i])
         dphi = wrap_angle(lines.phi[i] + pose[2] - walls.phi)
@@ -238,7 +238,7 @@ class LiveEstimate:
         return nearest if chi2[nearest] < GATE_CHI2 else -1
 
     def _updated(self, estimate: _Estimate, lines: Lines, i: int, w: int) -> _Estimate:
-        """Return an estimate after a line was seen of wall w, the covariance in Joseph's form."""
+        """Return an estimate updated by line i of wall w; covariance in Joseph form."""
         phi, rho = float(self._walls.phi[w]), float(self._walls.rho[w])
         x, y, yaw = estimate.pose
         c, s = np.cos(phi), np.sin(phi)
@@ -258,7 +258,7 @@ class LiveEstimate:
 
 
 def moved_covariance(cov: Float64, start: Float64, end: Float64) -> Float64:
-    """Return the covariance in map of a pose that hangs on another: its yaw error has a lever.
+    """Return the covariance in map of a pose relative to another, with the lever of its yaw error.
 
     Parameters
     ----------

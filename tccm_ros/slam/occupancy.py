@@ -1,4 +1,4 @@
-"""Occupancy grid for navigation, from the level scans on their optimised poses."""
+"""Occupancy grid for navigation, from level scans at their optimised poses."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ RESOLUTION_M = 0.05
 """Edge of a cell, m; chosen: that of an ordinary costmap."""
 
 MIN_HIT_FRACTION = 0.35
-"""A cell is occupied where at least this fraction of its beams ended in it; chosen."""
+"""Minimum fraction of a cell's beams that end in it for an occupied cell; chosen."""
 
 MIN_BEAMS = 2
-"""A cell with fewer beams is unknown; chosen."""
+"""Minimum number of beams of a known cell; chosen."""
 
 MARGIN_M = 0.5
 """Unknown border around the scans, m; chosen."""
@@ -52,13 +52,13 @@ class OccupancyGrid:
 def occupancy_grid(
     keyframes: Mapping[str, NDArray[Any]], resolution: float = RESOLUTION_M
 ) -> OccupancyGrid | None:
-    """Return the grid of the keyframes' scans; None where there is no level laser.
+    """Return the grid of the keyframes' scans; None without a level laser.
 
     Parameters
     ----------
     keyframes
-        The arrays of the wall SLAM: ``keyframe_pose`` (K, 3) in map, ``scan_points`` (N, 2) and
-        ``scan_origin`` (K, 2) in the base frame, m, and ``scan_count`` (K,), points of each.
+        Arrays of the wall SLAM: ``keyframe_pose`` (K, 3) in map, ``scan_points`` (N, 2) and
+        ``scan_origin`` (K, 2) in the base frame, m, and ``scan_count`` (K,), points per scan.
     resolution
         Edge of a cell, m.
     """
@@ -82,7 +82,7 @@ def occupancy_grid(
 
 @kernel
 def _trace(starts: Float64, ends: Float64, hits: Int32, passed: Int32) -> None:
-    """Count in each cell (row y, column x) the beams that ended there and that passed.
+    """Count the beams that end in each cell (row y, column x), and that pass through it.
 
     Beams are straight lines from `starts` to `ends` (N, 2), in cells, all inside the grid.
     """

@@ -1,8 +1,8 @@
-"""Odometry model: the covariance of a motion, and the scale of its translations.
+"""Odometry model: covariance of a motion, and scale of its translations.
 
-Tyres and calibration make a metre of odometry a few percent more or less. Where walls ahead
-determine the motion, matching shows the scale; along corridors, where they do not, odometry is
-corrected by it. The scale is estimated by a Kalman filter with one state.
+Tyres and calibration cause a scale error of a few percent. Matching observes the scale where walls
+ahead determine the motion, and corrects odometry along corridors, where they do not. The scale is
+estimated by a Kalman filter with one state.
 """
 
 from __future__ import annotations
@@ -15,38 +15,37 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config.slam import Odometry as OdometryConfig
 
 ODOMETRY_FLOOR = (0.005, 0.003)
-"""Standard deviation (m, rad) of odometry that reports no motion: encoder steps and slip
-(chosen)."""
+"""Standard deviation (m, rad) of odometry at rest: encoder steps and slip (chosen)."""
 
 GYRO_FLOOR, GYRO_SCALE, GYRO_BIAS = 0.001, 0.01, 0.001
-"""Standard deviation of a yaw by a gyroscope: at rest (rad), by the yaw (1) and by the time
-(rad/s), as its bias has drifted since it was learnt (chosen, in the range of MEMS gyroscopes)."""
+"""Standard deviation of a gyroscope yaw: constant (rad), per yaw (1), and per time (rad/s), as the
+bias drifts after its estimation (chosen, in the range of MEMS gyroscopes)."""
 
 SCALE_SIGMA = 0.05
-"""Standard deviation of the scale before the first step (chosen)."""
+"""Initial standard deviation of the scale (chosen)."""
 
 SCALE_DRIFT = 0.001
 """Growth of the scale's standard deviation, per root m: floors differ (chosen)."""
 
 MIN_STEP, MAX_YAW = 0.15, 0.25
-"""A step that is shorter (m), or has a larger yaw (rad), is not used for the scale (chosen)."""
+"""Minimum length (m) and maximum yaw (rad) of a step for the scale estimate (chosen)."""
 
 MAX_VARIANCE_RATIO = 16.0
-"""A step is not used for the scale where matching knows its length with more than this many times
-the variance of odometry: along a plain corridor, the length is odometry's own (chosen)."""
+"""Maximum ratio of the variance of a step's length by matching to that by odometry, for the scale
+estimate: along a plain corridor, matching does not observe the length (chosen)."""
 
 GATE_CHI2 = 9.0
-"""Gate for the squared innovation over its variance, beyond which wheels have slipped. Chosen:
-three standard deviations, 99.7 % of one degree of freedom."""
+"""Gate on the squared normalised innovation, beyond which wheels have slipped. Chosen: three
+standard deviations, 99.7 % of one degree of freedom."""
 
 
 def odometry_covariance(delta: Float64, config: OdometryConfig) -> Float64:
-    """Return the covariance (3, 3) of (x, y, yaw) of an odometry step, in its end's frame."""
+    """Return the covariance (3, 3) of (x, y, yaw) of an odometry step, in the frame of its end."""
     return motion_covariance(delta, config, ODOMETRY_FLOOR)
 
 
 def gyro_yaw_variance(yaw: float, seconds: float) -> float:
-    """Return the variance, rad2, of a yaw (rad) that a gyroscope has measured in a time (s)."""
+    """Return the variance, rad2, of a gyroscope yaw (rad) over a time (s)."""
     sigma = GYRO_FLOOR + GYRO_SCALE * abs(yaw) + GYRO_BIAS * seconds
     return sigma**2
 
@@ -54,14 +53,14 @@ def gyro_yaw_variance(yaw: float, seconds: float) -> float:
 def motion_covariance(
     delta: Float64, config: OdometryConfig, floor: tuple[float, float] = (0.0, 0.0)
 ) -> Float64:
-    """Return the covariance of a motion, without the noise of odometry at rest.
+    """Return the covariance of a motion; without `floor`, a motion of zero has none.
 
     Parameters
     ----------
     delta
         float64 (3,), planar motion, m and rad.
     config
-        ``odometry.*``: growth of the standard deviations.
+        Group ``odometry``: growth of the standard deviations.
     floor
         Standard deviation (m, rad) of a motion of zero.
 
@@ -83,11 +82,11 @@ class OdometryScale:
     Attributes
     ----------
     value
-        True length over odometry's.
+        True length over odometry's length.
     variance
-        Of `value`, as the filter weighs it: wide, so that wheels of any size are learnt soon.
+        Filter variance of `value`: wide, so that wheels of any size are learnt quickly.
     error_variance
-        Of `value` against the truth for wheels as they are expected (``odometry.sigma_scale``).
+        Error variance of `value` for wheels with the expected error (``odometry.sigma_scale``).
     """
 
     value: float = 1.0
@@ -106,9 +105,9 @@ class OdometryScale:
         Parameters
         ----------
         odometry
-            float64 (3,), planar motion by odometry, not corrected.
+            float64 (3,), planar motion by odometry, uncorrected.
         moved
-            float64 (3,), the same motion by matching and corrected odometry together.
+            float64 (3,), the same motion by matching combined with corrected odometry.
         matched
             float64 (3, 3), information of matching alone on (x, y, yaw) in the frame of `moved`.
         odometry_cov
@@ -120,7 +119,7 @@ class OdometryScale:
         if length < MIN_STEP or abs(float(odometry[2])) > MAX_YAW:
             return
         along = np.array([moved[0], moved[1], 0.0]) / max(float(np.hypot(*moved[:2])), 1e-9)
-        # A weak prior only makes the inverse exist: 1 m, 1 rad.
+        # A weak prior of 1 m, 1 rad makes the matrix invertible.
         v_match = float(along @ np.linalg.inv(matched + np.eye(3)) @ along)
         v_odometry = float(odometry_cov[0, 0])
         if v_match > MAX_VARIANCE_RATIO * v_odometry:
@@ -136,5 +135,5 @@ class OdometryScale:
         gain = self.variance / (self.variance + noise)
         self.value += gain * innovation
         self.variance *= 1.0 - gain
-        # Joseph's form: right for any gain, also one that expects more than this variance.
+        # Joseph form: valid for any gain, also one from a larger assumed variance.
         self.error_variance = (1.0 - gain) ** 2 * self.error_variance + gain**2 * noise

@@ -1,6 +1,6 @@
-"""Factors between views in a graph that goes on: a view keeps its variable.
+"""Factors between views in a continued graph, in which a view keeps its variable.
 
-Who registers views numbers them anew each time.
+Callers number views anew each time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class RegisteredViews:
     Parameters
     ----------
     stamps_ns
-        Of the views that are in the graph, in the order of their variables.
+        Stamps of the views in the graph, in the order of their variables.
     """
 
     def __init__(self, stamps_ns: Sequence[int]) -> None:
@@ -27,13 +27,13 @@ class RegisteredViews:
         self._factors: list[Factor] = []
 
     def keys(self, stamps_ns: Sequence[int]) -> list[Key]:
-        """Return the variables of views; others that come or go do not change them."""
+        """Return the variables of views; they do not depend on other views."""
         for stamp in stamps_ns:
             self._numbers.setdefault(stamp, len(self._numbers))
         return [view_key(self._numbers[stamp]) for stamp in stamps_ns]
 
     def take(self, stamps_ns: Sequence[int], factors: Iterable[Factor]) -> None:
-        """Take factors in the place of those before; they number views by `stamps_ns`."""
+        """Replace the factors; they number views by their index in `stamps_ns`."""
         numbers = [key.number for key in self.keys(stamps_ns)]
         self._factors = [
             replace(factor, i=numbers[factor.i], j=numbers[factor.j])
@@ -43,7 +43,7 @@ class RegisteredViews:
         ]
 
     def factors(self, views: Collection[Key]) -> list[Factor]:
-        """Return the newest factors between views that are still there."""
+        """Return the newest factors between existing views."""
         there = {key.number for key in views}
         return [f for f in self._factors if _views_of(f) <= there]
 

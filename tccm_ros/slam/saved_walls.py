@@ -33,17 +33,17 @@ class SavedWalls(NamedTuple):
     Attributes
     ----------
     keyframes, lines
-        Of all sessions, and the lines of each.
+        Keyframes of all sessions, and the lines of each.
     poses
         float64 (K, 3), optimised poses of the keyframes in map.
     loops
-        The loop closures that are kept.
+        The accepted loop closures.
     observations
-        Of landmarks.
+        Landmark observations.
     sign_views
-        Of door signs, each with the sign's id.
+        Views of door signs, each with the sign's id.
     unjoined
-        `LoopCloser.unjoined`.
+        Value of `LoopCloser.unjoined`.
     """
 
     keyframes: Sequence[GraphKeyframe]
@@ -56,7 +56,7 @@ class SavedWalls(NamedTuple):
 
 
 def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
-    """Return arrays: keyframe rows, scans and lines end to end with counts, loops, and the rest."""
+    """Return named arrays; scans and lines are concatenated, with counts per keyframe."""
     keyframes, lines, poses, loops, observations, sign_views, unjoined = saved
     scans = [k.scan for k in keyframes]
     return {
@@ -70,7 +70,7 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "keyframe_odom": _rows([s.odom for s in scans], 3),
         "scan_origin": _rows([s.origin for s in scans], 2),
         "scan_count": np.array([len(s.points) for s in scans], np.int64),
-        # 0.1 mm of a map of a kilometre: float32 is as exact as the laser.
+        # float32 has an error of 0.1 mm in a map of 1 km, less than the laser's noise.
         "scan_points": _joined([s.points for s in scans], 2).astype(np.float32),
         "scan_normals": _joined([s.normals for s in scans], 2).astype(np.float32),
         "line_count": np.array([len(x) for x in lines], np.int64),
@@ -115,12 +115,12 @@ def _joined(arrays: Sequence[Float64], *shape: int) -> Float64:
 
 
 def unpack_walls(arrays: Mapping[str, NDArray[Any]]) -> SavedWalls:
-    """Return what `pack_walls` was given.
+    """Return the wall map from the arrays of `pack_walls`.
 
     Raises
     ------
     MapError
-        For arrays that are missing or do not fit each other.
+        For missing or inconsistent arrays.
     """
     try:
         return _unpack({name: np.asarray(value) for name, value in arrays.items()})
@@ -139,7 +139,7 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     ends = _split(s["line_endpoints"], s["line_count"], count)
     beams = _split(s["line_beams"], s["line_count"], count)
     none = np.zeros((0, 2))
-    # Maps of earlier versions do not have it.
+    # Maps of earlier versions lack this array.
     systematic = s.get("keyframe_systematic", np.zeros((count, 3)))
     keyframes, lines = [], []
     for k in range(count):
@@ -160,7 +160,7 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     ]
     poses = s["keyframe_pose"].reshape(count, 3)
     observations = _unpack_landmarks(s, count)
-    # Most maps are one trajectory, and have no such array.
+    # Most maps have a single trajectory, and lack this array.
     unjoined = {int(a): int(b) for a, b in s.get("unjoined_sessions", np.zeros((0, 2), np.int64))}
     signs = unpack_signs(s, count)
     return SavedWalls(keyframes, lines, poses, loops, observations, signs, unjoined)

@@ -1,8 +1,8 @@
-"""Planar poses in compiled code: functions of `geometry` where the overhead of a call counts.
+"""Planar poses in compiled code: fast versions of functions in `geometry`.
 
 From Python, `compose` and `between` take 0.8 us here, and 11 and 20 us in `geometry`, whose
-functions take arrays of any shape; compiled code calls these alone. Tests hold the two to each
-other. Poses are float64 (3,) of (x, y, yaw), m and rad; yaw is wrapped to [-pi, pi].
+functions take arrays of any shape; compiled code can call only these. Tests compare the two. Poses
+are float64 (3,) of (x, y, yaw), m and rad; yaw is wrapped to [-pi, pi].
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def inverse(a: Float64) -> Float64:  # pragma: no cover - compiled
 
 @kernel
 def between(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
-    """Return b in a: inverse(a) * b."""
+    """Return the pose of b relative to a: inverse(a) * b."""
     return compose(inverse(a), b)
 
 
@@ -60,14 +60,14 @@ def transform_points(pose: Float64, points: Float64) -> Float64:  # pragma: no c
 def transform_scans(
     poses: Float64, counts: Int64, points: Float64, normals: Float64
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
-    """Return points and normals, float64 (N, 2), in the frame of the scans' poses.
+    """Return points and normals, float64 (N, 2), in the common parent frame of the scans' poses.
 
     Parameters
     ----------
     poses
         float64 (K, 3), m and rad.
     counts
-        int64 (K,), points of each scan; their sum is N.
+        int64 (K,), number of points of each scan; their sum is N.
     points, normals
         float64 (N, 2), scan after scan, each in its scan's frame.
     """
@@ -87,9 +87,9 @@ def transform_scans(
 
 @kernel
 def rotate_covariance(cov: Float64, yaw: float) -> Float64:  # pragma: no cover - compiled
-    """Rotate a covariance or information (3, 3) of (x, y, yaw) into the parent frame.
+    """Rotate a covariance or information (3, 3) of (x, y, yaw) to the parent frame.
 
-    It is given in a frame that has the yaw `yaw` (rad) in its parent.
+    `yaw` (rad) is the yaw of its frame in the parent frame.
     """
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -98,14 +98,14 @@ def rotate_covariance(cov: Float64, yaw: float) -> Float64:  # pragma: no cover 
 
 @kernel
 def fuse(information: Float64, yaw: float, cov: Float64) -> Float64:  # pragma: no cover
-    """Add information to a covariance (the update of a Kalman filter).
+    """Return a covariance after a Kalman filter update with additional information.
 
     Parameters
     ----------
     information
         float64 (3, 3) of (x, y, yaw) along the map's axes.
     yaw
-        Of a frame in the map, rad.
+        Yaw of a frame in the map, rad.
     cov
         float64 (3, 3) of (x, y, yaw) along that frame's axes.
 

@@ -15,39 +15,39 @@ from tccm_ros.slam.base_attitude import with_attitude
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The optimised graph.
+    """The result of an optimisation of the graph.
 
     Attributes
     ----------
     keyframes, walls, loops
-        In order of their ids; loops in order of discovery, with the rejected ones.
+        In the order of ids; loop closures in order of discovery, including rejected ones.
     stamps_ns, poses
-        int64 (N,) and float64 (N, 3): planar pose of base in map for every level scan, or for
-        every odometry sample where there is no level laser.
+        int64 (N,) and float64 (N, 3): planar pose of the base in map for each level scan, or for
+        each odometry sample without a level laser.
     T_map_views
-        float64 (V, 4, 4), the views' poses in the order in which their stamps were given.
+        float64 (V, 4, 4), poses of the views in the order of the given stamps.
     cov_views
         float64 (V, 6, 6) of (roll, pitch, yaw, x, y, z) in each view's own frame, rad and m.
     view_keyframes
-        int64 (V,), the keyframe that each view is anchored to.
+        int64 (V,), id of the keyframe that each view is anchored to.
     cov_keyframes
-        float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; NaN for all but the newest
-        where only that was asked for.
+        float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; NaN for all but the newest if
+        only that was requested.
     unit_variance
-        Factor by which the graph's covariances, also `cov_views`, are to be multiplied: those of
-        its factors are conservative. `cov_keyframes` is multiplied already, and holds the error of
-        odometry's scale besides, which no factor has.
+        Factor to apply to the graph's covariances, including `cov_views`, as those of its factors
+        are conservative. `cov_keyframes` already contains it, and the error of odometry's scale,
+        which is in no factor.
     landmarks
-        In the order of their kinds and ids, those of earlier sessions among them.
+        In the order of kinds and ids, including those of earlier sessions.
     signs
-        Door signs by their ids; each is a landmark as well.
+        Door signs by id; each is a landmark as well.
     refused_signs
-        What was read as a room's number at one place, and is no sign.
+        Rejected readings of room numbers.
     attitudes
-        float64 (N, 3), z (m), roll and pitch (rad) of the base at `stamps_ns` by odometry; empty
-        where they are 0.
+        float64 (N, 3), z (m), roll and pitch (rad) of the base at `stamps_ns` by odometry; empty if
+        all are 0.
     is_batch
-        Whether it is a function of the records alone, and does not go on from another solution.
+        Whether it is a function of the records alone, and not continued from another solution.
     """
 
     keyframes: list[Keyframe]
@@ -94,7 +94,7 @@ class Solution:
 
 
 def empty_solution(views: int) -> Solution:
-    """Return the solution without records, with this many views at the origin."""
+    """Return the solution without records, with V views at the origin."""
     T = np.broadcast_to(np.eye(4), (views, 4, 4)).copy()
     none = np.zeros(0, np.int64)
     zeros = np.zeros((views, 6, 6))

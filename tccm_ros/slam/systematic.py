@@ -1,11 +1,11 @@
-"""The error that all steps of odometry share: the scale of its distances.
+"""Systematic error of odometry: a common scale error of its distances.
 
-The graph takes the errors of its factors as independent, so that they grow with the root of the
-way. A wheel whose size is off by a percent is off by that all the way: where nothing observes the
-distance, the error grows with the way itself. The scale is a parameter that is considered and not
-estimated here (Schmidt 1966, "Application of state-space methods to navigation problems"): the
-poses stay as they are, and their covariance is P + J J', where J is by how much the solution moves
-if the scale is off by one standard deviation. What walls and loop closures correct is not in J.
+The graph assumes independent errors of its factors, which grow with the root of the path. A scale
+error of a wheel is constant: where the distance is not observed, the error grows linearly with the
+path. The scale is a considered parameter that is not estimated here (Schmidt 1966, "Application of
+state-space methods to navigation problems"): the poses remain, and their covariance is P + J J',
+where J is the displacement of the solution for a scale error of one standard deviation. J excludes
+the part that walls and loop closures correct.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from tccm_ros.slam.se2 import between, inverse
 
 
 def systematic_covariances(solution: GraphSolution, chain: Chain) -> Float64:
-    """Return the covariances of the keyframes that stem from the scale of odometry.
+    """Return the covariances of the keyframes due to the scale of odometry.
 
     Parameters
     ----------
     solution
-        Of a graph in which the chain's factors are.
+        Solution of a graph with the chain's factors.
     chain
-        Keyframes of all sessions. The scale is one in a session, and independent in another.
+        Keyframes of all sessions. The scale is constant in a session, independent between sessions.
 
     Returns
     -------
-    float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; (K, 3, 3) of zeros where no
-    keyframe hangs on odometry
+    float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; zeros if no keyframe depends on
+    odometry
     """
     covs = np.zeros((len(chain.keys), 3, 3))
     for session in sorted({k.session for k in chain.keyframes}):
@@ -44,14 +44,14 @@ def systematic_covariances(solution: GraphSolution, chain: Chain) -> Float64:
 
 
 def scale_displacements(solution: GraphSolution, chain: Chain, session: int) -> Float64:
-    """Return by how much keyframes move if the scale of a session is off by one sigma.
+    """Return the displacement of keyframes for a session's scale error of one sigma.
 
     Parameters
     ----------
     solution, chain
-        As for `systematic_covariances`.
+        As in `systematic_covariances`.
     session
-        The one whose odometry is off.
+        Session with the scale error.
 
     Returns
     -------
@@ -64,15 +64,15 @@ def scale_displacements(solution: GraphSolution, chain: Chain, session: int) -> 
 
 
 class CarriedDisplacement:
-    """The displacement of the newest keyframe, carried on as a filter would (Schmidt 1966).
+    """Propagates the displacement of the newest keyframe like a filter (Schmidt 1966).
 
-    On the way it grows by what odometry's scale shifts. Where walls and loop closures correct the
-    pose, they correct it by the fraction by which they make it more certain.
+    A step adds the displacement due to odometry's scale. An update by walls and loop closures
+    reduces it by the same factor as the covariance.
 
     Parameters
     ----------
     displacement
-        float64 (3,), of a keyframe (`scale_displacements`).
+        float64 (3,), displacement of a keyframe (`scale_displacements`).
     cov
         float64 (3, 3) of (x, y, yaw) of its pose, in its own frame.
     """
@@ -81,7 +81,7 @@ class CarriedDisplacement:
         self.displacement, self._cov = displacement, cov
 
     def carry(self, keyframes: Sequence[GraphKeyframe], cov: Float64) -> None:
-        """Carry it to the last of the next keyframes, whose pose then has the covariance (3, 3)."""
+        """Propagate to the last of the next keyframes, whose pose has the covariance (3, 3)."""
         predicted = self._cov
         for keyframe in keyframes:
             A = adjoint(inverse(keyframe.delta))
@@ -93,7 +93,7 @@ class CarriedDisplacement:
 
 
 def _gradient(chain: Chain, poses: Float64, session: int) -> Float64:
-    """Return J' W d, float64 (K, 3): what the changes d of a session's steps ask of its keyframes.
+    """Return J' W d, float64 (K, 3), for the changes d of a session's odometry steps.
 
     The residual of a step is Log(delta^-1 a^-1 b). In the frames of a and b, its derivatives are
     minus the adjoint of (a^-1 b)^-1, and one.
@@ -110,6 +110,6 @@ def _gradient(chain: Chain, poses: Float64, session: int) -> Float64:
 
 
 def adjoint(pose: Float64) -> Float64:
-    """Return the adjoint float64 (3, 3) of a planar pose (3,): motions (x, y, yaw) seen from it."""
+    """Return the adjoint float64 (3, 3) of a planar pose (3,), for motions (x, y, yaw)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.array([[c, -s, pose[1]], [s, c, -pose[0]], [0.0, 0.0, 1.0]])

@@ -1,4 +1,4 @@
-"""Poses that another program's localisation tells: its map -> odom over time."""
+"""Poses from an external localisation: its map -> odom over time."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
 
 ROUNDS = 10
-"""Of reweighting: the weights of a jump settle before."""
+"""Number of reweighting iterations; weights converge earlier."""
 
 
 class MapOdomTrack:
-    """Where the odometry frame is in map, by stamp; each transform holds until the next."""
+    """Poses of the odometry frame in map, by stamp; each transform holds until the next."""
 
     def __init__(self) -> None:
         self._samples: list[tuple[int, tuple[float, float, float]]] = []
@@ -36,7 +36,7 @@ class MapOdomTrack:
         return np.array(self._samples[-1][1])
 
     def before(self, stamp_ns: int) -> Float64:
-        """Return the newest transform (3,) that is older than a stamp, else the first one."""
+        """Return the newest transform (3,) before a stamp, else the first one."""
         return np.array(self._samples[max(self._count_before(stamp_ns) - 1, 0)][1])
 
     def _count_before(self, stamp_ns: int) -> int:
@@ -45,16 +45,16 @@ class MapOdomTrack:
     def poses_of(
         self, keyframes: Sequence[GraphKeyframe], sigma: tuple[float, float]
     ) -> dict[int, tuple[Float64, Float64]]:
-        """Return what is told of keyframes, by id.
+        """Return the external poses of keyframes, by id.
 
-        The median of what the transforms until the next keyframe say: their errors are not
-        independent, so that many are not better known than one. Where there are none, the one
-        before holds; keyframes from before the first are told nothing.
+        Each is the median over the transforms until the next keyframe. Their errors are correlated,
+        so that the covariance does not decrease with their number. Without transforms in that
+        interval, the previous one is used; keyframes before the first transform get no pose.
 
         Parameters
         ----------
         keyframes
-            In order.
+            Keyframes in order.
         sigma
             Standard deviation of position (m) and yaw (rad).
 
@@ -75,16 +75,16 @@ class MapOdomTrack:
 
 
 def reweigh(chain: Chain) -> None:
-    """Weigh the poses that are told of keyframes by how they fit odometry and each other.
+    """Reweight the external poses of keyframes by their consistency with odometry.
 
-    A localisation that jumps was wrong before or after. Iteratively reweighted least squares with
-    the weights of Geman and McClure, from the convex solution on (Z. Zhang, *Parameter Estimation
-    Techniques*, 1997): the covariance of what contradicts the rest grows.
+    A localisation that jumps was wrong before or after the jump. Iteratively reweighted least
+    squares with Geman-McClure weights, starting from the convex solution (Z. Zhang, *Parameter
+    Estimation Techniques*, 1997), increases the covariance of outliers.
 
     Parameters
     ----------
     chain
-        Its `told` are reweighted.
+        Chain whose `told` covariances are updated.
     """
     told = {k: chain.told[k] for k in sorted(chain.told)}
     if not told:

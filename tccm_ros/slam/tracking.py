@@ -1,8 +1,8 @@
-"""Tracking: where the base is now, by matching since the newest solution.
+"""Tracking: the live pose, by matching since the newest solution.
 
-The graph with its walls and loop closures is solved in another process; what it finds corrects what
-is published, and never enters matching. So a step of tracking is short however long the drive is,
-and its memory does not grow.
+Another process solves the graph with walls and loop closures. Its solution corrects the published
+pose, and never enters matching. The time of a tracking step is therefore independent of the length
+of the drive, and memory is constant.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ COUNTED = {
     SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", SignMeasurement: "signs",
     MapReset: "resets",
 }  # fmt: skip
-"""Events that are counted here and used by the solution alone."""
+"""Events that are only counted here, and used by the solver."""
 
 
 class LocalisationState(IntEnum):
-    """As tccm_interfaces/Localisation numbers it."""
+    """State of the localisation; the numbers of tccm_interfaces/Localisation."""
 
     UNKNOWN = 0
     TRACKING = 1
@@ -61,22 +61,22 @@ class LocalisationState(IntEnum):
 
 
 class SolvedMap(NamedTuple):
-    """What a solution tells of the map and of the robot in it.
+    """Pose of the robot and walls of the map in a solution.
 
     Attributes
     ----------
     T_map_front
-        float64 (3,), where the frame in which this session is tracked is in map.
+        float64 (3,), pose of this session's tracking frame in map.
     keyframe
-        The newest keyframe; None without any.
+        The newest keyframe; None without keyframes.
     walls
-        In map.
+        Walls in map.
     is_localised
         Whether the place of this session in the map is known.
     placed_by_sign
-        Id of the sign that placed it there; -1 where none did.
+        Id of the sign by which it was localised; -1 for none.
     is_unjoined
-        Whether the session is on a trajectory beside the map: its place in the map is not known.
+        Whether the session is on a trajectory beside the map, with an unknown place in the map.
     """
 
     T_map_front: Float64
@@ -88,9 +88,9 @@ class SolvedMap(NamedTuple):
 
 
 class Tracker:
-    """Follows the base from scan to scan as `WallSlam` does, and takes over what is solved.
+    """Tracks the base from scan to scan like `WallSlam`, and applies solutions.
 
-    Before the first solution the map's frame is that of the front end's own map.
+    Before the first solution, the map frame is that of the front end's own map.
 
     Parameters
     ----------
@@ -99,13 +99,13 @@ class Tracker:
     first_keyframe
         Id of the first keyframe, and number of the session (`WallSlam.first_keyframe`).
     is_localised
-        Whether the place of the session in the map is known: not in one that was loaded.
+        Whether the place of the session in the map is known; False for a loaded map.
 
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views``, ``boxes`` and
-        ``signs`` received, ``resets``, and how often the robot was ``lost``.
+        Numbers of ``level scans`` matched, ``keyframes``, ``clouds``, ``views``, ``boxes`` and
+        ``signs`` received, ``resets``, and times that the robot was ``lost``.
     odom_frame
         Name of the odometry frame.
     """
@@ -145,7 +145,7 @@ class Tracker:
         return type(event) in kinds and getattr(event, "role", None) in self._roles
 
     def add(self, event: Any) -> None:
-        """Process one event, which `takes` let through."""
+        """Process one event accepted by `takes`."""
         if isinstance(event, PosedScan):
             self._add_scan(event)
         elif isinstance(event, Odometry):
@@ -154,7 +154,7 @@ class Tracker:
             self._map_odom = planar(event.T_map_odom)
         elif isinstance(event, PoseGuess):
             self._front.is_lost = bool(self._front.tracked)
-            # The pose that is known is kept until a solution says that the one that is told fits.
+            # Keep the known pose until a solution confirms the user-supplied one.
             if self._front.is_lost and self._is_localised:
                 self._before = self._pose(), self._odom
         elif type(event) in COUNTED:
@@ -163,14 +163,14 @@ class Tracker:
                 self._begin(self._first_keyframe)
 
     def take(self, solved: SolvedMap) -> None:
-        """Go on from a solution: the live pose takes its correction."""
+        """Continue from a solution, which corrects the live pose."""
         is_ours = solved.keyframe is None or self._estimate.take(solved.keyframe, solved.walls)
         if is_ours or not self._front.tracked:
             self._solved, self._is_localised = solved, solved.is_localised
 
     @property
     def state(self) -> LocalisationState:
-        """Whether the live pose is that of the map."""
+        """State of the live pose relative to the map."""
         if self._stamp_ns < 0:
             return LocalisationState.UNKNOWN
         if self._front.contradicts(self._stamp_ns):
@@ -180,18 +180,18 @@ class Tracker:
 
     @property
     def is_unjoined(self) -> bool:
-        """Whether the pose is that of a trajectory beside the map, which is not joined to it."""
+        """Whether the pose is on a trajectory beside the map that is not joined to it."""
         return self._solved is not None and self._solved.is_unjoined
 
     @property
     def solved_keyframe(self) -> int:
-        """Id of the newest keyframe in the newest solution that was taken; -1 without one."""
+        """Id of the newest keyframe in the newest accepted solution; -1 without one."""
         solved = self._solved
         return -1 if solved is None or solved.keyframe is None else solved.keyframe.id
 
     @property
     def placed_by_sign(self) -> int:
-        """Id of the sign that placed this session in the map; -1 where none did."""
+        """Id of the sign by which this session was localised in the map; -1 for none."""
         return -1 if self._solved is None else self._solved.placed_by_sign
 
     @property
@@ -241,13 +241,13 @@ class Tracker:
             self._add_keyframe(level)
         self._front.forget()
         self._stamp_ns, self._odom, self._attitude = level.stamp_ns, level.odom, level.attitude
-        if self._first_odometry is not None:  # a scan's has roll and pitch of the IMU, too
+        if self._first_odometry is not None:  # a scan's also has roll and pitch by the IMU
             self._attitude = level.attitude[0], *self._odometry_attitude[1:]
 
     def _add_keyframe(self, level: LevelScan) -> None:
         self.counts["keyframes"] += 1
         start = None
-        if self._front.session != self._session:  # the robot was lost, or its pose was told
+        if self._front.session != self._session:  # the robot was lost, or given a pose by a user
             before, self._before = self._before, None
             self._session, self._is_localised = self._front.session, before is not None
             if before is None:

@@ -1,4 +1,4 @@
-"""Poses between keyframes: of every scan, and at any stamp by odometry."""
+"""Poses between keyframes: of each scan, and at any stamp by odometry."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from tccm_ros.slam.odometry_model import motion_covariance
 from tccm_ros.slam.se2 import between, compose
 
 SCAN_FLOOR = (0.001, 0.0005)
-"""Standard deviation (m, rad) of a pose at the stamp of a scan, in addition to the scan's own
-(chosen)."""
+"""Additional standard deviation (m, rad) of a pose at the stamp of a scan (chosen)."""
 
 TILT_MOTION_NS = 500_000_000
-"""The scans of a view are registered over a tilt cycle by odometry: its error within this time
-before and after the stamp, together half a tilt cycle of an ordinary tilting laser, is added
-(chosen)."""
+"""Half duration of the motion within a view: its scans are registered by odometry over a tilt
+cycle, so the odometry error within this time before and after the stamp, together half a tilt cycle
+of an ordinary tilting laser, is added (chosen)."""
 
 
 @dataclass(slots=True)
 class OdometryTrack:
     """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept.
 
-    Its fields are private: samples come by `add`.
+    All fields are private; use `add`.
     """
 
     _samples: dict[int, tuple[float, float, float]] = field(default_factory=dict)
@@ -59,7 +58,7 @@ class OdometryTrack:
         return self._sorted
 
     def at(self, stamp_ns: int) -> Float64 | None:
-        """Return the interpolated pose (3,), or None where no two samples bracket the stamp."""
+        """Return the interpolated pose (3,); None where no two samples bracket the stamp."""
         stamps, poses = self.arrays()
         i = int(np.searchsorted(stamps, stamp_ns, side="right"))
         if i == 0 or (i == len(stamps) and stamps[-1] != stamp_ns):
@@ -83,7 +82,7 @@ def scan_poses(
 ) -> Float64:
     """Return the poses of all scans, given optimised keyframes.
 
-    The change of the step between two keyframes by the optimisation is distributed over the scans
+    The change of a step between two keyframes by the optimisation is distributed over the scans
     between them in proportion to time.
 
     Parameters
@@ -91,7 +90,7 @@ def scan_poses(
     tracked
         The scans relative to keyframes.
     keyframes
-        Of all sessions.
+        Keyframes of all sessions.
     poses
         float64 (K, 3), optimised poses of the keyframes in map.
 
@@ -110,7 +109,7 @@ def scan_poses(
 
 
 def _changes(keyframes: Sequence[GraphKeyframe], poses: Float64) -> tuple[Float64, Int64, Float64]:
-    """Return how each step to the next keyframe has changed, its begin and its length (ns)."""
+    """Return the change of each step to the next keyframe, its start and its duration (ns)."""
     begin = np.array([k.scan.stamp_ns for k in keyframes], np.int64)
     span = np.ones(len(keyframes))
     span[:-1] = np.maximum(np.diff(begin), 1)
@@ -119,7 +118,7 @@ def _changes(keyframes: Sequence[GraphKeyframe], poses: Float64) -> tuple[Float6
         measured = np.stack([k.delta for k in keyframes[1:]])
         change[:-1] = between2(poses[:-1], poses[1:]) - measured
         change[:, 2] = wrap_angle(change[:, 2])
-        # From one session to the next there is no step.
+        # There is no step between sessions.
         session = np.array([k.session for k in keyframes])
         change[:-1][np.diff(session) != 0] = 0.0
     return change, begin, span
@@ -137,21 +136,21 @@ def poses_at_stamps(
     Parameters
     ----------
     stamps_ns
-        V of them, in any order.
+        V stamps, in any order.
     tracked
         The scans relative to keyframes.
     keyframes
-        Of all sessions.
+        Keyframes of all sessions.
     odometry
-        Samples by stamp; without any, poses are interpolated between scans.
+        Samples by stamp; if empty, poses are interpolated between scans.
     model
-        ``odometry.*``.
+        Group ``odometry``.
 
     Returns
     -------
-    keyframes int64 (V,), poses float64 (V, 3) in them, and covariances float64 (V, 3, 3) of
-    (x, y, yaw) in the frames of the poses: the sum of that of the scan before, of the motion since,
-    and of the motion during the tilt cycle, which is zero for a base that stands still.
+    keyframes int64 (V,), poses float64 (V, 3) in them, and covariances float64 (V, 3, 3) of (x, y,
+    yaw) in the frames of the poses: the sum of the covariances of the previous scan, of the motion
+    since, and of the motion during the tilt cycle, which is zero for a base at rest.
     """
     index = np.zeros(len(stamps_ns), np.int64)
     poses = np.zeros((len(stamps_ns), 3))
@@ -177,7 +176,7 @@ def poses_at_stamps(
 def _between_scans(
     here: TrackedPose, after: TrackedPose, keyframes: Sequence[GraphKeyframe], stamp: int
 ) -> Float64:
-    """Interpolate in the keyframe of the scan before; held outside."""
+    """Return the interpolated pose in the keyframe of the previous scan; held outside."""
     is_other = keyframes[after.keyframe].session != keyframes[here.keyframe].session
     if after is here or is_other or stamp <= here.stamp_ns:
         return here.pose

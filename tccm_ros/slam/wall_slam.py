@@ -52,19 +52,19 @@ from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_
 from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 
 SIGN_DELAY_NS = 1_000_000_000
-"""What a picture tells is used in the search for loop closures after this time. Chosen: reading one
-takes up to 0.15 s, so that it does not matter how long it took."""
+"""Delay after which a sign measurement is used in the search for loop closures. Chosen: reading a
+picture takes up to 0.15 s, so that the result does not depend on the processing time."""
 
 
 class WallSlam:
-    """Estimate the trajectory and the walls: add records as they come, solve for a result.
+    """Estimates the trajectory and the walls: add records, then solve.
 
     Parameters
     ----------
     config
-        All groups but those of the TCCM and the surfaces.
+        All groups except those of the TCCM and the surfaces.
     label
-        Assigns the beams of a level scan to line segments (see `extract_lines`).
+        Function that assigns the beams of a level scan to line segments (see `extract_lines`).
     """
 
     def __init__(self, config: Config, label: LabelBeams = label_by_splitting) -> None:
@@ -83,29 +83,29 @@ class WallSlam:
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         self._newest: LevelScan | None = None
         self._is_told = False
-        # Of landmarks: in earlier sessions, in this one, and not yet anchored to its keyframes.
+        # Landmark observations: of earlier sessions, of this one, and those not yet anchored.
         self._saved_observations: Sequence[AnchoredObservation] = ()
         self._observed: list[LandmarkObservation] = []
         self._unanchored: list[LandmarkObservation] = []
-        # Of door signs: in earlier sessions, and in this one.
+        # Door signs: of earlier sessions, and of this one.
         self._saved_signs: Sequence[SignView] = ()
         self._signs: list[SignMeasurement] = []
         self._unread: list[SignMeasurement] = []
         self._pictures: list[SearchedPicture] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
-        # What goes on from the last batch, and the signs in it.
+        # The continued graph of the last batch, and the number of signs in it.
         self._growth: Growth | None = None
         self._solved_signs = 0
 
     # -- input ---------------------------------------------------------------------------------
 
     def add_scan(self, scan: PosedScan) -> ScanPose:
-        """Match a level scan and return its pose; scans must come in the order of their stamps.
+        """Match a level scan and return its pose; scans must be added in stamp order.
 
         Raises
         ------
         ValueError
-            For a scan that is not newer than the one before it.
+            For a scan that is not newer than the previous one.
         """
         if self._front.tracked and scan.scan.stamp_ns <= self._front.tracked[-1].stamp_ns:
             raise ValueError(f"level scan at {scan.scan.stamp_ns} ns is not newer than the last")
@@ -113,7 +113,7 @@ class WallSlam:
         self._expect(level)
         tracked = self._front.add(level, self._start(level.odom))
         self._newest = level
-        if not len(self._odometry):  # tf tells where the base is, or nothing
+        if not len(self._odometry):  # the base pose is from tf, or unknown
             self._attitudes.add(level.stamp_ns, level.attitude)
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:
@@ -125,7 +125,7 @@ class WallSlam:
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
     def add_odometry(self, stamp_ns: int, T_odom_base: Float64) -> None:
-        """Add an odometry sample, in any order: poses between scans, and all without scans."""
+        """Add an odometry sample, in any order; used between scans, or without scans."""
         self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
         self._attitudes.add(stamp_ns, attitude_of(T_odom_base))
         if not self._front.tracked and stamp_ns >= self._live.stamp_ns:
@@ -136,23 +136,23 @@ class WallSlam:
             self._live = LivePose(stamp_ns, pose, map_odom, localised, attitude_of(T_odom_base))
 
     def add_map_odom(self, told: MapOdom) -> None:
-        """Add where another program's localisation puts the odometry frame."""
+        """Add a pose of the odometry frame by an external localisation."""
         self._map_odom.add(told)
 
     @property
     def waits_to_be_told(self) -> bool:
-        """Whether another program localises the robot, and has not done so yet."""
+        """Whether the external localisation is configured, but has given no pose yet."""
         return self.config.localisation.is_external and not len(self._map_odom)
 
     def add_roll_pitch(self, sample: RollPitch) -> None:
-        """Add roll and pitch of the base, in the order of their stamps: views have them."""
+        """Add roll and pitch of the base, in stamp order; used for views."""
         self._roll_pitch.add(sample)
 
     def add_landmark(self, observation: LandmarkObservation) -> None:
         """Add an observation of a landmark, in any order.
 
-        It enters the live estimate with the keyframe after it. An observation that comes later than
-        that keyframe counts as much in a solution, but the search for loop closures was without it.
+        It is used in the live estimate from the next keyframe on. An observation that arrives later
+        is used in solutions, but was missing in the search for loop closures.
 
         Raises
         ------
@@ -164,32 +164,32 @@ class WallSlam:
         self._unanchored.append(observation)
 
     def add_sign(self, sign: SignMeasurement) -> None:
-        """Add what a picture tells of a door sign, in any order.
+        """Add a measurement of a door sign, in any order.
 
-        The search for loop closures has it from `SIGN_DELAY_NS` on; a sign that comes later counts
-        as much in a solution, but not there.
+        It is used in the search for loop closures after `SIGN_DELAY_NS`; one that arrives later is
+        used in solutions only.
         """
         self._signs.append(sign)
         self._unread.append(sign)
 
     def add_picture(self, picture: SearchedPicture) -> None:
-        """Add a picture in which signs were looked for, in any order.
+        """Add a picture that was searched for signs, in any order.
 
-        A sign that it should show, and that was not read in it, is less probably there.
+        A miss of a sign that it should show reduces the probability of that sign.
         """
         self._pictures.append(picture)
 
     def add_guess(self, guess: PoseGuess) -> None:
-        """Begin a session with the next scan, and look for its place around a pose.
+        """Begin a session with the next scan, and relocalise around a user-supplied pose.
 
-        The place counts once a scan fits the map there, and fits it better than where the robot
-        was before: then it goes on there.
+        The place is accepted once a scan fits the map there, and better than at the place expected
+        by tracking; otherwise that one is kept.
         """
         self._front.is_lost = self._is_told = bool(self._front.tracked)
         self._closer.note_guess(guess)
 
     def _expect(self, level: LevelScan) -> None:
-        """Note where a scan that begins a session is by what was known before."""
+        """Set the expected place of the first scan of a session, from tracking."""
         is_told, self._is_told = self._is_told, False
         if is_told and self._newest is not None and self.has_place_now:
             last = self._front.tracked[-1]
@@ -199,7 +199,7 @@ class WallSlam:
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the live estimate of the motion of the base between two stamps, float64 (3,).
 
-        None where it is not accurate: over keyframes, or without odometry.
+        None where it is inaccurate: over several keyframes, or without odometry.
         """
         if self._front.tracked:
             first, last = self._anchor([first_ns, last_ns])
@@ -214,9 +214,9 @@ class WallSlam:
         return self._live
 
     def _start(self, odom: Float64) -> Float64:
-        """Return the pose (3,) in map by odometry alone: the first base pose is the origin.
+        """Return the pose (3,) in map by odometry alone, with the first base pose as origin.
 
-        Where another program localises the robot, it is in that program's map.
+        With an external localisation, the pose is in its map.
         """
         if len(self._map_odom):
             return compose(self._map_odom.newest(), odom)
@@ -225,7 +225,7 @@ class WallSlam:
         return between(self._odometry.first(), odom)
 
     def _take_keyframe(self) -> int:
-        """Add the last scan if the front end made it a keyframe; return its id, or -1."""
+        """Add the last scan if it became a keyframe; return its id, or -1."""
         done = len(self._chain.keyframes) - self._front.first_id
         for keyframe in self._front.keyframes[done:]:
             scan = keyframe.scan
@@ -245,17 +245,17 @@ class WallSlam:
         )
 
     def _sign_views_until(self, stamp_ns: int) -> list[SignView]:
-        """Return the views of signs that have had the time to come until a stamp, in order."""
+        """Return the views of signs up to `SIGN_DELAY_NS` before a stamp, in order."""
         until = stamp_ns - SIGN_DELAY_NS
         seen = sorted((m for m in self._unread if m.stamp_ns <= until), key=sign_order)
         self._unread = [m for m in self._unread if m.stamp_ns > until]
         return [SignView(m, a) for m, a in zip(seen, self._anchor([m.stamp_ns for m in seen]))]
 
-    # -- a robot that was lost -----------------------------------------------------------------
+    # -- a lost robot --------------------------------------------------------------------------
 
     @property
     def is_lost(self) -> bool:
-        """Whether the robot was lost, and its place in the map is not found yet."""
+        """Whether the robot was lost, and is not relocalised yet."""
         return self._front.is_lost or self._is_detached(self._front.session)
 
     @property
@@ -275,12 +275,12 @@ class WallSlam:
 
     @property
     def waits_for(self) -> str:
-        """Why the newest session has no place in the map yet; empty where it has."""
+        """Reason why the newest session has no place in the map yet; empty if it has."""
         return self._closer.waits_for
 
     @property
     def has_place(self) -> bool:
-        """Whether there is a place for where this run began; always without a saved map."""
+        """Whether the first session of this run has a place; always True without a saved map."""
         return self._first_session in self._closer.placed
 
     @property
@@ -295,18 +295,18 @@ class WallSlam:
 
     @property
     def placed_by_sign(self) -> int:
-        """Id of the sign that placed this session in the map; -1 where none did."""
+        """Id of the sign by which this session was localised in the map; -1 for none."""
         return self._closer.placed_by_sign.get(self._front.session, -1)
 
     def _is_detached(self, session: int) -> bool:
-        """Return whether a session began as the robot was lost, and has no place in the map."""
+        """Return whether a session began with a lost robot, and has no place in the map."""
         return session > self._first_session and session not in self._closer.placed
 
     def _is_in_map(self, k: int) -> bool:
         return not self._is_detached(self._chain.keyframes[k].session)
 
     def kept_keyframes(self) -> dict[int, int]:
-        """Return the numbers in a saved map of the keyframes that have a place in the map."""
+        """Return the indices in a saved map of the keyframes with a place in the map, by id."""
         kept = [k.id for k in self._chain.keyframes if not self._is_detached(k.session)]
         return {k: n for n, k in enumerate(kept)}
 
@@ -320,26 +320,26 @@ class WallSlam:
         every_covariance: bool = True,
         is_final: bool = True,
     ) -> Solution:
-        """Rebuild the graph in stamp order and optimise it as a batch, or go on from the last one.
+        """Rebuild the graph in stamp order and optimise it as a batch, or continue the last one.
 
         Parameters
         ----------
         views
-            Stamps (ns) of surface clouds; each gets a pose of its own, `view_key(index)`.
+            Stamps (ns) of surface clouds; each gets its own pose, `view_key(index)`.
         factors
-            Additional factors between views, keyframes and landmarks. None: those of the solution
-            before where this one goes on from it, else none.
+            Additional factors between views, keyframes and landmarks. None: those of the previous
+            solution if this one continues it, else none.
         every_covariance
-            Whether all keyframes get their covariance, which takes most of the time in a graph
-            with many loops, or the newest alone.
+            Whether to compute the covariances of all keyframes, which takes most of the time in a
+            graph with many loop closures, or only of the newest.
         is_final
-            Whether it is a batch at any size. Otherwise, a large graph goes on from the solution
-            before (`growth`), and the newest keyframe alone gets its covariance.
+            Whether to force a batch. Otherwise, a large graph is continued from the previous
+            solution (`growth`), and only the newest keyframe gets its covariance.
 
         Returns
         -------
         Solution
-            Of a batch a function of the records: it does not depend on earlier calls.
+            The result of a batch is a function of the records, independent of earlier calls.
         """
         nothing = not self._front.tracked and not self._chain.keyframes
         if nothing and len(self._odometry):
@@ -380,7 +380,7 @@ class WallSlam:
         views: Mapping[Key, AnchoredPose],
         cov_keyframes: Float64,
     ) -> Solution:
-        """Return what an optimised graph says; `views` in the order of the result's."""
+        """Return the result of an optimised graph; `views` in the order of the result's."""
         poses, keyframes = solution.planar_poses(self._chain.keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
         landmarks = landmark_records(observations, solution, used.scale)
@@ -404,7 +404,7 @@ class WallSlam:
         )
 
     def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
-        """Have the next solutions go on from a batch, if all of it is in the map's frame."""
+        """Let the next solutions continue a batch, if all of it is in the map's frame."""
         if {k.session for k in self._chain.keyframes} <= self._closer.localised:
             self._growth = Growth(
                 solution, used, self._chain, self._closer, self._lines, views, self.config
@@ -412,7 +412,7 @@ class WallSlam:
             self._solved_signs = len(self._signs)
 
     def _grow(self, views: Sequence[int], factors: Sequence[Factor] | None) -> Solution | None:
-        """Return a solution that goes on from the one before; None where there must be a batch."""
+        """Return a continuation of the previous solution; None where a batch is needed."""
         growth = self._growth
         if growth is None or len(self._signs) != self._solved_signs:
             return None
@@ -450,7 +450,7 @@ class WallSlam:
         counted = self._front.tracked, self._odometry, self._observed, self._signs, self._pictures
         now = tuple(len(records) for records in counted)
         if self._selected is None or self._selected[0] != now:
-            # A wall is of the map, and not of a place that is not found yet.
+            # Lines at unknown places are no observations of walls of the map.
             lines = [x if self._is_in_map(k) else NO_LINES for k, x in enumerate(self._lines)]
             inliers = select_inliers(
                 self._closer,
@@ -465,7 +465,7 @@ class WallSlam:
         return self._selected[1]
 
     def _by_odometry(self) -> WallSlam:
-        """Return a processor whose keyframes are the odometry samples."""
+        """Return a processor with the odometry samples as keyframes."""
         odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
         odometry_slam._odometry, odometry_slam._map_odom = self._odometry, self._map_odom
@@ -500,7 +500,7 @@ class WallSlam:
         ]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
-        """Return where views are, also with the roll and pitch of the base by its IMU."""
+        """Return the anchored poses of views, including roll and pitch of the base by its IMU."""
         by_imu = self._roll_pitch.at(stamps_ns).tolist()
         return [
             replace(on, roll_pitch=(on.roll_pitch[0] + roll, on.roll_pitch[1] + pitch))
@@ -545,8 +545,8 @@ class WallSlam:
     def saved(self, solution: Solution | None = None) -> dict[str, NDArray[Any]]:
         """Return the map of the newest solution (None: solved now) as arrays, for `from_saved`.
 
-        It holds the keyframes with their scans and lines, their optimised poses, the loop closures,
-        the observations of landmarks and the views of signs; not the trajectory between keyframes.
+        It contains keyframes with scans and lines, their optimised poses, loop closures, landmark
+        observations and views of signs; not the trajectory between keyframes.
         """
         if not self._chain.keyframes:
             return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], [], []))
@@ -580,20 +580,20 @@ class WallSlam:
         )
 
     def correction(self, solution: Solution) -> Float64:
-        """Return where the front end's own map is in that of a solution, planar pose (3,).
+        """Return the planar pose (3,) of the front end's own map in a solution's map.
 
-        The newest keyframe tells; the identity before the first one of a session.
+        It is computed from the newest keyframe; the identity before the first one of a session.
         """
         if not self._front.keyframes:
             return np.zeros(3)
         return self.map_from_front(solution.keyframes[self._front.keyframes[-1].id].pose)
 
     def map_from_front(self, newest: Float64) -> Float64:
-        """Return where the front end's own map is, by the pose (3,) of the newest keyframe."""
+        """Return the pose of the front end's own map, from the pose (3,) of the newest keyframe."""
         return compose(newest, inverse(self._front.keyframes[-1].pose))
 
     def placed_keyframe(self) -> SolvedKeyframe | None:
-        """Return where the newest keyframe is in the map, before it is solved; None without one."""
+        """Return the newest keyframe in the map, before it is solved; None without a place."""
         if not self._front.keyframes or self._front.session not in self._closer.placed:
             return None
         keyframe = self._front.keyframes[-1]
@@ -613,19 +613,19 @@ class WallSlam:
         arrays: Mapping[str, NDArray[Any]],
         label: LabelBeams = label_by_splitting,
     ) -> WallSlam:
-        """Go on with a saved map: the robot may start anywhere in it, or outside.
+        """Return a processor that continues a saved map; the robot may start anywhere.
 
         Parameters
         ----------
         config, label
-            As for the constructor.
+            As in the constructor.
         arrays
-            As `saved` returned them.
+            Arrays returned by `saved`.
 
         Raises
         ------
         MapError
-            For arrays that are missing or do not fit each other.
+            For missing or inconsistent arrays.
         """
         slam = cls(config, label)
         saved = unpack_walls(arrays)
@@ -650,7 +650,7 @@ def _by_stamp(seen: Iterable[LandmarkObservation]) -> list[LandmarkObservation]:
 
 
 def _covariances(solution: GraphSolution, keys: Sequence[Key], every: bool) -> Float64:
-    """Return planar covariances (K, 3, 3), NaN where they are not wanted."""
+    """Return planar covariances (K, 3, 3), NaN where not requested."""
     covs = np.full((len(keys), 3, 3), np.nan)
     for index in range(0 if every else len(keys) - 1, len(keys)):
         covs[index] = solution.planar_covariance(keys[index])

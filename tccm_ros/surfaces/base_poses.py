@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,16 +106,31 @@ def cells_under(surfaces: Sequence[Surface], grid: OccupancyGrid) -> Bool:
     -------
     bool (height, width)
     """
-    under = np.zeros(grid.cells.shape, bool)
-    for surface in surfaces:
-        if surface.label == "floor":
-            continue
-        ring = (surface.boundary[:, :2] - grid.origin) / grid.resolution
+    return cells_within([s.boundary for s in surfaces if s.label != "floor"], grid)
+
+
+def cells_within(outlines: Iterable[Float64], grid: OccupancyGrid) -> Bool:
+    """Return the cells of a grid whose middle is within any of some outlines.
+
+    Parameters
+    ----------
+    outlines
+        float64 (N, 2 or 3) each, in the frame of the grid, m.
+    grid
+        Its cells do not matter.
+
+    Returns
+    -------
+    bool (height, width)
+    """
+    within = np.zeros(grid.cells.shape, bool)
+    for outline in outlines:
+        ring = (outline[:, :2] - grid.origin) / grid.resolution
         low = np.maximum(np.floor(ring.min(axis=0)).astype(int), 0)
-        high = np.minimum(np.ceil(ring.max(axis=0)).astype(int), under.shape[::-1])
+        high = np.minimum(np.ceil(ring.max(axis=0)).astype(int), within.shape[::-1])
         if (low >= high).any():
             continue
         x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
-        outline = shapely.make_valid(shapely.Polygon(ring))
-        under[low[1] : high[1], low[0] : high[0]] |= shapely.contains_xy(outline, x, y)
-    return under
+        polygon = shapely.make_valid(shapely.Polygon(ring))
+        within[low[1] : high[1], low[0] : high[0]] |= shapely.contains_xy(polygon, x, y)
+    return within

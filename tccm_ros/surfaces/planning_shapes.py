@@ -1,10 +1,12 @@
-"""Surfaces as what a motion planner avoids: thin slabs, as boxes or meshes with poses.
+"""Surfaces and sides of racks as what a motion planner avoids: thin boxes or meshes with poses.
 
 `Box` has the content of shape_msgs/SolidPrimitive, `Mesh` that of shape_msgs/Mesh.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +16,24 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_rings
+from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.records import Surface
 
 OBJECT_PREFIX = "tccm_surface_"
 """Prefix of the names of collision objects, so that those of other programs are kept."""
+
+PANEL_PREFIX = "tccm_rack_"
+"""Prefix of the names of panels of racks."""
+
+THICKNESS = 0.02
+"""Of a surface whose lower side was not measured, downwards, m; chosen: a thin board. What is below
+may be free."""
+
+MIN_BOARD, MAX_BOARD = 0.005, 0.08
+"""Limits of a measured thickness, m; chosen: a sheet, and a worktop."""
+
+PANEL = 0.01
+"""Of sides and backs of racks, m; chosen: thinner than panels are, since only one side was seen."""
 
 MIN_BOX_FILL = 0.75
 """A surface that covers a smaller fraction of its box is a mesh; chosen: the box of an angled
@@ -56,7 +72,7 @@ class Mesh:
     triangles: Int64
 
 
-def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
+def surface_shape(surface: Surface, thickness: float = THICKNESS) -> Box | Mesh:
     """Return a surface as a box, or as a mesh where the box would cover too much more.
 
     Parameters
@@ -72,7 +88,59 @@ def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
     return box
 
 
-def surface_box(surface: Surface, thickness: float = 0.02) -> Box:
+def structure_shapes(
+    surfaces: Iterable[Surface], compartments: Sequence[Compartment] = ()
+) -> dict[str, Box | Mesh]:
+    """Return the shapes of all surfaces but the floor, and of measured faces of racks, by name.
+
+    The robot, which stands on the floor, would always be in collision with it.
+
+    Parameters
+    ----------
+    surfaces
+        Of the map. A board whose lower side was measured is as thick as it is.
+    compartments
+        Their sides, backs and ceilings without a surface are panels behind what was measured.
+    """
+    known = [surface for surface in surfaces if surface.label != "floor"]
+    heights = {surface.id: surface.height for surface in known}
+    thickness: dict[int, float] = {}
+    for space in compartments:
+        if space.above in heights and space.ceiling == FaceState.MEASURED:
+            lower_side = float(space.T_map_front[2, 3]) + space.height
+            measured = min(max(heights[space.above] - lower_side, MIN_BOARD), MAX_BOARD)
+            thickness[space.above] = max(measured, thickness.get(space.above, 0.0))
+    shapes: dict[str, Box | Mesh] = {
+        f"{OBJECT_PREFIX}{s.id}": surface_shape(s, thickness.get(s.id, THICKNESS)) for s in known
+    }
+    parts: Counter[int] = Counter()
+    for space in compartments:
+        name = f"{PANEL_PREFIX}{space.board}_{parts[space.board]}"
+        parts[space.board] += 1
+        shapes |= {f"{name}_{face}": box for face, box in _panels(space)}
+    return shapes
+
+
+def _panels(space: Compartment) -> Iterator[tuple[str, Box]]:
+    """Yield the measured faces of a compartment, each as a panel behind it."""
+    w, d, h, t = space.width, space.depth, space.height, PANEL
+    side, high = np.array([d, t, h]), 0.5 * h
+    panels = {
+        "left": (space.left, (0.5 * d, 0.5 * (w + t), high), side),
+        "right": (space.right, (0.5 * d, -0.5 * (w + t), high), side),
+        "back": (space.back, (d + 0.5 * t, 0.0, high), np.array([t, w, h])),
+    }
+    if space.above is None:
+        size = np.array([d, w, THICKNESS])
+        panels["ceiling"] = (space.ceiling, (0.5 * d, 0.0, h + 0.5 * THICKNESS), size)
+    for name, (state, middle, size) in panels.items():
+        if state == FaceState.MEASURED:
+            T = space.T_map_front.copy()
+            T[:3, 3] += T[:3, :3] @ np.array(middle)
+            yield name, Box(T, size)
+
+
+def surface_box(surface: Surface, thickness: float = THICKNESS) -> Box:
     """Return the smallest box under a surface's outline; its top lies in the surface's plane.
 
     Holes and notches are filled: a planner that avoids the box avoids the surface.
@@ -91,7 +159,7 @@ def surface_box(surface: Surface, thickness: float = 0.02) -> Box:
     return Box(pose(R, R @ middle), size)
 
 
-def surface_mesh(surface: Surface, thickness: float = 0.02) -> Mesh:
+def surface_mesh(surface: Surface, thickness: float = THICKNESS) -> Mesh:
     """Return the slab under a surface, with its holes and its true outline."""
     rings = [surface.boundary, *surface.holes]
     top = np.concatenate(rings)

@@ -11,6 +11,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, spatial
+from tccm_ros.racks.compartment import Compartment
 from tccm_ros.records import PreviousPose, Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -58,6 +59,8 @@ class Scene(NamedTuple):
         By id.
     newest_view_ns, previous_view_ns
         Stamps of the newest view of this session and of the one before; 0 where there is none.
+    compartments
+        Of racks.
     """
 
     stamp_ns: int
@@ -68,6 +71,7 @@ class Scene(NamedTuple):
     surfaces: tuple[KnownSurface, ...] = ()
     newest_view_ns: int = 0
     previous_view_ns: int = 0
+    compartments: tuple[Compartment, ...] = ()
 
 
 def surface_pose(surface: Surface | PreviousPose) -> tuple[Float64, Float64]:

@@ -36,6 +36,7 @@ def scene_of(
         tuple(known_surface(surface) for surface in solution.surfaces),
         newest_ns,
         previous_ns,
+        solution.compartments,
     )
 
 

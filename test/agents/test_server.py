@@ -8,9 +8,6 @@ from functools import partial
 import anyio
 import pytest
 
-from tccm_ros.config import Config
-from tccm_ros.replay.replay import replay
-
 mcp = pytest.importorskip("mcp", reason="mcp (the extra 'agents') is missing")
 
 from tccm_ros.agents.saved_source import SavedMapSource  # noqa: E402
@@ -21,10 +18,8 @@ MAX_ANSWER = 10_000
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("map") / "out"
-    replay("bags/walkthrough", out, Config(), pictures=False)
-    return out
+def folder(session_files):
+    return session_files.replayed("walkthrough")
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,9 @@ class Asker:
         size = {"size_x": 0.1, "size_y": 0.1, "height": 0.12}
         return self.ask("FindPlacements", "/surface_slam/find_placements", **(size | fields))
 
+    def find_objects(self, **fields):
+        return self.ask("FindObjects", "/surface_slam/find_objects", **fields)
+
     def box(self, xyz, size, frame="odom"):
         x, y, z = map(float, xyz)
         pose = PoseStamped(header=Header(frame_id=frame), pose=Pose(position=Point(x=x, y=y, z=z)))

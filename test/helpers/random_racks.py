@@ -221,7 +221,7 @@ def insertions(rack, outcome, T_map_world, count, seed):
                 continue
             room = _swept(rng, middle, size, hand, CLEARANCE, 2000)
             room = transform(true.T_world_front, room)
-            is_free = not _inside(frozen.solids, room).any() and _visible(frozen, eyes, room[:60])
+            is_free = not inside(frozen.solids, room).any() and _visible(frozen, eyes, room[:60])
             at = transform(inverse(T_world_found) @ true.T_world_front, [[*middle, 0.0]])[0, :2]
             grown = size + np.array([2.0, 2.0, 1.0]) * CLEARANCE
             wide = Hand(hand.width + 2 * CLEARANCE, hand.height + CLEARANCE)
@@ -230,7 +230,7 @@ def insertions(rack, outcome, T_map_world, count, seed):
             tally[1] += is_free and is_offered
             if is_offered:
                 points = transform(T_world_found, _swept(rng, at, size, hand, 0.0, 300))
-                tally[2] += _inside(frozen.solids, points).any()
+                tally[2] += inside(frozen.solids, points).any()
                 tally[3] += len(points)
     return Insertions(*tally.tolist())
 
@@ -243,7 +243,7 @@ def cuts(rack, space, T_map_world, place, request, count=2000):
     sides = (request.size_x, request.size_y) if along else (request.size_y, request.size_x)
     hand = Hand(request.hand_width, request.hand_height)
     points = _swept(rng, middle, (*sides, request.height), hand, 0.0, count)
-    return int(_inside(rack.world.scene.solids, transform(inverse(T_map_world) @ T, points)).sum())
+    return int(inside(rack.world.scene.solids, transform(inverse(T_map_world) @ T, points)).sum())
 
 
 def _is_offered(space, middle, size, hand):
@@ -274,13 +274,13 @@ def _swept(rng, middle, size, hand, margin, count):
     return np.column_stack([x, y, rng.uniform(0.003, height, count)])
 
 
-def _inside(solids, points):
-    """Return which points (N, 3) in the world are in a box, bool (N,)."""
-    inside = np.zeros(len(points), bool)
+def inside(solids, points, grown=0.0):
+    """Return which points (N, 3) in the world are in a box that is grown by a length, bool (N,)."""
+    found = np.zeros(len(points), bool)
     for solid in solids:
         local = np.abs(transform(inverse(solid.T_world_solid), points))
-        inside |= (local < solid.half).all(axis=1)
-    return inside
+        found |= (local < np.array(solid.half) + grown).all(axis=1)
+    return found
 
 
 def _visible(frozen, eyes, points):

@@ -4,6 +4,7 @@ Beams are cast by the simulator, which has no code in common with the mapping.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from shapely import Polygon
@@ -54,20 +55,30 @@ class Room:
 
     def look(self, pose, stamp_ns, *, rows=60, columns=200, noise=0.0, seed=0, cell=0.1):
         """Return the surface message of one tilt cycle from a planar base pose (x, y, yaw)."""
-        boards = [self.floor, *self.boards]
-        beams = _beams(rows, columns)
-        rays = beams @ _yaw_rotation(pose[2]).T
-        origin = _yaw_rotation(pose[2]) @ EYE + [pose[0], pose[1], 0.0]
-        hit, distance = _cast(origin, rays, boards, self.screens)
-        ends = origin + rays * np.minimum(distance, 6.0)[:, None]
-        back = (ends - [pose[0], pose[1], 0.0]) @ _yaw_rotation(pose[2])
-        rng = np.random.default_rng(seed)
-        seen = (hit >= 0) & (hit < len(boards)) & (distance < 6.0)
-        points = back[seen] + beams[seen] * rng.normal(0.0, noise, (seen.sum(), 1))
-        cloud = SurfaceCloud(
-            stamp_ns, "base", points.astype(np.float32), hit[seen].astype(np.uint32)
-        )
-        return cloud, ViewIntervals(stamp_ns, "base", _intervals(back, cell))
+        boards, screens = (self.floor, *self.boards), tuple(self.screens)
+        where = tuple(float(number) for number in pose)
+        seen = _seen(boards, screens, where, rows, columns, float(noise), seed, cell)
+        points, labels, intervals = (array.copy() for array in seen)
+        cloud = SurfaceCloud(stamp_ns, "base", points, labels)
+        return cloud, ViewIntervals(stamp_ns, "base", intervals)
+
+
+@lru_cache(maxsize=512)
+def _seen(boards, screens, pose, rows, columns, noise, seed, cell):
+    """Return points, the number of the board that each is on, and free intervals.
+
+    Many tests look at one room from the same places.
+    """
+    beams = _beams(rows, columns)
+    rays = beams @ _yaw_rotation(pose[2]).T
+    origin = _yaw_rotation(pose[2]) @ EYE + [pose[0], pose[1], 0.0]
+    hit, distance = _cast(origin, rays, boards, screens)
+    ends = origin + rays * np.minimum(distance, 6.0)[:, None]
+    back = (ends - [pose[0], pose[1], 0.0]) @ _yaw_rotation(pose[2])
+    rng = np.random.default_rng(seed)
+    seen = (hit >= 0) & (hit < len(boards)) & (distance < 6.0)
+    points = back[seen] + beams[seen] * rng.normal(0.0, noise, (seen.sum(), 1))
+    return points.astype(np.float32), hit[seen].astype(np.uint32), _intervals(back, cell)
 
 
 def _yaw_rotation(yaw):
@@ -102,7 +113,7 @@ def _intervals(ends, cell):
     fraction = np.linspace(0.0, 0.985, 90)
     p = (EYE + (ends[:, None] - EYE) * fraction[None, :, None]).reshape(-1, 3)
     bins = np.floor(p / [cell, cell, 0.02]).astype(np.int64) + 1000
-    keys = np.unique((bins[:, 0] * 10_000 + bins[:, 1]) * 10_000 + bins[:, 2])
+    keys = np.sort((bins[:, 0] * 10_000 + bins[:, 1]) * 10_000 + bins[:, 2])
     start = np.flatnonzero(np.r_[True, np.diff(keys) > 3])
     low, high = keys[start], keys[np.r_[start[1:], len(keys)] - 1]
     x, y = low // 10_000**2 - 1000, low // 10_000 % 10_000 - 1000

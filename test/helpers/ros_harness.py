@@ -18,6 +18,9 @@ from rclpy.executors import SingleThreadedExecutor
 DOMAINS = range(1, 100)
 """Domains whose ports lie below the ephemeral ones."""
 
+ASK_AGAIN_S = 60.0
+"""A request without an answer is made again after this time, s: longer than answers take."""
+
 BETWEEN_NS = 5_000_000_000
 """Between two recordings that are played to one process, ns: more than any wait in message time."""
 
@@ -109,11 +112,20 @@ class Ros:
             self.executor.spin_once(timeout_sec=0.02)
 
     def call(self, client, request):
-        """Call a service and return its response."""
+        """Call a service and return its response.
+
+        The answer is lost where the client knows the service and is not known to it yet; then the
+        service is asked again.
+        """
         self.spin_until(client.service_is_ready, what=client.srv_name)
-        future = client.call_async(request)
-        self.spin_until(future.done, what=client.srv_name)
-        return future.result()
+        asked, ask_s, end = [], time.monotonic(), time.monotonic() + PATIENCE_S
+        while not (answered := [future for future in asked if future.done()]):
+            assert time.monotonic() < end, f"timed out: {client.srv_name}"
+            if time.monotonic() >= ask_s:
+                asked.append(client.call_async(request))
+                ask_s += ASK_AGAIN_S
+            self.executor.spin_once(timeout_sec=0.02)
+        return answered[0].result()
 
     def close(self) -> None:
         for node in self._nodes:

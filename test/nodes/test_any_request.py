@@ -60,7 +60,19 @@ placements = st.fixed_dictionaries(
         **dict.fromkeys(("size_x", "size_y", "height", "clearance", "reach"), numbers),
         **dict.fromkeys(("min_reach_height", "max_reach_height", "robot_radius"), numbers),
         **dict.fromkeys(("max_count", "max_base_poses"), counts),
-        "base": st.integers(0, 255) | st.integers(0, 2),
+        **dict.fromkeys(("base", "approach"), st.integers(0, 255) | st.integers(0, 2)),
+        **dict.fromkeys(("hand_width", "hand_height"), numbers),
+    },
+)
+objects = st.fixed_dictionaries(
+    {},
+    optional={
+        "labels": st.lists(texts, max_size=3),
+        "surface_ids": st.lists(st.integers(-(2**31), 2**31 - 1), max_size=5),
+        **dict.fromkeys(("min_size", "max_size", "max_distance", "clearance"), numbers),
+        **dict.fromkeys(("hand_width", "hand_height"), numbers),
+        "near": st.builds(PointStamped, header=headers, point=points),
+        "max_count": counts,
     },
 )
 poses = st.builds(
@@ -91,6 +103,7 @@ guesses = st.builds(
 REQUESTS = st.one_of(
     st.tuples(st.just("surfaces"), filters),
     st.tuples(st.just("placements"), placements),
+    st.tuples(st.just("objects"), objects),
     st.tuples(st.just("box"), boxes),
     st.tuples(st.just("pose"), st.fixed_dictionaries({"pose": guesses})),
     st.tuples(st.just("list"), st.just({})),
@@ -107,6 +120,8 @@ def answer(asker: Asker, kind: str, fields):
         return asker.surfaces(**fields)
     if kind == "placements":
         return asker.find_placements(**fields)
+    if kind == "objects":
+        return asker.find_objects(**fields)
     if kind == "box":
         return asker.ask("CheckBox", "/tccm/check_box", **fields)
     words = {

@@ -44,11 +44,13 @@ def test_both_nodes_are_started_by_their_names(actions):
         "slam_node": "surface_slam",
         "managed_tccm_node": "tccm",
         "managed_slam_node": "surface_slam",
+        "approach_node": "approach",
     }
     assert set(nodes) <= installed
     for name, (_, condition) in nodes.items():
-        assert condition.args[0].args == ("managed",)
-        wanted = "IfCondition" if name.startswith("managed") else "UnlessCondition"
+        assert condition.args[0].args == ("approach" if name == "approach_node" else "managed",)
+        is_asked = name.startswith(("managed", "approach"))
+        wanted = "IfCondition" if is_asked else "UnlessCondition"
         assert condition.kind == wanted
 
 

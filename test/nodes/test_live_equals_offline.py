@@ -67,11 +67,13 @@ EQUAL = (
     ],
 )
 def test_what_live_nodes_save_equals_the_files_of_a_replay(
-    ros, tmp_path, bag, remap, is_shared, config
+    ros, session_files, tmp_path, bag, remap, is_shared, config
 ):
-    offline = tmp_path / "offline"
     settings = read_config(config).model_copy(update={"sync_timeout": SYNC_S})
-    replay(BAGS / bag, offline, settings, pictures=False, remap=remap)
+    offline = session_files.once(
+        f"offline_{bag}_{config.stem if config else 'default'}",
+        lambda out: replay(BAGS / bag, out, settings, pictures=False, remap=remap),
+    )
     words = [word for rule in remap for word in ("-r", rule)]
     words += [] if config is None else ["--params-file", str(config)]
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared, words)
@@ -80,6 +82,15 @@ def test_what_live_nodes_save_equals_the_files_of_a_replay(
     sent = messages(BAGS / bag)
     assert {topic: counts[topic] for topic in sent} == sent
     assert_equal(tmp_path / "live", offline)
+
+
+def recorded_and_replayed(session_files, name: str, record) -> tuple[Path, Path]:
+    """Return a recording that `record` writes to a path, and the results of its replay."""
+    bag = session_files.once(f"recording_{name}", record)
+    config = Config(sync_timeout=SYNC_S)
+    return bag, session_files.once(
+        f"offline_{name}", lambda out: replay(bag, out, config, pictures=False)
+    )
 
 
 def nodes_that_save(ros, folder: Path, is_shared: bool, words=()) -> tuple[TccmNode, SlamNode]:
@@ -137,10 +148,10 @@ def save(ros, node, service: str) -> None:
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
-def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is_shared):
-    bag, offline = tmp_path / "bag", tmp_path / "offline"
-    write_recording(bag)
-    replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
+def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(
+    ros, session_files, tmp_path, is_shared
+):
+    bag, offline = recorded_and_replayed(session_files, "depth_room", write_recording)
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
     play_and_save(ros, bag, *nodes, topics=("/tccm/surfaces", "/tccm/view"), rate=SLOW_RATE)
     assert nodes[0].processor.counts["cycles"] >= 3
@@ -148,11 +159,11 @@ def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
-def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, tmp_path, is_shared):
-    bag, offline = tmp_path / "bag", tmp_path / "offline"
+def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, session_files, tmp_path, is_shared):
     options = Options(imu=True, stop_tilt=0.02, tilt_beams=181, people=False)
-    simulate("moved", bag, options=options)
-    replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
+    bag, offline = recorded_and_replayed(
+        session_files, "imu", lambda out: simulate("moved", out, options=options)
+    )
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
     play_and_save(ros, bag, *nodes)
     node = nodes[1]
@@ -163,16 +174,18 @@ def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, tmp_path, is_shared
 
 @pytest.mark.parametrize("is_shared", [False, True])
 def test_recognised_objects_are_labelled_live_as_offline_and_found_by_class(
-    ros, tmp_path, is_shared
+    ros, session_files, tmp_path, is_shared
 ):
     pytest.importorskip("vision_msgs.msg", reason="vision_msgs is not installed")
     pytest.importorskip("tccm_interfaces.msg", reason="tccm_interfaces is not installed")
     from tccm_ros.client import SurfaceMapClient
 
-    bag, offline = tmp_path / "bag", tmp_path / "offline"
     classes = {"box that stays": [("mug", 0.8), ("bowl", 0.1)], "box that comes": [("crate", 0.6)]}
-    write_with_detections(BAGS / "walkthrough", bag, seen_from_base(BAGS / "walkthrough", classes))
-    replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
+    walkthrough = BAGS / "walkthrough"
+    bag, offline = recorded_and_replayed(
+        session_files, "detections",
+        lambda out: write_with_detections(walkthrough, out, seen_from_base(walkthrough, classes)),
+    )  # fmt: skip
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
     client = SurfaceMapClient(ros.add(Node("program", context=ros.context)))
     play_and_save(ros, bag, *nodes)

@@ -21,6 +21,14 @@ WRONG_PLACEMENTS = [
     ({"clearance": -1.0}, "clearance"),
     ({"base": 9}, "base"),
     ({"base": 2}, "reach is 0"),
+    ({"approach": 3}, "approach"),
+    ({"hand_width": -0.1}, "hand_width"),
+]
+WRONG_OBJECTS = [
+    ({"min_size": -0.1}, "min_size"),
+    ({"max_size": float("nan")}, "max_size"),
+    ({"hand_height": 1e9}, "hand_height"),
+    ({"max_distance": 1.0}, "near has no frame_id"),
 ]
 UNKNOWN, FREE, OCCUPIED = range(3)
 
@@ -44,6 +52,7 @@ def test_questions_are_answered_while_both_nodes_map(ros, tmp_path):
     assert len(table.view_stamps) == len(table.view_points) > 0
     _check_surfaces(asker, table.id)
     _check_placements(asker, table.id)
+    _check_objects(asker, table.id)
     _check_boxes(asker)
     _check_maps(asker, tmp_path)
     ros.spin_until(lambda: events)
@@ -84,6 +93,21 @@ def _check_placements(asker, table):
         wrong = asker.find_placements(**fields)
         assert not wrong.success
         assert word in wrong.message
+
+
+def _check_objects(asker, table):
+    """Nothing stands on the table, and it is in no rack."""
+    found = asker.find_objects(surface_ids=[table], hand_width=0.1, hand_height=0.15)
+    assert found.success, found.message
+    assert (list(found.objects), found.message) == ([], "0 of 0 objects")
+    near = PointStamped(header=Header(frame_id="base"), point=Point(x=1.0))
+    assert asker.find_objects(near=near, max_distance=2.0).success
+    for fields, word in WRONG_OBJECTS:
+        wrong = asker.find_objects(**fields)
+        assert not wrong.success
+        assert word in wrong.message
+    assert not asker.find_placements(approach=2, hand_width=0.1).placements
+    assert asker.find_placements(approach=1, hand_height=0.2).placements
 
 
 def _check_boxes(asker):

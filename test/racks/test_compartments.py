@@ -4,13 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_racks import cuts, insertions, mapped, random_rack, same_space
+from random_racks import cuts, insertions, inside, mapped, random_rack, same_space
 from slam_run import drive, new_slam
 
+from tccm_ros.geometry import transform
 from tccm_ros.racks.compartment import FaceState
+from tccm_ros.racks.compartments import find_compartments
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces import surface_slam
+from tccm_ros.surfaces.planning_shapes import Box, structure_shapes
 from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.scene import surface_pose
+from tccm_ros.surfaces.surface_slam import seen_views
 from tccm_ros.tabletop.placements import Approach, PlacementRequest
 
 HEIGHT, LENGTH = 0.01, 0.02
@@ -30,6 +35,10 @@ def test_every_compartment_that_was_looked_into_is_found_and_no_other(rack):
     assert None not in pairs
     assert sorted({id(true) for true in pairs}) == sorted(map(id, made.spaces))
     assert len(pairs) == len(made.spaces)
+    heights = [float(found.T_map_front[2, 3]) for found in outcome.solution.compartments]
+    assert heights == sorted(heights)
+    lowest = outcome.solution.compartments[0].board
+    assert {found.rack for found in outcome.solution.compartments} == {lowest}
 
 
 def test_compartments_have_their_clear_lengths(rack):
@@ -51,6 +60,35 @@ def test_a_face_is_not_called_open_where_there_is_a_panel_nor_closed_where_there
         for state, is_closed in zip((found.left, found.right, found.back), true.closed):
             assert state != (FaceState.OPEN if is_closed else FaceState.MEASURED)
         assert found.ceiling == FaceState.MEASURED
+
+
+def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
+    """Its pieces have a gap as wide as an object that hides it, and a whole board below."""
+    _, outcome, _ = rack
+    solution = outcome.solution
+    views = seen_views(outcome.slam.map.views, solution.view_poses.T_map_view)
+    lowest = min(c.board for c in solution.compartments if c.board == c.rack)
+    cut = [p for s in solution.surfaces for p in ([s] if s.id == lowest else pieces(s))]
+    assert len(cut) > len(solution.surfaces)
+    found = find_compartments(cut, views)
+    assert len(found) == len(solution.compartments)
+    for one, other in zip(found, solution.compartments):
+        assert (one.height, one.back) == (other.height, other.back)
+        assert abs(one.width - other.width) < 1e-6
+
+
+def pieces(board):
+    """Return two pieces of a board, the left one with its id; the floor as it is."""
+    if board.label == "floor":
+        return [board]
+    T, (length, width) = surface_pose(board)
+    halves = []
+    for k, (low, high) in enumerate(((-length / 2, length / 9), (length / 9 + 0.08, length / 2))):
+        corners = [[low, -width / 2], [high, -width / 2], [high, width / 2], [low, width / 2]]
+        ring = transform(T, np.column_stack([corners, np.zeros(4)]))
+        area = (high - low) * width
+        halves.append(replace(board, id=board.id + 1000 * k, boundary=ring, area=area))
+    return halves
 
 
 def test_swept_boxes_cut_no_solid_and_free_insertions_that_could_be_seen_are_offered(rack):
@@ -82,6 +120,34 @@ def test_what_is_put_through_the_front_has_a_swept_box_that_cuts_no_solid(
     )
     boards = {c.board for c in solution.compartments}
     assert not boards & {p.surface for p in above}, "no hand is over an object below a board"
+
+
+def test_boards_and_panels_of_the_planning_scene_are_where_solids_are(rack):
+    """No shape is further than 2 cm from a solid, and no board or panel from a shape."""
+    made, outcome, T = rack
+    solution = outcome.solution
+    shapes = structure_shapes(solution.surfaces, solution.compartments)
+    boxes = {name: shape for name, shape in shapes.items() if isinstance(shape, Box)}
+    assert len(boxes) == len(shapes)
+    faces = [face for c in solution.compartments for face in (c.left, c.right, c.back)]
+    assert sum("rack" in name for name in boxes) >= faces.count(FaceState.MEASURED) > 0
+    rng, solids = np.random.default_rng(0), made.world.scene.solids
+    for name, shape in boxes.items():
+        local = rng.uniform(-0.5, 0.5, (500, 3)) * shape.size
+        points = transform(np.linalg.inv(T) @ shape.T_map_box, local)
+        assert inside(solids, points, grown=LENGTH).all(), name
+    measured = {c.board for c in solution.compartments}
+    heights = [s.height for s in solution.surfaces if s.id in measured]
+    for solid in solids:
+        top = (T @ solid.T_world_solid)[2, 3] + solid.half[2]
+        if not solid.surface or np.abs(np.subtract(heights, top)).min() > HEIGHT:
+            continue
+        points = transform(T @ solid.T_world_solid, rng.uniform(-1.0, 1.0, (500, 3)) * solid.half)
+        near = np.zeros(len(points), bool)
+        for shape in boxes.values():
+            local = np.abs(transform(np.linalg.inv(shape.T_map_box), points))
+            near |= (local <= 0.5 * shape.size + LENGTH).all(axis=1)
+        assert near.all(), solid.name
 
 
 def test_the_stages_of_a_map_that_fails_at_its_racks_go_on_without_them(monkeypatch):

@@ -1,12 +1,13 @@
 """Faces of compartments: measured, open or unknown."""
 
 import numpy as np
+import shapely
 
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import spatial
 from tccm_ros.racks.compartment import FaceState, SeenView
 from tccm_ros.racks.faces import Face, look_at
-from tccm_ros.racks.hits import hits_in_map
+from tccm_ros.racks.hits import HitsInMap
 from tccm_ros.records import ViewIntervals
 
 EYE = np.array([0.0, 0.0, 0.4])
@@ -24,7 +25,8 @@ def seen(distances, free=None):
     hits = hits[np.isfinite(distances)]
     columns = FreeColumns.of(free, 0.1)
     views = [SeenView(np.eye(4), EYE, hits, columns)]
-    return look_at(FACE, hits_in_map(views), views)
+    hits = HitsInMap(views).near(shapely.box(-9.0, -9.0, 9.0, 9.0), 0.0)
+    return look_at(FACE, hits, views)
 
 
 def test_beams_that_end_on_a_face_measure_it_and_where_it_is():

@@ -1,15 +1,20 @@
 """Hits of views in map, and those that have gone."""
 
 import numpy as np
+import shapely
 
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import spatial
 from tccm_ros.racks.compartment import SeenView
-from tccm_ros.racks.hits import hits_in_map
+from tccm_ros.racks.hits import HitsInMap
 
 EYE = np.array([0.0, 0.0, 1.0])
 WALL_X, BOX_X = 2.0, 1.5
 GRID = np.array([[y, z] for y in np.arange(-0.5, 0.5, 0.04) for z in np.arange(0.5, 1.5, 0.04)])
+
+
+def everywhere(views):
+    return HitsInMap(views).near(shapely.box(-9.0, -9.0, 9.0, 9.0), 0.0)
 
 
 def view(hits, pose=(0.0, 0.0, 0.0)):
@@ -26,7 +31,7 @@ def is_box(yz):
 
 
 def test_hits_and_sensors_move_with_the_pose_of_their_view():
-    hits = hits_in_map([view(rows(1.0, np.array([[0.0, 0.5]])), (1.0, 2.0, np.pi / 2))])
+    hits = everywhere([view(rows(1.0, np.array([[0.0, 0.5]])), (1.0, 2.0, np.pi / 2))])
     np.testing.assert_allclose(hits.ends, [[1.0, 3.0, 0.5]], atol=1e-12)
     np.testing.assert_allclose(hits.origins, [[1.0, 2.0, 1.0]], atol=1e-12)
     np.testing.assert_allclose(hits.half, [0.01])
@@ -34,7 +39,7 @@ def test_hits_and_sensors_move_with_the_pose_of_their_view():
 
 def test_what_a_newer_view_looked_through_has_gone_and_all_else_is_still_there():
     box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
-    left = hits_in_map([view(np.concatenate([box, wall])), view(wall, (0.02, 0.0, 0.0))])
+    left = everywhere([view(np.concatenate([box, wall])), view(wall, (0.02, 0.0, 0.0))])
     ends = left.still_there().ends
     assert not (np.abs(ends[:, 0] - BOX_X) < 0.1).any()
     assert (np.abs(ends[:, 0] - WALL_X) < 0.1).sum() == 2 * len(wall)
@@ -43,7 +48,15 @@ def test_what_a_newer_view_looked_through_has_gone_and_all_else_is_still_there()
 def test_what_no_newer_view_looked_at_is_still_there():
     box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
     beside = wall[np.abs(wall[:, 1]) > 0.3]
-    hits = hits_in_map([view(np.concatenate([box, wall])), view(beside)])
+    hits = everywhere([view(np.concatenate([box, wall])), view(beside)])
     assert len(hits.still_there().ends) == len(box) + len(wall) + len(beside)
-    newer = hits_in_map([view(wall), view(np.concatenate([box, wall]))])
+    newer = everywhere([view(wall), view(np.concatenate([box, wall]))])
     assert len(newer.still_there().ends) == len(box) + 2 * len(wall)
+
+
+def test_hits_near_an_outline_are_those_in_the_box_around_it():
+    hits = HitsInMap([view(rows(1.0, GRID)), view(rows(1.0, GRID)[:0]), view(rows(5.0, GRID))])
+    near = hits.near(shapely.box(0.9, -0.1, 1.1, 0.1), 0.2)
+    assert len(near.ends) == (np.abs(GRID[:, 0]) < 0.3).sum()
+    assert set(near.view) == {0}
+    assert len(hits.near(shapely.box(7.0, 7.0, 8.0, 8.0), 0.5).ends) == 0

@@ -54,10 +54,8 @@ CLOCKED = {"timing.json", "report.html"}
 
 
 @pytest.fixture(scope="module")
-def flat(tmp_path_factory):
-    out = tmp_path_factory.mktemp("flat") / "map"
-    replay(BAGS / "flat", out, Config(), pictures=False)
-    return out
+def flat(session_files):
+    return session_files.replayed("flat")
 
 
 def test_the_map_of_the_flat_has_its_furniture(flat):
@@ -129,12 +127,12 @@ def test_two_runs_give_the_same_bytes(tmp_path):
             assert one == two, name
 
 
-def test_events_of_the_walkthrough_are_in_result_mcap_where_asked_for(tmp_path):
+def test_events_of_the_walkthrough_are_in_result_mcap_where_asked_for(session_files, tmp_path):
     """As its truth says: the stool is carried away, one of the boxes is moved; all else stays."""
-    for name, events in (("with", True), ("without", False)):
-        replay(BAGS / "walkthrough", tmp_path / name, Config(), pictures=False, events=events)
-    told = [m for _, m in messages_of(tmp_path / "with" / "result.mcap", EVENTS_TOPIC)]
-    assert messages_of(tmp_path / "without" / "result.mcap", EVENTS_TOPIC) == []
+    without, with_events = session_files.replayed("walkthrough"), tmp_path / "with"
+    replay(BAGS / "walkthrough", with_events, Config(), pictures=False, events=True)
+    told = [m for _, m in messages_of(with_events / "result.mcap", EVENTS_TOPIC)]
+    assert messages_of(without / "result.mcap", EVENTS_TOPIC) == []
     (gone,) = (event for event in told if event.kind == ChangeKind.GONE)
     (stool,) = json.loads((BAGS / "walkthrough" / "truth.json").read_text())["gone"]
     at = gone.pose_before.position
@@ -145,8 +143,7 @@ def test_events_of_the_walkthrough_are_in_result_mcap_where_asked_for(tmp_path):
         ChangeKind.OBJECT_APPEARED: 3, ChangeKind.OBJECT_LEFT: 1,
     }  # fmt: skip
     for name in ("surfaces.json", "objects.json", "trajectory.tum", "map.mcap"):
-        one, two = ((tmp_path / run / name).read_bytes() for run in ("with", "without"))
-        assert one == two, name
+        assert (with_events / name).read_bytes() == (without / name).read_bytes(), name
 
 
 def messages_of(bag, topic):
@@ -160,9 +157,9 @@ def messages_of(bag, topic):
         ]
 
 
-def test_a_recording_in_two_files_has_the_results_of_one_file(tmp_path):
-    bag = BAGS / "walkthrough"
-    with BagReader(bag) as reader:
+def test_a_recording_in_two_files_has_the_results_of_one_file(session_files, tmp_path):
+    whole, parts = session_files.replayed("walkthrough"), tmp_path / "parts"
+    with BagReader(BAGS / "walkthrough") as reader:
         messages = list(reader.messages())
     halves = {"second.mcap": messages[2000:], "first.mcap": messages[:2000]}
     for name, half in halves.items():
@@ -170,10 +167,8 @@ def test_a_recording_in_two_files_has_the_results_of_one_file(tmp_path):
             for message in half:
                 writer.write(message.topic, message.msgtype, message.log_ns, message.data)
     files = [str(tmp_path / name) for name in halves]
-    for paths, out in (([str(bag)], "whole"), (files, "parts")):
-        command = ["replay", *paths, "--out", str(tmp_path / out), "--no-pictures", "--quiet"]
-        app(command, standalone_mode=False)
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    command = ["replay", *files, "--out", str(parts), "--no-pictures", "--quiet"]
+    app(command, standalone_mode=False)
     assert sorted(f.name for f in parts.iterdir()) == sorted(f.name for f in whole.iterdir())
     for name in (file.name for file in whole.iterdir() if file.name not in CLOCKED):
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tccm_ros.config import Config
-from tccm_ros.replay.replay import replay
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import GraphFile, WallsFile
 from tccm_ros.results.signs_file import SignsFile
@@ -19,11 +17,9 @@ MAX_ERROR = 0.05
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(session_files):
     pytest.importorskip("onnxruntime", reason="the extra 'signs' is not installed")
-    out = tmp_path_factory.mktemp("office") / "map"
-    replay(BAG, out, Config(), pictures=False)
-    return out
+    return session_files.replayed("office_signs")
 
 
 @pytest.fixture(scope="module")

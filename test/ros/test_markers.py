@@ -3,6 +3,7 @@ import pytest
 from message_families import TYPESTORE, family, to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
+from tccm_ros.racks.compartment import Compartment, FaceState, SpaceGrid
 from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import (
     CUBE,
@@ -13,6 +14,7 @@ from tccm_ros.ros.marker_parts import (
     moved_markers,
 )
 from tccm_ros.ros.markers import (
+    compartment_markers,
     core_markers,
     cuboid_markers,
     object_markers,
@@ -117,6 +119,21 @@ def test_markers_of_surfaces_objects_walls_and_cores_have_their_shapes(context):
     (lines,) = bag_markers(context, core_markers(context, np.zeros((3, 3)), np.ones((3, 3))))
     assert len(lines.points) == 6
     assert core_markers(context, np.zeros((0, 3)), np.zeros((0, 3))) == []
+
+
+def test_a_compartment_is_a_list_of_its_edges_with_an_arrow(context):
+    state, cells = FaceState.OPEN, np.zeros((1, 1, 1), bool)
+    T = np.eye(4)
+    T[:3, 3] = 1.0, 2.0, 0.5
+    space = Compartment(
+        2, 3, None, T, 0.8, 0.3, 0.35, state, state, state, state, 1.0,
+        SpaceGrid(np.zeros(3), 0.03, cells, cells),
+    )  # fmt: skip
+    (marker,) = bag_markers(context, compartment_markers(context, [space]))
+    points = np.array([(p.x, p.y, p.z) for p in marker.points])
+    assert (marker.ns, marker.id, len(points)) == ("compartment", 0, 30)
+    np.testing.assert_allclose(points[:24].min(axis=0), [1.0, 1.6, 0.5])
+    np.testing.assert_allclose(points[:24].max(axis=0), [1.3, 2.4, 0.85])
 
 
 def test_cuboids_are_drawn_down_from_their_tops_in_classes_of_depth(context):

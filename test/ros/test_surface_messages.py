@@ -6,14 +6,23 @@ from message_families import family
 from outlined_surfaces import surface
 from shapely.geometry import box
 
+from tccm_ros.geometry import spatial
+from tccm_ros.racks.compartment import Compartment, FaceState, SpaceGrid
+from tccm_ros.racks.insertions import Access, AccessState
 from tccm_ros.records import EdgeState, SurfaceEdge, SurfaceShape
 from tccm_ros.ros.surface_messages import (
+    ACCESS_STATES,
     EDGE_STATES,
+    FACE_STATES,
     NOTHING,
     SHAPES,
+    compartment_message,
+    found_object_message,
+    object_message,
     surface_message,
     surface_pose,
 )
+from tccm_ros.surfaces.scene_objects import SceneObject
 
 STAMP = 1_700_000_000_000_000_005
 
@@ -81,3 +90,59 @@ def test_the_covariance_of_a_plane_is_that_of_its_errors_about_the_pose(table):
 def test_the_covariance_of_a_plane_is_nan_where_it_is_not_known(table):
     message = surface_message(family("typestore"), STAMP, "map", table, 0.0)
     assert np.isnan(message.plane.covariance).all()
+
+
+def space():
+    """A compartment that is open to the right, with an unknown back."""
+    cells = np.zeros((1, 1, 1), bool)
+    return Compartment(
+        2, 3, None, spatial(np.array([1.0, 2.0, 0.5])), 0.8, 0.3, 0.35, FaceState.MEASURED,
+        FaceState.OPEN, FaceState.UNKNOWN, FaceState.MEASURED, 0.9,
+        SpaceGrid(np.zeros(3), 0.03, cells, cells),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["typestore", "rosidl"])
+def test_a_compartment_tells_its_lengths_its_front_and_what_is_known_of_each_face(name):
+    message = compartment_message(family(name), space())
+    assert (message.rack_id, message.board_id, message.above_id) == (2, 3, NOTHING)
+    assert (message.width, message.depth, message.height, message.front_seen) == (
+        0.8,
+        0.3,
+        0.35,
+        0.9,
+    )
+    faces = message.left, message.right, message.back, message.ceiling
+    known = message.FACE_MEASURED, message.FACE_OPEN, message.FACE_UNKNOWN, message.FACE_MEASURED
+    assert faces == known
+    for state, number in FACE_STATES.items():
+        assert getattr(message, f"FACE_{state.name}") == number
+
+
+@pytest.mark.parametrize("name", ["typestore", "rosidl"])
+def test_a_found_object_tells_what_blocks_the_hand(name):
+    types, box_on = family(name), SceneObject(5, 1, np.ones(3), np.full(3, 0.1), 0.0)
+    item = object_message(types, STAMP, "map", box_on)
+    above, front = Access(AccessState.BLOCKED, (), 8), Access(AccessState.BLOCKED, (6, 7))
+    message = found_object_message(types, item, above, front)
+    assert (message.above, message.above_blocked_by) == (message.ACCESS_BLOCKED, 8)
+    assert (message.front, list(message.front_blocked_by)) == (message.ACCESS_BLOCKED, [6, 7])
+    assert message.front_blocked_by_surface == NOTHING
+    for state, number in ACCESS_STATES.items():
+        assert getattr(message, f"ACCESS_{state.name}") == number
+
+
+def test_clients_read_compartments_and_found_objects_as_plain_objects():
+    from tccm_ros.nodes.map_records import compartments_of, found_objects_of
+
+    types = family("rosidl")
+    (read,) = compartments_of([compartment_message(types, space())])
+    np.testing.assert_allclose(read.T_map_front, space().T_map_front, atol=1e-12)
+    assert (read.rack_id, read.board_id) == (2, 3)
+    assert (read.width, read.depth, read.height) == (0.8, 0.3, 0.35)
+    faces = (read.left, read.right, read.back, read.ceiling)
+    assert faces == ("measured", "open", "unknown", "measured")
+    item = object_message(types, STAMP, "map", SceneObject(5, 1, np.ones(3), np.ones(3), 0.0))
+    access = Access(AccessState.FREE), Access(AccessState.BLOCKED, (6,))
+    (found,) = found_objects_of([found_object_message(types, item, *access)])
+    assert (found.item.id, found.above, found.front) == (5, "free", "blocked")

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tccm_ros.racks.insertions import AccessState
 from tccm_ros.records import Hypothesis, Surface
-from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene_objects import SceneObject
-from tccm_ros.tabletop.placements import PlacementRequest
+from tccm_ros.tabletop.placements import Approach, PlacementRequest
 
 UP = np.array([0.0, 0.0, 1.0])
 MUG = PlacementRequest(0.1, 0.1, 0.12)
@@ -114,3 +115,45 @@ def test_an_empty_map_answers_with_nothing():
     queries = SurfaceQueries([], [], None)
     assert queries.find_surfaces(SurfaceFilter(near=(0.0, 0.0))) == []
     assert queries.find_placements(SurfaceFilter(), MUG) == []
+
+
+MUG_2 = SceneObject(6, 2, np.array([-3.0, 0.0, 1.05]), np.array([0.1, 0.08, 0.1]), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "expected"),
+    [
+        (ObjectFilter(), [5, 6]),
+        (ObjectFilter(labels=frozenset({"cereal box"})), [5]),
+        (ObjectFilter(surfaces=frozenset({2})), [6]),
+        (ObjectFilter(min_size=0.15), [5]),
+        (ObjectFilter(max_size=0.15), [6]),
+        (ObjectFilter(near=(-3.0, 0.0)), [6, 5]),
+        (ObjectFilter(near=(-3.0, 0.0), max_distance=1.0), [6]),
+    ],
+)
+def test_objects_meet_all_conditions(wanted, expected):
+    queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [BOX, MUG_2], 0.1)
+    assert [found.item.id for found in queries.find_objects(wanted)] == expected
+
+
+def test_an_object_below_a_board_is_free_from_above_for_a_hand_that_fits_there():
+    queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [BOX, MUG_2], 0.1)
+    for hand, state, surface in ((0.15, AccessState.FREE, None), (0.25, AccessState.BLOCKED, 3)):
+        box, mug = queries.find_objects(ObjectFilter(hand_height=hand))
+        assert (box.above.state, box.front.state) == (AccessState.FREE, AccessState.UNKNOWN)
+        assert (mug.above.state, mug.above.surface) == (state, surface)
+
+
+def test_a_hand_from_above_needs_its_height_over_what_is_put_down():
+    queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [], 0.1)
+    below = SurfaceFilter(ids=frozenset({2}))
+    assert queries.find_placements(below, MUG)
+    from_above = replace(MUG, approach=Approach.ABOVE, hand_height=0.1)
+    assert queries.find_placements(below, from_above)
+    assert not queries.find_placements(below, replace(from_above, hand_height=0.2))
+
+
+def test_nothing_goes_through_a_front_where_there_is_no_compartment():
+    queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [], 0.1)
+    assert not queries.find_placements(SurfaceFilter(), replace(MUG, approach=Approach.FRONT))

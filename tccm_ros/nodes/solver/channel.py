@@ -1,8 +1,8 @@
-"""What a SLAM node and the process that solves its map tell each other.
+"""Commands, events and answers between a SLAM node and its solver process.
 
-Events go through a journal, a file without a name: the node writes at its end, the other process
-reads on. So nobody waits for the other, and a process that is started in place of one that died
-reads the same events again and comes to the same bytes. Commands and answers go through a pipe.
+Events go through a journal, an unnamed file to which the node appends and from which the solver
+process reads. So neither waits for the other, and a process that replaces a dead one reads the same
+events again and computes the same bytes. Commands and answers go through a pipe.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.surfaces.labels import SurfaceLabel
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
-"""For navigation, latched; saved as map.pgm and map.yaml."""
+"""Grid for navigation, latched; saved as map.pgm and map.yaml."""
 
 HEADER = struct.Struct("<Q")
-"""Before each batch of events: its size."""
+"""Header of each batch of events: its size, bytes."""
 
 
 class PoseStamp(int):
@@ -32,20 +32,21 @@ class PoseStamp(int):
 
 
 class Begin(NamedTuple):
-    """Forget everything. The descriptor of a journal follows, then that of the saved map, if any.
+    """Begin a new session. The descriptor of its journal follows, then that of the saved map, if
+    any.
 
     Attributes
     ----------
     config
         The configuration, JSON.
     session
-        Number of this beginning, for the answers.
+        Number of the session, repeated in the answers.
     map_name
-        Of the saved map to go on with, for messages; empty without one.
+        Name of the saved map to continue, for messages; empty without one.
     labels
-        What a labels.json beside that map says; None without one.
+        Content of a labels.json beside that map; None without one.
     journal, saved_map
-        Descriptors (set by who receives them).
+        File descriptors (set by the receiver).
     """
 
     config: str
@@ -62,25 +63,25 @@ class Feed(NamedTuple):
     Attributes
     ----------
     length
-        Of the journal, bytes.
+        Length of the journal, bytes.
     """
 
     length: int
 
 
 class Solve(NamedTuple):
-    """Solve with all events so far.
+    """Solve with all events received so far.
 
     Attributes
     ----------
     number
-        The answer has it too.
+        Number of the solution, repeated in the answer.
     topics
-        The answer has the messages of these.
+        Topics whose messages the answer contains.
     is_final
-        Whether it is a batch, as a replay ends with, at any size (`SurfaceSlam.solve`).
+        Whether to solve as a batch at any size, as at the end of a replay (`SurfaceSlam.solve`).
     map_name
-        Name of the map in its messages.
+        Name of the map in the messages.
     """
 
     number: int
@@ -90,28 +91,28 @@ class Solve(NamedTuple):
 
 
 class Show(NamedTuple):
-    """Send messages of the newest solution.
+    """Request messages of the newest solution.
 
     Attributes
     ----------
     topics
-        Names of the topics whose messages are wanted.
+        Names of the topics.
     """
 
     topics: frozenset[str]
 
 
 class Began(NamedTuple):
-    """A session has begun, or could not (`error`): then the one before goes on.
+    """A session has begun, or failed to begin (`error`), in which case the previous one continues.
 
     Attributes
     ----------
     session
-        As asked.
+        Number of the session from `Begin`.
     first_keyframe
         `WallSlam.first_keyframe`.
     error
-        Why the saved map cannot be read; empty.
+        Reason why the saved map cannot be read; empty if it can.
     """
 
     session: int
@@ -120,32 +121,32 @@ class Began(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """What the node takes from a solution; the descriptor of the archive with its files follows.
+    """A solution as needed by the node; the descriptor of the archive with its files follows.
 
     Attributes
     ----------
     session, number, resets
-        As asked; clock jumps among the events so far.
+        Numbers from the commands, and the count of clock jumps among the events.
     stamp_ns
-        Of the newest event in it.
+        Stamp of the newest event in it, ns.
     content
-        How much its map holds.
+        Content of its map.
     map
-        Where it puts this session, its newest keyframe and its walls, for `Tracker.take`.
+        Its estimate of this session, the newest keyframe and the walls, for `Tracker.take`.
     scene
-        What programs ask about (`nodes.solver.scene_channel`), in pieces.
+        Pickled pieces of the scene for queries (`nodes.solver.scene_channel`).
     messages
-        Serialised, by topic.
+        Serialised messages by topic.
     duration_s
-        Time that it took.
+        Duration of the solution, s.
     unused_detections
         `SurfaceSolution.unused_detections`.
     is_batch
         `Solution.is_batch`.
     failed_stages
-        Stages that were left out, by name and error.
+        Optional stages that failed, by name and error.
     archive
-        Descriptor (set by who receives it).
+        File descriptor (set by the receiver).
     """
 
     session: int
@@ -164,18 +165,18 @@ class Solved(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A session has got a place in the map, or waits for something else than before.
+    """A session has been localised in the map, or its search waits for another condition.
 
     Attributes
     ----------
     session, resets
-        As of `Solved`.
+        As in `Solved`.
     map
-        Where the robot is, before anything is solved; None while that is not known.
+        The map with the pose of the robot, before a solution; None while the pose is unknown.
     waits_for
-        Why it is not; empty where it is.
+        Reason why the pose is unknown; empty if it is known.
     is_told
-        Whether it is at a user-supplied pose.
+        Whether the pose is a user-supplied one.
     """
 
     session: int
@@ -191,9 +192,9 @@ class Messages(NamedTuple):
     Attributes
     ----------
     session
-        Number of the session whose solution it is.
+        Number of the session.
     messages
-        Serialised (CDR), by topic.
+        Serialised messages (CDR) by topic.
     """
 
     session: int
@@ -201,16 +202,16 @@ class Messages(NamedTuple):
 
 
 class Failed(NamedTuple):
-    """A command or an event raised; the process goes on.
+    """A command or an event raised an exception; the process continues.
 
     Attributes
     ----------
     session
         Number of the session.
     number
-        Of the solution that was asked for; -1 for none.
+        Number of the requested solution; -1 for none.
     error
-        What was raised, in a line.
+        The exception in one line.
     """
 
     session: int
@@ -219,12 +220,12 @@ class Failed(NamedTuple):
 
 
 class Journal:
-    """Events of a session in a file that vanishes with its last descriptor.
+    """Events of a session in a file that is deleted with its last descriptor.
 
     Attributes
     ----------
     length
-        Bytes written.
+        Number of bytes written.
     """
 
     def __init__(self) -> None:
@@ -232,16 +233,16 @@ class Journal:
         self.length = 0
 
     def fileno(self) -> int:
-        """Return its descriptor."""
+        """Return its file descriptor."""
         return self._file.fileno()
 
     def append(self, events: Sequence[Any]) -> None:
-        """Write a batch of events, compressed.
+        """Append a batch of events, compressed.
 
         Raises
         ------
         OutputError
-            Where the disk is full.
+            If the disk is full.
         """
         batch = zlib.compress(pickle.dumps(events, pickle.HIGHEST_PROTOCOL), 1)
         entry = HEADER.pack(len(batch)) + batch
@@ -252,19 +253,19 @@ class Journal:
             raise OutputError(reason) from None
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the file."""
         self._file.close()
 
 
 def read_events(journal: int, begin: int, end: int) -> Iterator[Any]:
-    """Yield events of a journal.
+    """Yield the events in a section of a journal.
 
     Parameters
     ----------
     journal
-        Its file descriptor.
+        File descriptor of the journal.
     begin, end
-        Lengths of the journal, in bytes, before and after the events were written.
+        Offsets of the section, bytes.
     """
     while begin < end:
         (size,) = HEADER.unpack(os.pread(journal, HEADER.size, begin))

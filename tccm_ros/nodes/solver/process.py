@@ -1,8 +1,8 @@
 """The process that solves a SLAM node's map: `python -m tccm_ros.nodes.solver.process DESCRIPTOR`.
 
-It feeds the events of the node, in their order, to the processor that a replay has, and returns
-what the node publishes and saves. It knows no rclpy, ignores the signals that are for the node and
-ends with it.
+It feeds the node's events, in their order, to the same processor as a replay, and returns the
+results that the node publishes and saves. It does not use rclpy, ignores stop signals, which are
+for the node, and ends with the node.
 """
 
 from __future__ import annotations
@@ -54,16 +54,16 @@ from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 NICENESS = 5
-"""Tracking comes first where there are fewer cores than processes (chosen)."""
+"""Priority below tracking, for machines with fewer cores than processes. Chosen."""
 
 
 class SolverProcess:
-    """Does the commands of a node one after the other.
+    """Executes the commands of a node one after another.
 
     Parameters
     ----------
     connection
-        To the node.
+        Connection to the node.
     """
 
     def __init__(self, connection: Connection):
@@ -84,7 +84,7 @@ class SolverProcess:
         }
 
     def do(self, command: Begin | Feed | Solve | Show) -> None:
-        """Do one command; what it raises is told to the node."""
+        """Execute one command and report its exception to the node."""
         try:
             self._do[type(command)](command)
         except Exception as error:
@@ -92,7 +92,7 @@ class SolverProcess:
 
     def _tell(self, command: Any, error: Exception) -> None:
         kind = "" if isinstance(error, TccmError) else f"{type(error).__name__}: "
-        if isinstance(error, OSError):  # it writes there alone
+        if isinstance(error, OSError):  # the temporary folder is the only place it writes to
             kind = f"{tempfile.gettempdir()}: "
         number = command.number if isinstance(command, Solve) else -1
         self._connection.send(Failed(self._session, number, f"{kind}{one_line(error)}"))
@@ -139,7 +139,9 @@ class SolverProcess:
         return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
     def _tell_place(self) -> None:
-        """Tell the node at once where the robot is, or what that waits for."""
+        """Report a change of the localisation, or of the condition it waits for, to the node at
+        once.
+        """
         if self._place == self._told_place:
             return
         self._told_place = self._place
@@ -195,7 +197,7 @@ class SolverProcess:
         return bytes(self._types.serialize(message.msgtype, message.build()))
 
     def _grid(self, solution: SurfaceSolution) -> Any:
-        """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
+        """Return the grid as a nav_msgs/OccupancyGrid; empty without a level laser."""
         grid = solution.grid
         cells, size, origin = np.zeros((0, 0), np.int8), RESOLUTION_M, np.eye(4)
         if grid is not None:
@@ -205,7 +207,7 @@ class SolverProcess:
 
 
 def _read_map(begin: Begin) -> SavedMap:
-    """Read a saved map from its descriptor; messages have its name."""
+    """Read a saved map from its descriptor; error messages contain its name."""
     path = Path(f"/dev/fd/{begin.saved_map}")
     try:
         return with_labels(load_map(path), begin.labels)
@@ -216,7 +218,7 @@ def _read_map(begin: Begin) -> SavedMap:
 
 
 def listen(connection: Connection, commands: queue.SimpleQueue[Any]) -> None:
-    """Queue the commands as they come, so that the node never waits; end with the node."""
+    """Queue commands on arrival, so that the node never waits; exit with the node."""
     try:
         while True:
             command = connection.recv()
@@ -230,7 +232,7 @@ def listen(connection: Connection, commands: queue.SimpleQueue[Any]) -> None:
 
 
 def main() -> None:
-    """Solve for the node at the other end of the pipe whose descriptor is the first argument."""
+    """Serve the node at the other end of the pipe whose descriptor is the first argument."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)

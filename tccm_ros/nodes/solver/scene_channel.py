@@ -1,5 +1,6 @@
-"""A scene in pieces, each pickled, from the process that solves: reading a large one holds the
-interpreter for milliseconds.
+"""A scene as pickled pieces from the solver process.
+
+Unpickling a large scene at once would hold the interpreter for milliseconds.
 """
 
 from __future__ import annotations
@@ -15,22 +16,22 @@ from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene import Scene
 from tccm_ros.surfaces.session_changes import scene_of
 
-if TYPE_CHECKING:  # the node that unpacks it does without the graph
+if TYPE_CHECKING:  # the node that unpacks a scene does not import the graph
     from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 SURFACES_IN_PIECE = 50
-"""Reading a piece takes 2 ms. Chosen."""
+"""Number of surfaces per piece. Chosen: a piece is unpickled in 2 ms."""
 
 
 def pack_scene(
     solution: SurfaceSolution, frame_id: str, grid: OccupancyGrid | None, types: TypestoreMessages
 ) -> tuple[bytes, ...]:
-    """Return a solution as pieces.
+    """Return the pickled pieces of a solution's scene.
 
     Parameters
     ----------
     solution
-        In map.
+        Solution in the map frame.
     frame_id
         Name of the map frame.
     grid

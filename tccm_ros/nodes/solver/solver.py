@@ -1,4 +1,4 @@
-"""The process that solves a SLAM node's map, as the node sees it."""
+"""The node's side of the process that solves a SLAM node's map."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from tccm_ros.results.labels_file import labels_beside
 from tccm_ros.surfaces.labels import SurfaceLabel
 
 BATCH = 50
-"""Events that are written together: a quarter of a second of a laser, joints and odometry."""
+"""Number of events in a batch: a quarter of a second of a laser, joints and odometry."""
 
 MAX_DEATHS = 3
-"""A process that dies so often without a solution is not started again."""
+"""After this many deaths without a solution, the process is not restarted."""
 
 END_S = 0.5
-"""Time for the process to end by itself, s: it holds nothing that would be lost (chosen)."""
+"""Time for the process to exit on its own, s. Chosen: it holds no data that could be lost."""
 
 
 Answer = Solved | Placed | Messages | Failed
@@ -49,7 +49,7 @@ Answer = Solved | Placed | Messages | Failed
 
 @dataclass
 class _Session:
-    """What a process that is started anew needs to come to the same state."""
+    """The input of a session, from which a restarted process computes the same state."""
 
     number: int
     config: str
@@ -65,14 +65,14 @@ class _Session:
 
 
 class Solver:
-    """Gives events to the process that solves, and its solutions to the node.
+    """Sends events to the solver process and passes its solutions to the node.
 
-    `begin`, `feed`, `solve` and `show` are for one thread, the worker of the node.
+    Only one thread, the node's worker, may call `begin`, `feed`, `solve` and `show`.
 
     Parameters
     ----------
     config
-        All groups; a change is an event (`feed`).
+        All groups; a change of parameters is an event (`feed`).
     on_answer
         Called with each `Answer`, in a thread of its own.
 
@@ -81,7 +81,7 @@ class Solver:
     newest
         The newest solution of this session; None before the first.
     restarts
-        How often the process died and was started again.
+        Number of restarts after the process died.
     """
 
     def __init__(self, config: Config, on_answer: Callable[[Answer], None]):
@@ -106,12 +106,12 @@ class Solver:
 
     @property
     def is_solving(self) -> bool:
-        """Whether a solution was asked for and has not come."""
+        """Whether a requested solution is pending."""
         return self._asked is not None and not self.is_dead
 
     @property
     def _has_batch(self) -> bool:
-        """Whether the solution that was asked for last has come, and is a batch."""
+        """Whether the last requested solution has arrived and is a batch."""
         return self._last == self._number and self.newest is not None and self.newest.is_batch
 
     @property
@@ -121,28 +121,28 @@ class Solver:
 
     @property
     def next_number(self) -> int:
-        """Number of the next solution that is asked for: it has all that was fed by then."""
+        """Number of the next requested solution, which contains all events fed by then."""
         return self._number + 1
 
     @property
     def is_dead(self) -> bool:
-        """Whether the process died too often: there will be no new solution."""
+        """Whether the process died too often, so that no new solution will come."""
         return self._deaths >= MAX_DEATHS
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     # --- for the worker ---
 
     def begin(self, saved_map: Path | None = None) -> tuple[int, int]:
-        """Forget everything, and go on with a saved map; return `WallSlam.first_keyframe`.
+        """Begin a session, empty or from a saved map; return `WallSlam.first_keyframe`.
 
         Raises
         ------
         MapError
-            Where the map cannot be read; the session goes on as if nothing had been asked.
+            If the map cannot be read; the previous session continues unchanged.
         """
         self._sessions += 1
         session = _Session(self._sessions, self._config.model_dump_json())
@@ -175,14 +175,14 @@ class Solver:
         return began.first_keyframe
 
     def feed(self, event: Any) -> None:
-        """Give an event; events are sent together."""
+        """Add an event to the next batch."""
         self._waiting.append(event)
         self._is_current = False
         if len(self._waiting) >= BATCH:
             self.flush()
 
     def flush(self) -> None:
-        """Send the events that wait to be sent."""
+        """Send the events of the incomplete batch."""
         if not self._waiting:
             return
         with self._changed:
@@ -191,18 +191,18 @@ class Solver:
             self._send(Feed(self._session.journal.length))
 
     def solve(self, topics: frozenset[str], *, is_final: bool = False, map_name: str = "") -> int:
-        """Ask for a solution with all that was fed; return the number that `wait` knows it by.
+        """Request a solution with all events fed; return its number for `wait`.
 
-        It is the newest one where nothing was fed since.
+        If no event was fed since the last request, its number is returned.
 
         Parameters
         ----------
         topics
-            The answer has the messages of these.
+            Topics whose messages the answer contains.
         is_final
-            Whether it is a batch at any size (`SurfaceSlam.solve`).
+            Whether to solve as a batch at any size (`SurfaceSlam.solve`).
         map_name
-            Name of the map in its messages.
+            Name of the map in the messages.
         """
         with self._changed:
             if self._is_current and (self._is_final or not is_final or self._has_batch):
@@ -214,28 +214,30 @@ class Solver:
             return self._number
 
     def show(self, topics: frozenset[str]) -> None:
-        """Ask for messages of the newest solution."""
+        """Request messages of the newest solution."""
         with self._changed:
             self._send(Show(topics))
 
     # --- for all threads ---
 
     def wait(self, number: int, timeout_s: float | None = None) -> bool:
-        """Wait until a solution has come or failed; return whether that was in time."""
+        """Wait until a solution has arrived or failed; return whether it did before the timeout."""
         with self._changed:
             return self._changed.wait_for(lambda: self._last >= number or self.is_dead, timeout_s)
 
     def is_of_session(self, answer: Solved | Placed) -> bool:
-        """Return whether an answer is of this session, and not of one before it."""
+        """Return whether an answer belongs to the current session."""
         return answer.session == self._session.number
 
     def archive(self) -> tuple[Solved, int] | None:
-        """Return the newest solution and a descriptor of its archive, to be closed; None: none."""
+        """Return the newest solution and a new descriptor of its archive, which the caller
+        closes.
+        """
         with self._changed:
             return None if self.newest is None else (self.newest, os.dup(self.newest.archive))
 
     def problems(self) -> Iterator[str]:
-        """Yield what is wrong, one line each."""
+        """Yield the current problems, one line each."""
         if self.is_dead:
             yield (
                 f"the process that solves the map died {self._deaths} times without a solution and "
@@ -253,7 +255,7 @@ class Solver:
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
-        # Closing it would not end a read of it in another thread.
+        # Closing the connection would not end a blocking read in another thread; a shutdown does.
         with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as end:
             end.shutdown(socket.SHUT_RDWR)
         try:
@@ -271,8 +273,9 @@ class Solver:
 
     def _start(self) -> None:
         self._connection, theirs = Pipe()
-        # A process group of its own: Ctrl-C in a terminal is for the node. The session is the
-        # node's: schedulers that group by session weigh its lower priority against the node.
+        # A process group of its own, because Ctrl-C in a terminal is for the node. It stays in the
+        # node's session: schedulers that group by session weigh its lower priority against the
+        # node.
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tccm_ros.nodes.solver.process", str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
@@ -284,7 +287,7 @@ class Solver:
         self._send_begin(self._session)
 
     def _send(self, command: Begin | Feed | Solve | Show) -> None:
-        """Send a command; a process that has died gets all of them when it is started again."""
+        """Send a command; a dead process is sent all commands again after its restart."""
         with suppress(OSError):
             self._connection.send(command)
 
@@ -327,7 +330,7 @@ class Solver:
             answer = answer._replace(archive=reduction.recv_handle(connection))
         with self._changed:
             if isinstance(answer, Began):
-                self._began = {answer.session: answer}  # of a question: others wait for none
+                self._began = {answer.session: answer}  # only `_load` waits for it
             elif answer.session != self._session.number:
                 self._forget(answer)
                 return
@@ -353,12 +356,12 @@ class Solver:
 
 
 def _copied(path: Path) -> IO[bytes]:
-    """Return a copy of a saved map, since the file is replaced when this session is saved.
+    """Return a copy of a saved map, because saving this session replaces the file.
 
     Raises
     ------
     MapError, OutputError
-        Where there is none, or it cannot be copied.
+        If there is no map, or it cannot be copied.
     """
     made = tempfile.TemporaryFile(prefix="tccm_map_")  # noqa: SIM115
     try:

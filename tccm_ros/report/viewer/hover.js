@@ -33,6 +33,14 @@ const FACTS = {
     ['size', o.size.map((v) => v.toFixed(2)).join(' × ') + ' m'],
   ]],
   free: (f) => ['free place', [['on', f.on]]],
+  compartment: (c) => [`compartment over surface ${c.board}`, [
+    ['clear height', metres(c.height, 3)],
+    ['width', metres(c.width, 3)],
+    ['depth', metres(c.depth, 3)],
+    ['left, right', c.sides.join(', ')],
+    ['back', c.back],
+    ['ceiling', c.ceiling],
+  ]],
   path: (p) => ['path of the base', [['length', metres(p.length)]]],
   view: (v) => ['place of a 3D view', [['time', since(v.stamp)], ['surfaces seen', String(v.surfaces)]]],
   cuboid: (c) => ['cuboid', [

@@ -1,7 +1,7 @@
 // The page: layers, slider, pointer and drawing. Nothing is drawn unless something changed.
 
-const LAYERS = ['surfaces', 'boundaries', 'labels', 'objects', 'free', 'floor_objects', 'walls', 'path', 'cuboids', 'planes', 'other_planes',
-  'cores', 'floor'];
+const LAYERS = ['surfaces', 'boundaries', 'labels', 'objects', 'free', 'racks', 'floor_objects', 'walls', 'path', 'cuboids', 'planes',
+  'other_planes', 'cores', 'floor'];
 const HEIGHT_RANGE_M = [0, 2];
 const LIFT_M = 0.015;
 const PLAY_STEP_MS = 250;
@@ -225,6 +225,7 @@ class Report {
     if (cuboids) lifted[14] = LIFT_M;
     if (layers.surfaces) painter.fill(built.surfaces.fill, lifted, 0.86);
     if (layers.boundaries) painter.lines(built.surfaces.edge, 2, lifted);
+    if (layers.racks) painter.lines(built.racks.edge, 2, lifted);
     if (layers.free) painter.lines(built.free.edge, 3, multiply(lifted, lifted));
     for (const name of ['planes', 'other_planes']) {
       if (!layers[name] || !this.cycleNow() || !built[name].length) continue;

@@ -73,6 +73,16 @@ function buildFree(gl, arrays, scene, register) {
   return { edge: edge.upload(gl) };
 }
 
+// The edges of each compartment, and an arrow into it through its front.
+function buildRacks(gl, scene, register) {
+  const edge = new Rows(6);
+  for (const space of scene.racks) {
+    const number = register.add({ kind: 'compartment', ...space });
+    for (const ends of space.edges) edge.push(ends.flat(), [170, 80, 0], number);
+  }
+  return { edge: edge.upload(gl) };
+}
+
 function buildWalls(gl, scene, register) {
   const [fill, edge] = [new Rows(3), new Rows(6)];
   const color = hexColor(scene.colors.wall);
@@ -196,6 +206,7 @@ function buildScene(gl, arrays, scene) {
     walls: buildWalls(gl, scene, register),
     objects: buildObjects(gl, scene, register, true),
     free: buildFree(gl, arrays, scene, register),
+    racks: buildRacks(gl, scene, register),
     floor_objects: buildObjects(gl, scene, register, false),
     path: buildPath(gl, arrays, scene, register),
     planes: buildPlanes(gl, arrays, scene, register, true),

@@ -1,10 +1,10 @@
 """The factors of the wall graph, one small class each.
 
-A factor is data plus one method that adds its GTSAM form to a graph. A new kind of landmark is one
-class derived from `LandmarkFactor`, in a module here or outside of the package. Variables are named
-by `Key`: keyframes and views are spatial poses (``gtsam.Pose3``), walls and surfaces are planes
-(``gtsam.OrientedPlane3``). A factor that brings a variable of its own says where it starts by
+A factor is data plus one method that adds its GTSAM form to a graph. A new kind of landmark is a
+class derived from `LandmarkFactor`, in this package or outside. Variables are named by `Key`:
+keyframes and views are spatial poses (``gtsam.Pose3``), walls and surfaces are planes
+(``gtsam.OrientedPlane3``). A factor with a variable of its own returns its start value from
 `initial`.
 
-GTSAM orders the tangent of a pose (roll, pitch, yaw, x, y, z), in the body's frame.
+The tangent of a pose in GTSAM has the order (roll, pitch, yaw, x, y, z), in the body frame.
 """

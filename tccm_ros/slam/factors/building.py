@@ -1,4 +1,4 @@
-"""Structure prior: walls that are parallel or at right angles to a building's frame."""
+"""Structure prior: walls parallel or perpendicular to a building's frame."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from tccm_ros.slam.factors.poses import PriorPose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Building:
-    """The building's frame at the map's origin; its yaw is estimated.
+    """The building's frame at the map's origin, with unknown yaw.
 
     Attributes
     ----------
     key
-        Its variable.
+        Variable of the frame.
     yaw
         Start value in map, rad.
     """
@@ -34,16 +34,16 @@ class Building:
 
     @property
     def landmark(self) -> Key:
-        """The frame."""
+        """The variable of the frame."""
         return self.key
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a prior that holds the frame at the origin and leaves its heading free."""
+        """Add a prior that fixes the position and leaves the yaw free."""
         cov = np.diag([PLANAR_SIGMA**2, PLANAR_SIGMA**2, OPEN_SIGMA**2])
         PriorPose(self.key, np.array([0.0, 0.0, self.yaw]), cov).add_to(graph)
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Start at `yaw`."""
+        """Return `yaw` as start value."""
         return [(self.key, self.key.to_value(spatial(np.array([0.0, 0.0, self.yaw]))))]
 
 
@@ -51,17 +51,17 @@ class Building:
 class WallDirection(NoLandmark):
     """The direction of a wall's normal in the building's frame.
 
-    The yaw of the building's frame is estimated with everything else, so that the prior constrains
-    walls to each other and not to the map's axes.
+    The building's yaw is a variable, so that the prior constrains walls relative to each other and
+    not to the map's axes.
 
     Attributes
     ----------
     building, wall
         Variables.
     angle
-        Of the normal in the building's frame, rad.
+        Direction of the normal in the building's frame, rad.
     sigma
-        Its standard deviation, rad.
+        Standard deviation of the angle, rad.
     """
 
     building: Key
@@ -70,7 +70,7 @@ class WallDirection(NoLandmark):
     sigma: float
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add an oriented-plane factor that does not measure the distance."""
+        """Add an oriented-plane factor without a measurement of the distance."""
         angle = self.angle - self.building.yaw_offset
         measured = np.array([np.cos(angle), np.sin(angle), 0.0, 0.0])
         noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([self.sigma, self.sigma, OPEN_SIGMA]))

@@ -1,4 +1,4 @@
-"""Factors of corners: observations by keyframes, and walls that pass through them."""
+"""Factors of corners: observations by keyframes, and incidence with walls."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ CORNER_LEVEL = 1e-3
 """Standard deviation of roll, pitch (rad) and z (m) of a corner, which are zero (chosen)."""
 
 HEADING_VARIANCE = 1.0
-"""Of a corner's heading, rad^2: it means nothing, and only must be determined (chosen)."""
+"""Variance of a corner's heading, rad^2; the heading is meaningless, but must be determined
+(chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerObservation:
     """An observation of a corner by a keyframe.
 
-    A corner is a planar pose whose heading means nothing.
+    A corner is a planar pose with a meaningless heading.
 
     Attributes
     ----------
@@ -45,14 +46,14 @@ class CornerObservation:
 
     @property
     def landmark(self) -> Key:
-        """The corner."""
+        """The variable of the corner."""
         return self.corner
 
     def _pose(self) -> Float64:
         return spatial(np.array([self.point[0], self.point[1], 0.0]))
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a between factor that does not measure the corner's heading."""
+        """Add a between factor without a measurement of the corner's heading."""
         level = (CORNER_LEVEL, CORNER_LEVEL, CORNER_LEVEL)
         cov = planar_covariance(np.diag([self.sigma**2, self.sigma**2, HEADING_VARIANCE]), level)
         delta = gtsam.Pose3(rotation_z(-self.keyframe.yaw_offset) @ self._pose())
@@ -60,7 +61,7 @@ class CornerObservation:
         graph.add(gtsam.BetweenFactorPose3(*keys, delta, gaussian(cov)))
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Start the corner where the first of its factors sees it."""
+        """Return the corner as seen by this factor as start value."""
         return [(self.corner, gtsam.Pose3(pose_of(self.keyframe) @ self._pose()))]
 
 
@@ -84,7 +85,7 @@ class WallThroughCorner(NoLandmark):
     sigma: float
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add an oriented-plane factor that does not measure the angle."""
+        """Add an oriented-plane factor without a measurement of the angle."""
         measured = np.array([np.cos(self.phi), np.sin(self.phi), 0.0, 0.0])
         noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([OPEN_SIGMA, OPEN_SIGMA, self.sigma]))
         keys = self.corner.symbol, self.wall.symbol

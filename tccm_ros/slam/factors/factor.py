@@ -12,21 +12,21 @@ from tccm_ros.slam.factors.keys import Key
 
 
 class Factor(Protocol):
-    """The interface by which a graph adds a factor."""
+    """A factor that can be added to a graph."""
 
     @property
     def landmark(self) -> Key | None:
-        """The landmark that this factor can start, if it has one."""
+        """The landmark that this factor can initialise; None for none."""
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add the GTSAM form."""
+        """Add the factor in GTSAM's form."""
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Return start values for landmarks that no other part of the graph starts."""
+        """Return start values of landmarks that have none yet."""
 
 
 class NoLandmark:
-    """Base of factors that start no variable."""
+    """Base of factors that initialise no variable."""
 
     @property
     def landmark(self) -> Key | None:
@@ -34,5 +34,5 @@ class NoLandmark:
         return None
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Start nothing."""
+        """Return no start values."""
         return []

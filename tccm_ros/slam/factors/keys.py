@@ -14,16 +14,16 @@ from tccm_ros.arrays import Float64
 class Key(NamedTuple):
     """A variable of the graph.
 
-    The graph's variable of a keyframe is its pose, rotated about z: GTSAM's basis of a plane's
-    normal flips where the normal is along x or y of the pose that sees it, and a keyframe is
-    rotated until none of its walls is near that case.
+    The variable of a keyframe is its pose, rotated about z: GTSAM's basis of a plane's normal flips
+    where the normal is along x or y of the observing pose, so a keyframe is rotated to keep its
+    walls away from that case.
 
     Attributes
     ----------
     kind
-        A letter.
+        Letter of the kind.
     number
-        Among the variables of its kind.
+        Index among the variables of its kind.
     yaw_offset
         Rotation of the variable relative to its frame, rad.
     """
@@ -66,7 +66,7 @@ def view_key(index: int) -> Key:
 
 
 def observer_key(index: int) -> Key:
-    """Return the key of a pose from which landmarks were observed."""
+    """Return the key of an observer pose of landmarks."""
     return Key("o", index)
 
 
@@ -81,5 +81,5 @@ def corner_key(index: int) -> Key:
 
 
 def building_key() -> Key:
-    """Return the key of the building's frame, rotated so that its walls are off its axes."""
+    """Return the key of the building's frame, rotated to keep its walls off the axes."""
     return Key("f", 0, 0.25 * math.pi)

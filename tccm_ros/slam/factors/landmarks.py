@@ -1,8 +1,8 @@
 """Landmarks of any kind: the base class of their factors, and the registry of kinds.
 
-A kind is one class of factors. Whoever writes one, in this package or outside, decorates it with
-`register_landmark` and hands its observations to ``WallSlam.add_landmark``: it is estimated with
-the trajectory, and comes back in ``Solution.landmarks``, the result files, the map and its picture.
+A kind is one class of factors, in this package or outside, decorated with `register_landmark`.
+Observations are added by ``WallSlam.add_landmark``. The landmarks are estimated with the
+trajectory, and returned in ``Solution.landmarks``, the result files, the map and its picture.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key
 
 OWN_LETTERS = frozenset("cfosvwx")
-"""Letters of the variables in `keys`."""
+"""Reserved letters, of the variables in `keys`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkFactor(ABC):
-    """One observation of a landmark, from a pose of the base.
+    """One observation of a landmark from a pose of the base.
 
-    A single observation must determine its landmark, if only weakly: where it does not (a bearing
-    without a range), `add_to` adds a wide prior as well.
+    A single observation must determine the landmark, at least weakly: if it does not (a bearing
+    without a range), `add_to` must add a wide prior as well.
 
     Attributes
     ----------
     kind, letter
-        The kind's name, and the letter of its variables in the graph, which no other kind has.
+        Name of the kind, and the unique letter of its variables in the graph.
     pose, landmark
         Variables: the base at the stamp, a planar ``gtsam.Pose3``, and the landmark.
     measurement, covariance
@@ -48,14 +48,14 @@ class LandmarkFactor(ABC):
 
     @abstractmethod
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add the GTSAM form."""
+        """Add the factor in GTSAM's form."""
 
     @abstractmethod
     def start(self, T_map_base: Float64) -> Any:
-        """Return the landmark's GTSAM value as this observation alone has it."""
+        """Return the GTSAM value of the landmark from this observation alone."""
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Start the landmark where the first of its observations sees it."""
+        """Return the landmark as seen by this observation as start value."""
         return [(self.landmark, self.start(pose_of(self.pose)))]
 
     @classmethod
@@ -64,14 +64,14 @@ class LandmarkFactor(ABC):
     ) -> tuple[Float64, Float64]:
         """Return the position of a landmark in map, float64 (3,), with covariance (3, 3).
 
-        A kind whose variable is not a ``gtsam.Point3`` overrides it.
+        Override it for kinds whose variable is not a ``gtsam.Point3``.
 
         Parameters
         ----------
         values
-            Of all variables.
+            Values of all variables.
         landmark
-            The variable.
+            Variable of the landmark.
         covariance
             Its marginal covariance, in GTSAM's tangent order.
         """
@@ -84,12 +84,12 @@ _KINDS: dict[str, type[LandmarkFactor]] = {}
 
 
 def register_landmark(factor: Kind) -> Kind:
-    """Register a kind of landmark; the decorator of its class.
+    """Register a kind of landmark; use it as decorator of the class.
 
     Raises
     ------
     ValueError
-        For a letter that names other variables.
+        For a letter that is in use.
     """
     others = {k.letter for k in _KINDS.values() if k.kind != factor.kind}
     if len(factor.letter) != 1 or factor.letter in others | OWN_LETTERS:

@@ -1,4 +1,4 @@
-"""Noise models, and covariances in the order of a pose's tangent."""
+"""Noise models, and covariances in the tangent order of GTSAM."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import rotation_z
 
 PLANAR_SIGMA = 1e-5
-"""Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable
-(chosen)."""
+"""Standard deviation of roll, pitch (rad) and z (m) of a keyframe: negligible, but numerically
+stable (chosen)."""
 
 OPEN_SIGMA = 1e3
 """Standard deviation (m, rad) of a component that a factor does not measure (chosen)."""
@@ -22,16 +22,16 @@ LOOSE_SIGMA = 1.0
 """Standard deviation (m, rad) of a component that another factor holds at zero (chosen)."""
 
 HUBER_K = 1.345
-"""Huber threshold in standard deviations: 95 % efficient for Gaussian noise (the usual choice)."""
+"""Huber threshold in standard deviations: 95 % efficiency for Gaussian noise (the usual choice)."""
 
 
 def gaussian(covariance: Float64) -> gtsam.noiseModel.Gaussian:
-    """Return the noise of a covariance (N, N)."""
+    """Return the noise model of a covariance (N, N)."""
     return gtsam.noiseModel.Gaussian.Covariance(np.asarray(covariance, float))
 
 
 def huber(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
-    """Return a robust noise model: the influence of a residual is bounded."""
+    """Return a robust noise model, which bounds the influence of a residual."""
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(HUBER_K), noise)
 
 

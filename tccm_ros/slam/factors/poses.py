@@ -1,4 +1,4 @@
-"""Factors of keyframes: priors, planar motion, and relative poses."""
+"""Factors of keyframe poses: priors, planar motion, and relative poses."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PriorPose(NoLandmark):
     cov
         float64 (3, 3) of (x, y, yaw) in the keyframe's own frame.
     is_robust
-        Whether the influence of its error is bounded (Huber).
+        Whether to use a robust (Huber) noise model.
     """
 
     key: Key
@@ -45,7 +45,7 @@ class PriorPose(NoLandmark):
     is_robust: bool = False
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a prior that also holds roll, pitch and z at zero."""
+        """Add a prior, which also keeps roll, pitch and z at zero."""
         cov = rotate_frame(self.cov, self.key.yaw_offset)
         plain = gaussian(planar_covariance(cov, (PLANAR_SIGMA,) * 3))
         noise = huber(plain) if self.is_robust else plain
@@ -55,7 +55,7 @@ class PriorPose(NoLandmark):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planar(NoLandmark):
-    """Roll, pitch and z of a keyframe are zero; (x, y, yaw) stay free.
+    """Zero roll, pitch and z of a keyframe; (x, y, yaw) remain free.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Planar(NoLandmark):
     pose: Float64
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a prior at `pose` that does not measure (x, y, yaw)."""
+        """Add a prior at `pose` without a measurement of (x, y, yaw)."""
         roll_pitch_yaw = PLANAR_SIGMA, PLANAR_SIGMA, OPEN_SIGMA
         sigmas = np.array([*roll_pitch_yaw, FREE_POSITION_SIGMA, FREE_POSITION_SIGMA, PLANAR_SIGMA])
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
@@ -90,7 +90,7 @@ class BetweenKeyframes(NoLandmark):
     cov
         float64 (3, 3) of (x, y, yaw) in the frame of `b`.
     weight
-        Factor on the information: GNC reweights loop closures between optimisations.
+        Factor on the information; GNC changes it for loop closures between optimisations.
     """
 
     a: Key
@@ -100,7 +100,7 @@ class BetweenKeyframes(NoLandmark):
     weight: float = 1.0
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a between factor; roll, pitch and z follow, loosely (`Planar` holds them)."""
+        """Add a between factor with loose roll, pitch and z, which `Planar` fixes."""
         cov = rotate_frame(np.asarray(self.cov) / self.weight, self.b.yaw_offset)
         noise = gaussian(planar_covariance(cov, (LOOSE_SIGMA,) * 3))
         delta = gtsam.Pose3(

@@ -1,4 +1,4 @@
-"""Factors of door signs: their bearings from pictures, and the walls that they are fixed to."""
+"""Factors of door signs: bearings from pictures, and incidence with walls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tccm_ros.slam.factors.landmarks import LandmarkFactor, register_landmark
 from tccm_ros.slam.factors.noise import gaussian, huber
 
 START_RANGE = 2.0
-"""Distance (m) at which a single bearing starts a sign (chosen: who reads a plate is near)."""
+"""Range (m) of the start value from a single bearing (chosen: readable plates are near)."""
 
 _NORMALISED = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
 
@@ -28,9 +28,9 @@ class SignBearing(LandmarkFactor):
     """The bearing of a sign in one picture: the projection of a point into a camera.
 
     The measurement is (x, y, z, dx, dy, dz): position of the camera in the base, m, and unit vector
-    from it to the sign, in the base frame. The camera is turned about its own position until it
-    looks along that vector: the projection's residual is then, in rad, the angle between bearing
-    and sign, whatever the lens. Robust (Huber).
+    from it to the sign, in the base frame. The camera is rotated about its position to look along
+    that vector: the projection residual is then the angle between bearing and sign, rad,
+    independent of the lens. Robust (Huber).
     """
 
     kind, letter = SIGN, "g"
@@ -66,7 +66,7 @@ def tangents(direction: Float64) -> Float64:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignStart(NoLandmark):
-    """Where a sign starts: its triangulated point; adds nothing to the graph.
+    """Start value of a sign, its triangulated point; adds no factor.
 
     Attributes
     ----------
@@ -81,20 +81,20 @@ class SignStart(NoLandmark):
 
     @property
     def landmark(self) -> Key:
-        """The sign."""
+        """The variable of the sign."""
         return self.sign
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add nothing."""
+        """Add no factor."""
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Start at the point."""
+        """Return the point as start value."""
         return [(self.sign, self.position)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignOnWall(NoLandmark):
-    """A sign is on its wall.
+    """Incidence of a sign and its wall.
 
     The residual is the distance ``n . p + d`` (m) of the point p from the plane (n, d). With B the
     basis (3, 2) of the tangents of n, its derivatives are n by p, and (p B, 1) by the plane.
@@ -112,7 +112,7 @@ class SignOnWall(NoLandmark):
     sigma: float
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a factor whose residual and derivatives are computed here."""
+        """Add a custom factor with residual and derivatives."""
         keys = self.sign.symbol, self.wall.symbol
 
         def residual(

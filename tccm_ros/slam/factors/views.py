@@ -14,8 +14,8 @@ from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
 Z_ROLL_PITCH_SIGMAS = (0.005, 0.00524, 0.00524)
-"""Standard deviations of the z (m), roll and pitch (rad) of a base that moves: 5 mm and 0.3 deg
-(chosen; docs/design/wall_slam.md, "Views in the graph")."""
+"""Standard deviations of z (m), roll and pitch (rad) of a moving base: 5 mm and 0.3 deg (chosen;
+docs/design/wall_slam.md, "Views in the graph")."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,10 +31,10 @@ class KeyframeView(NoLandmark):
     cov
         float64 (3, 3) of (x, y, yaw) in the view's frame.
     sigma_z_roll_pitch
-        Standard deviations of the view's z (m), roll and pitch (rad), which are zero for the
-        keyframe.
+        Standard deviations of the view's z (m), roll and pitch (rad) relative to the keyframe,
+        whose are zero.
     roll_pitch, z
-        Of the view, as far as they are known, rad and m.
+        Roll, pitch (rad) and z (m) of the view; 0 where unknown.
     """
 
     keyframe: Key

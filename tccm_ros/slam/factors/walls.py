@@ -1,4 +1,4 @@
-"""Factors of walls that keyframes observe."""
+"""Factors of wall observations by keyframes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tccm_ros.slam.factors.noise import gaussian
 class WallObservation:
     """An observation of a wall by a keyframe.
 
-    phi points from the robot through the wall, so that each side of a wall is a wall of its own.
+    phi points from the robot through the wall, so that the two sides of a wall are two walls.
 
     Attributes
     ----------
@@ -48,11 +48,11 @@ class WallObservation:
 
     @property
     def landmark(self) -> Key:
-        """The wall."""
+        """The variable of the wall."""
         return self.wall
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
-        """Start the wall where the first of its factors sees it."""
+        """Return the wall as seen by this factor as start value."""
         T = pose_of(self.keyframe)
         normal = T[:3, :3] @ np.array([np.cos(self.phi), np.sin(self.phi), 0.0])
         rho = self.rho + normal @ T[:3, 3]

@@ -1,1 +1,1 @@
-"""The graph of the trajectory in GTSAM: solved as a batch, while driving, and going on."""
+"""The graph of the trajectory in GTSAM: batch, incremental and continued solutions."""

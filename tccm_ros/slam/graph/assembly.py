@@ -1,4 +1,4 @@
-"""Factors and start values in GTSAM's form."""
+"""Conversion of factors and start values to GTSAM's form."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def insert_poses(values: gtsam.Values, poses: Mapping[Key, Float64]) -> dict[Key
     Parameters
     ----------
     values
-        Of a graph, without these variables.
+        Values of a graph, without these variables.
     poses
-        In map, float64 (3,) of (x, y, yaw) or (4, 4).
+        Poses in map, float64 (3,) of (x, y, yaw) or (4, 4).
     """
     starts = {key: spatial(pose) if np.ndim(pose) == 1 else pose for key, pose in poses.items()}
     for key, T in starts.items():
@@ -36,18 +36,18 @@ def add_factors(
     pose_of: Callable[[Key], Float64],
     is_known: Callable[[int], bool] = lambda symbol: False,
 ) -> list[int]:
-    """Add factors; landmarks that are new are started by the first factor that has them.
+    """Add factors; the first factor of a new landmark gives its start value.
 
     Parameters
     ----------
     graph, values
-        To add to.
+        Graph and start values to add to.
     factors
-        To add.
+        New factors.
     pose_of
-        Returns T_map_frame float64 (4, 4) of a pose.
+        Returns T_map_frame float64 (4, 4) of a pose variable.
     is_known
-        Returns whether a variable, by its symbol, has a value elsewhere than in `values`.
+        Returns whether a variable, by its symbol, has a value outside `values`.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Graphs that are optimised incrementally by ISAM2 (surface mapping paper, III.B).
+"""Graphs optimised incrementally by ISAM2 (surface mapping paper, III.B).
 
-ISAM2 (Kaess et al. 2012) keeps the factorised graph as a tree of cliques. An update eliminates the
-cliques that new factors touch and those above them again, and linearises again what has moved.
+ISAM2 (Kaess et al. 2012) stores the factorised graph as a tree of cliques. An update re-eliminates
+the cliques that new factors affect and their ancestors, and relinearises variables that have moved.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from tccm_ros.slam.graph.assembly import add_factors, insert_poses
 from tccm_ros.slam.graph.pose_graph import poses_of
 
 RELINEARIZE = 0.1
-"""A variable that moved by more (m, rad) than this is linearised anew (GTSAM's default)."""
+"""Threshold of motion (m, rad) for relinearisation of a variable (GTSAM's default)."""
 
 
 class Isam:
-    """ISAM2 with factors and variables of ours.
+    """ISAM2 with this package's factors and variables.
 
     Parameters
     ----------
     relinearize
-        A variable that moved by more (m, rad) is linearised anew.
+        Threshold of motion (m, rad) for relinearisation of a variable.
     factorization
-        ``CHOLESKY`` or ``QR``. Cholesky gives up ("indeterminate") where a row of the square-root
-        information falls below 1/4096 of another: a robot that is 30 m uncertain after a long
-        corridor, with a heading known from scan to scan to 2 mrad, is such a case. QR takes it, and
+        ``CHOLESKY`` or ``QR``. Cholesky fails ("indeterminate") if a row of the square-root
+        information is below 1/4096 of another: for example with a position uncertainty of 30 m
+        after a long corridor, and a scan-to-scan heading uncertainty of 2 mrad. QR succeeds, at
         nearly twice the time.
     wildfire
-        Variables that move by less (m, rad) do not pass the change on.
+        Threshold of motion (m, rad) below which a change is not propagated.
     """
 
     def __init__(
@@ -56,16 +56,16 @@ class Isam:
         poses: Mapping[Key, Float64],
         gone: Sequence[int] = (),
     ) -> list[list[int]]:
-        """Add factors and variables, and take factors out.
+        """Add factors and variables, and remove factors.
 
         Parameters
         ----------
         factors
-            New ones. Landmarks that are new are started by them, from poses in the graph.
+            New factors, which also initialise new landmarks from poses in the graph.
         poses
-            Start values (3,) or (4, 4); those of poses in the graph are passed over.
+            Start values (3,) or (4, 4); those of poses in the graph are ignored.
         gone
-            Indices of factors to take out.
+            Indices of factors to remove.
 
         Returns
         -------
@@ -92,7 +92,7 @@ class Isam:
 
 
 class IncrementalGraph:
-    """A graph that grows, whose poses can be read at any time."""
+    """A growing graph whose poses can be read at any time."""
 
     def __init__(self) -> None:
         self._steps: list[tuple[list[Factor], dict[Key, Float64]]] = []

@@ -1,4 +1,4 @@
-"""A solved graph that goes on: what is new is added, what has changed is replaced."""
+"""A solved graph that is continued: new factors are added, changed ones replaced."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from tccm_ros.slam.graph.incremental import Isam
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 
 RELINEARIZE = 0.005
-"""A variable that moved by more (m, rad) is linearised anew. Chosen: the error of a linearisation
-grows with the square, and is 0.01 mm over a metre here."""
+"""Threshold of motion (m, rad) for relinearisation. Chosen: the linearisation error is quadratic,
+and is 0.01 mm over a metre here."""
 
 WILDFIRE = 1e-6
-"""Variables that move by less (m, rad) do not pass the change on (chosen)."""
+"""Threshold of motion (m, rad) below which a change is not propagated (chosen)."""
 
 MAX_ROUNDS = 2
-"""Updates at most until no variable has moved by `RELINEARIZE`; the next solution goes on (chosen:
-where loop closures are everywhere, each takes as long as a step of the batch)."""
+"""Maximum number of updates until no variable has moved by `RELINEARIZE`; the next solution
+continues (chosen: in maps with many loop closures, an update takes as long as a batch step)."""
 
 SAME_MEASUREMENT, SAME_COVARIANCE = 1e-4, 0.2
-"""A factor stays in place of another whose measurements (m, rad) differ by no more, and whose
-covariance by no more than this fraction (chosen)."""
+"""A factor is kept if the new measurements (m, rad) differ by at most the first, and the covariance
+by at most the second as a fraction (chosen)."""
 
 MORE_FACTORS = 1.5
-"""A covariance is computed again, one after each update, when its variable has so many times as
-many factors: a variable becomes more certain, so that the old one is on the safe side (chosen)."""
+"""A covariance is recomputed, one per update, when the number of its variable's factors has grown
+by this factor: uncertainty decreases over time, so that the old covariance is conservative
+(chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
 class KeptSolution(GraphSolution):
-    """The state of a `KeptGraph`; covariances are those that it remembers.
+    """The state of a `KeptGraph`, with its cached covariances.
 
     Attributes
     ----------
@@ -55,22 +56,22 @@ class KeptSolution(GraphSolution):
 
 
 class KeptGraph:
-    """A graph that is updated by ISAM2.
+    """A graph updated by ISAM2.
 
     Parameters
     ----------
     covariances
-        Marginal covariances that are known of the variables to come, in GTSAM's tangent order.
+        Known marginal covariances of future variables, in GTSAM's tangent order.
     """
 
     def __init__(self, covariances: Mapping[Key, Float64]) -> None:
         self._isam = Isam(RELINEARIZE, wildfire=WILDFIRE)
         self._values = gtsam.Values()
-        # Of each variable: how many factors it has, and how many it had when its covariance came.
+        # Number of factors of each variable, now and when its covariance was computed.
         self._uses: Counter[int] = Counter()
         self._covariances = {key.symbol: (cov, 0) for key, cov in covariances.items()}
         self._may_refresh = True
-        # The factors that may change and those of groups, with their indices in the graph.
+        # Replaceable factors and factors of groups, with their indices in the graph.
         self._revisable: dict[Hashable, tuple[Factor, list[int]]] = {}
         self._groups: dict[Hashable, list[int]] = {}
 
@@ -81,20 +82,19 @@ class KeptGraph:
         revisable: Iterable[Factor] = (),
         groups: Mapping[Hashable, Sequence[Factor]] | None = None,
     ) -> list[list[int]]:
-        """Add factors and new poses, replace what has changed, and optimise.
+        """Add factors and new poses, replace changed factors, and optimise.
 
         Parameters
         ----------
         factors
-            New ones, which stay.
+            New permanent factors.
         poses
-            Start values (3,) or (4, 4) of poses; those that are in the graph are left as they are.
-            Landmarks that are new are started by their factors.
+            Start values (3,) or (4, 4) of poses; existing poses keep theirs. New landmarks are
+            initialised by their factors.
         revisable
-            All factors that may change: the graph has these afterwards, and none of those that were
-            given here before.
+            All replaceable factors: they replace those of the previous call.
         groups
-            Factors by the name of their group, in the place of those that the group had before.
+            Factors by group; they replace the previous factors of the group.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class KeptGraph:
         Raises
         ------
         RuntimeError
-            Where the graph does not determine its variables; it is of no use then.
+            Where the graph does not determine its variables; the object is then unusable.
         """
         wanted, together = _by_identity(revisable), groups or {}
         gone = [i for name in together for i in self._groups.pop(name, [])]
@@ -126,7 +126,7 @@ class KeptGraph:
         return numbers[: len(added)]
 
     def remove(self, indices: Iterable[int]) -> None:
-        """Take factors out by their indices; each of their variables must have others."""
+        """Remove factors by index; each of their variables must have other factors."""
         self._add([], {}, list(indices))
         self._relinearise()
 
@@ -140,7 +140,7 @@ class KeptGraph:
         return numbers
 
     def _relinearise(self) -> None:
-        """Linearise anew what has moved, until nothing has."""
+        """Relinearise variables that have moved, up to `MAX_ROUNDS` times."""
         self._may_refresh = True
         for _ in range(MAX_ROUNDS):
             result = self._isam.isam.update()
@@ -153,7 +153,7 @@ class KeptGraph:
         return KeptSolution(self._values, self._isam.isam.getFactorsUnsafe(), 0, self)
 
     def covariance(self, key: Key) -> Float64:
-        """Return the marginal covariance in GTSAM's tangent order, as of `MORE_FACTORS`."""
+        """Return the marginal covariance in GTSAM's tangent order; see `MORE_FACTORS`."""
         symbol, uses = key.symbol, self._uses[key.symbol]
         cov, then = self._covariances.get(symbol, (None, 0))
         is_old = bool(then) and uses > MORE_FACTORS * then and self._may_refresh
@@ -165,7 +165,7 @@ class KeptGraph:
 
 
 def _by_identity(factors: Iterable[Factor]) -> dict[Hashable, Factor]:
-    """Name factors by their kind and variables, those of the same ones by their order."""
+    """Return factors by type and variables, with a counter to distinguish equal ones."""
     named: dict[Hashable, Factor] = {}
     many: Counter[Hashable] = Counter()
     for factor in factors:
@@ -178,7 +178,7 @@ def _by_identity(factors: Iterable[Factor]) -> dict[Hashable, Factor]:
 
 
 def _is_same(one: Factor, other: Factor) -> bool:
-    """Return whether two factors of the same variables say nearly the same."""
+    """Return whether two factors of the same variables are equal within tolerance."""
     values = _fields(other)
     for name, value in _fields(one).items():
         if isinstance(value, (Key, int)):

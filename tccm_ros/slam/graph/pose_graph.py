@@ -1,7 +1,7 @@
 """Pose graphs in GTSAM: batch optimisation and marginal covariances.
 
-The graph is built from scratch in a given order and optimised as a batch, so that the result
-depends on its factors alone. GTSAM's default elimination ordering is COLAMD, the paper's.
+The graph is built from scratch in a fixed order and optimised as a batch, so that the result is a
+function of its factors. The elimination ordering is GTSAM's default COLAMD, as in the paper.
 """
 
 from __future__ import annotations
@@ -24,28 +24,27 @@ from tccm_ros.slam.graph.assembly import add_factors, insert_poses
 from tccm_ros.slam.graph.marginals import Information, InverseColumns
 
 MAX_ITERATIONS = 50
-"""Iterations of a batch optimisation at most. Chosen as a bound: the change of the error ends it
-before."""
+"""Maximum number of iterations of a batch optimisation. Chosen as a bound: the change of the error
+normally ends it before."""
 RELATIVE_TOLERANCE = 1e-5
-"""Levenberg-Marquardt ends after so many iterations, or below this relative change of the cost
-(chosen)."""
+"""Relative change of the cost below which Levenberg-Marquardt ends (chosen)."""
 
 INITIAL_LAMBDA = 1e-6
-"""First damping: the start values are near the optimum (chosen)."""
+"""Initial damping: the start values are near the optimum (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
 class GraphSolution:
-    """An optimised graph; covariances are computed once, when they are asked for.
+    """An optimised graph; covariances are computed lazily, once.
 
     Attributes
     ----------
     values
-        Of all variables.
+        Values of all variables.
     graph
         The factors.
     iterations
-        Of Levenberg-Marquardt.
+        Number of Levenberg-Marquardt iterations.
     """
 
     values: gtsam.Values
@@ -74,7 +73,7 @@ class GraphSolution:
         return rotate_frame(cov, -key.yaw_offset)
 
     def relative_covariance(self, a: Key, b: Key, point: Float64) -> Float64:
-        """Return how uncertain it is where two keyframes put one point, against each other.
+        """Return the covariance of the difference of a point's positions by two keyframes.
 
         Parameters
         ----------
@@ -85,7 +84,7 @@ class GraphSolution:
 
         Returns
         -------
-        float64 (2, 2) of (x, y) in map, m2: of the difference of the two points
+        float64 (2, 2) of (x, y) in map, m2, of the difference of the two positions
         """
         symbols = self._linear.symbols
         joint = self._inverse.joint(symbols.index(a.symbol), symbols.index(b.symbol))
@@ -94,7 +93,7 @@ class GraphSolution:
         return np.asarray(H @ joint @ H.T)
 
     def _motion_of(self, key: Key, point: Float64) -> Float64:
-        """Return the derivative (2, 6) of a point (2,) that is fixed to a pose, by its tangent."""
+        """Return the derivative (2, 6) of a point (2,) fixed to a pose, by the pose's tangent."""
         T = self.values.atPose3(key.symbol).matrix()
         motion = np.zeros((2, 6))
         motion[:, 3:] = T[:2, :3]
@@ -102,12 +101,12 @@ class GraphSolution:
         return motion
 
     def displacements(self, keys: Sequence[Key], gradients: Float64) -> Float64:
-        """Return by how much keyframes move, to first order, if measurements change.
+        """Return the displacement of keyframes, to first order, for a change of measurements.
 
         Parameters
         ----------
         keys
-            K keyframes.
+            Variables of K keyframes.
         gradients
             float64 (K, 3), ``J' W d`` of (x, y, yaw) in each keyframe's own frame: `d` is the
             change of the measurements, `J` the derivative of their residuals by the keyframe, `W`
@@ -142,12 +141,12 @@ class GraphSolution:
         return InverseColumns(self._linear.A, self._linear.dims)
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
-        """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
+        """Return half the squared Mahalanobis distances of factors by index, float64 (N,)."""
         return np.array([self.graph.at(i).error(self.values) for i in indices])
 
 
 class _Linear(NamedTuple):
-    """Variables, the Jacobian in standard deviations, and how many of its columns each has."""
+    """Variables, the Jacobian in standard deviations, and the number of columns per variable."""
 
     symbols: list[int]
     A: csc_matrix
@@ -166,19 +165,19 @@ def _linearise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> _Line
 
 
 def _rotated(vectors: Float64, angles: Float64) -> Float64:
-    """Rotate (x, y, yaw) of vectors (K, 3) about z by angles (K,)."""
+    """Return vectors (K, 3) with (x, y) rotated about z by angles (K,)."""
     c, s = np.cos(angles), np.sin(angles)
     x, y, yaw = vectors.T
     return np.stack([c * x - s * y, s * x + c * y, yaw], axis=1)
 
 
 class PoseGraph:
-    """A graph that grows and is optimised as a batch, from the values of the last optimisation.
+    """A growing graph; each batch optimisation starts from the values of the previous one.
 
     Parameters
     ----------
     factors
-        Of the graph.
+        Factors of the graph.
     poses
         Start values of all poses by variable, float64 (3,) or (4, 4).
     """
@@ -189,20 +188,20 @@ class PoseGraph:
         self.add(factors)
 
     def add(self, factors: Iterable[Factor]) -> None:
-        """Add factors; landmarks that are new are started by them."""
+        """Add factors, which also initialise new landmarks."""
         add_factors(self._graph, self._values, factors, self._starts.__getitem__)
 
     def __len__(self) -> int:
         return int(self._graph.size())
 
     def replace(self, index: int, factor: Factor) -> None:
-        """Put another factor of the same variables in the place of factor `index`."""
+        """Replace factor `index` by another factor of the same variables."""
         single = gtsam.NonlinearFactorGraph()
         factor.add_to(single)
         self._graph.replace(index, single.at(0))
 
     def optimise(self) -> GraphSolution:
-        """Run Levenberg-Marquardt to its end."""
+        """Run Levenberg-Marquardt and return the solution."""
         params = gtsam.LevenbergMarquardtParams()
         params.setMaxIterations(MAX_ITERATIONS)
         params.setRelativeErrorTol(RELATIVE_TOLERANCE)

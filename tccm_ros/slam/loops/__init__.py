@@ -1,1 +1,1 @@
-"""Loop closures: candidates, matches and which of them are consistent."""
+"""Loop closures: candidate search, matching and outlier rejection."""

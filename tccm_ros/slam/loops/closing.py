@@ -1,8 +1,8 @@
 """Loop closing while driving: search, confirmation and the live estimate of all keyframes.
 
-Keyframes come in order, and each is matched with earlier passes (`loop_search`). A match is a
-proposal: it becomes a factor when others, from other keyframes, close the same cycle. The estimate
-is corrected at once, so that the next windows are small.
+Keyframes are matched with earlier passes in order (`search`). A match is a proposal: it becomes a
+factor when proposals of other keyframes close the same cycle. The estimate is corrected at once, so
+that the next search windows are small.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from tccm_ros.slam.signs.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is
 from tccm_ros.slam.signs.views import SignView
 
 NEIGHBOURHOOD = 15.0
-"""Path (m) on either side within which proposals confirm each other (chosen)."""
+"""Path length (m) to either side within which proposals confirm each other (chosen)."""
 
 UPDATE_THRESHOLD_M, UPDATE_THRESHOLD_RAD = 0.08, 0.015
 """A loop closure that contradicts the estimate by more updates all keyframes at once (chosen)."""
 
 GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
-"""Keyframes that are matched around a user-supplied pose, within so many standard
-deviations (chosen)."""
+"""Number of keyframes that are matched around a user-supplied pose, and half width of the search in
+standard deviations (chosen)."""
 
 NOWHERE = "no place of the map fits what the scans see: drive on, or tell the pose"
 AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
@@ -46,40 +46,40 @@ UNJOINED = (
     "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once "
     "a place fits"
 )
-"""What a session without a place waits for."""
+"""Reasons why a session is not placed in the map yet."""
 
 MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
-"""Half width of that search at least: who tells a pose by hand is not more exact (chosen)."""
+"""Minimum half width of that search: poses set by hand are no more accurate (chosen)."""
 
 CERTAIN_INLIERS = 0.9
-"""A scan of which the map explains this fraction at one place alone is there, and waits for no
-other scan, unless the map had several places for one before it. ``bench/bench_relocalise.py``: 0.90
-to 1.00 at the right place of 8 flats, at most 0.86 in a map of other rooms."""
+"""A scan with this inlier fraction at exactly one place is localised without confirmation, unless
+an earlier scan had several places. ``bench/bench_relocalise.py``: 0.90 to 1.00 at the right place
+of 8 flats, at most 0.86 in a map of other rooms."""
 
 PROBABLE_INLIERS, SPACING_M = 0.75, 1.0
-"""While a place is looked for, matches confirm each other that explain this fraction of their
-scans, and whose scans are at least this far from each other (m): from one spot, the same mistake
-looks the same again. ``bench/bench_relocalise.py``: 0.62 to 0.94 in a real arena whose furniture
-has been moved, mostly 0.45 to 0.7 in a map of other rooms."""
+"""During relocalisation, matches with at least this inlier fraction confirm each other if their
+scans are at least this distance (m) from each other: at one spot, the same mistake repeats itself.
+``bench/bench_relocalise.py``: 0.62 to 0.94 in a real arena with moved furniture, mostly 0.45 to 0.7
+in a map of other rooms."""
 
 REPEATED = 2
-"""Searches in a row that must find one place alone, after one that found several like it (chosen):
-in ten equal offices one scan in thirty falls out of line, and no two together."""
+"""Number of consecutive searches with a unique result after an ambiguous one (chosen): in ten equal
+offices, one scan in thirty gives a wrong unique result, never two in a row."""
 
 SEARCH_PERIOD_NS = 500_000_000
-"""Between two searches of the whole map with scans that are no keyframes (chosen): a search of a
-flat takes 0.05 s, and a robot that stands sees the same again but for people."""
+"""Time between two searches of the whole map with scans that are no keyframes (chosen): a search of
+a flat takes 0.05 s, and the view of a robot at rest hardly changes."""
 
 UNPLACED_NS, UNPLACED_M = 10_000_000_000, 2.0
-"""A session that has no place in the map after this time (ns) or path (m) begins a trajectory of
-its own (issue 40)."""
+"""Time (ns) or path (m) after which a session without a place in the map begins its own trajectory
+(issue 40)."""
 
 BESIDE_M = 30.0
-"""Shortest distance in x between keyframes of two trajectories that are not joined: beyond the
-range of common level lasers, so that no wall or surface of one meets the other."""
+"""Minimum distance in x between keyframes of two trajectories that are not joined: beyond the range
+of common level lasers, so that no wall or surface of one overlaps with the other."""
 
 BATCH = 10
-"""Keyframes that are added to the live graph together: an update costs the same for one as for a
+"""Number of keyframes added to the live graph together: an update costs the same for one as for a
 few (chosen)."""
 
 
@@ -89,28 +89,28 @@ class LoopCloser:
     Parameters
     ----------
     config
-        ``loops.*`` and ``matching.*``.
+        Groups ``loops`` and ``matching``.
     chain
         Keyframes of all sessions; the caller appends to it.
     begins_trajectories
-        Whether a session that finds no place for long begins a trajectory of its own.
+        Whether a session without a place in the map begins its own trajectory after some time.
 
     Attributes
     ----------
     poses
-        float64 (K, 3), estimates of the keyframes. Those of a session that is not localised yet
-        are in that session's own frame.
+        float64 (K, 3), estimates of the keyframes; those of a session that is not localised are in
+        the session's own frame.
     accepted, rejected
         Proposals, in order of discovery.
     placed_by_sign
-        Ids in the saved map of the signs that placed sessions in it, by session.
+        Ids of the signs in the saved map by which sessions were localised, by session.
     placed_by_guess
-        The sessions that are at a user-supplied pose.
+        The sessions localised by a user-supplied pose.
     unjoined
-        The sessions on trajectories that are not joined to the map yet, each with the session that
-        its trajectory began with.
+        The sessions on trajectories that are not joined to the map, each with the first session of
+        its trajectory.
     waits_for
-        Why the newest session has no place in the map yet; empty where it has.
+        Reason why the newest session has no place in the map yet; empty if it has.
     """
 
     def __init__(self, config: Config, chain: Chain, *, begins_trajectories: bool = True) -> None:
@@ -128,15 +128,15 @@ class LoopCloser:
         self._lengths = PathLengths()
         self._graph = IncrementalGraph()
         self._localised = {0}
-        # Proposals of the last metres, and those of all proposals that are not confirmed yet.
+        # Proposals of the last metres, and all unconfirmed proposals.
         self._recent: list[Proposal] = []
         self._pending: list[Proposal] = []
-        # Keyframes, loop closures and observations that are not in the live graph yet.
+        # Keyframes and loop closures that are not in the live graph yet.
         self._waiting: list[int] = []
         self._fresh: list[Proposal] = []
         self._unused: list[AnchoredObservation] = []
         self._observers = 0
-        # Where somebody says that the next keyframe is, and that keyframe.
+        # The user-supplied pose of the next keyframe, and that keyframe.
         self._guess: PoseGuess | None = None
         self._signs = SignPlaces(chain.keyframes)
         self._guessed = -1
@@ -146,15 +146,15 @@ class LoopCloser:
         self._alone: list[Proposal] = []
 
     def note_guess(self, guess: PoseGuess) -> None:
-        """Look for the session that the next keyframe begins around a pose."""
+        """Relocalise the session that begins with the next keyframe around a user-supplied pose."""
         self._guess, self._guessed, self._expected = guess, -1, None
 
     def note_expected(self, pose: Float64) -> None:
-        """Note where the next keyframe is in map, (3,), if the pose that was told is wrong."""
+        """Set the alternative pose (3,) in map of the next keyframe, should the guess be wrong."""
         self._expected = pose
 
     def search(self, scan: LevelScan, tracked: TrackedPose) -> bool:
-        """Look for a session without a place, by a scan that is no keyframe.
+        """Relocalise a session by a scan that is no keyframe.
 
         Parameters
         ----------
@@ -165,14 +165,14 @@ class LoopCloser:
 
         Returns
         -------
-        Whether the session has a place now.
+        Whether the session is localised now.
         """
         keyframe = self._chain.keyframes[tracked.keyframe]
         is_due = scan.stamp_ns - self._searched_ns >= SEARCH_PERIOD_NS
         if keyframe.session in self.placed or not self._config.loops.enabled or not is_due:
             return False
         k = keyframe.id
-        # Alone: what stood around the robot at the keyframe may be gone.
+        # Only this scan: surroundings of the keyframe may have changed.
         patch = make_patch([replace(keyframe, scan=scan)], 0, 0)
         found = self._look_everywhere(k, patch)
         back = inverse(tracked.pose)
@@ -185,7 +185,7 @@ class LoopCloser:
         return keyframe.session in self._localised
 
     def _look_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
-        """Match a patch with the map; where nothing fits, with the other trajectories."""
+        """Match a patch with the map; if nothing fits, with the other trajectories."""
         session = self._chain.keyframes[k].session
         own = self.unjoined.get(session)
         found = self._search.look_everywhere(k, patch, self.poses, self._localised)
@@ -197,16 +197,16 @@ class LoopCloser:
         return found
 
     def _sessions_of(self, root: int) -> list[int]:
-        """Return the sessions of the trajectory that began with a session."""
+        """Return the sessions of the trajectory that begins with a session."""
         return [session for session, r in self.unjoined.items() if r == root]
 
     def _root(self, k: int) -> int:
-        """Return a number of the trajectory of a keyframe; -1 for the map."""
+        """Return the id of a keyframe's trajectory; -1 for the map."""
         session = self._chain.keyframes[k].session
         return -1 if session in self._localised else self.unjoined.get(session, session)
 
     def _begin_trajectory(self, k: int, stamp_ns: int) -> None:
-        """Begin a trajectory with the session of keyframe k where it has no place for long."""
+        """Begin a trajectory with the session of keyframe k if it has been unplaced for long."""
         session = self._chain.keyframes[k].session
         if session in self.placed or not self._begins_trajectories:
             return
@@ -218,14 +218,14 @@ class LoopCloser:
             self._keep_beside()
 
     def _keep_beside(self) -> None:
-        """Keep trajectories that are not joined clear of the map and of each other, in x."""
+        """Shift trajectories in x so that they do not overlap with the map or each other."""
         trajectory = np.array([self._root(k) for k in range(len(self.poses))])
         right = self.poses[trajectory == -1, 0].max()
         for root in sorted(set(self.unjoined.values())):
             members = trajectory == root
             gap = self.poses[members, 0].min() - right
             if gap < BESIDE_M:
-                # Further than needed, so that it stays there while the robot drives on.
+                # More than needed, so that the robot can drive on without another shift.
                 self.poses[members, 0] += 1.5 * BESIDE_M - gap
             right = self.poses[members, 0].max()
             first = next(x.id for x in self._chain.keyframes if x.session == root)
@@ -233,22 +233,22 @@ class LoopCloser:
 
     @property
     def unconfirmed(self) -> list[Proposal]:
-        """Proposals that wait for others to confirm them."""
+        """Proposals that still need confirmation."""
         return [replace(p, reason=LoopReason.UNCONFIRMED) for p in self._pending]
 
     @property
     def localised(self) -> frozenset[int]:
-        """The sessions that are in the map's frame."""
+        """The sessions in the map's frame."""
         return frozenset(self._localised)
 
     @property
     def placed(self) -> frozenset[int]:
-        """The sessions that are in the map's frame, or on a trajectory beside it."""
+        """The sessions in the map's frame, or on a trajectory beside it."""
         return frozenset(self._localised | self.unjoined.keys())
 
     @property
     def constrained(self) -> frozenset[int]:
-        """The sessions whose first keyframe a loop closure places."""
+        """The sessions whose first keyframe is constrained by a loop closure."""
         began = {session for session, root in self.unjoined.items() if session == root}
         return self.placed - began
 
@@ -258,7 +258,7 @@ class LoopCloser:
         observations: Sequence[AnchoredObservation] = (),
         sign_views: Sequence[SignView] = (),
     ) -> None:
-        """Add keyframe `k`, the newest, and what was seen of landmarks since the one before it."""
+        """Add keyframe `k`, the newest, and the landmark observations since the previous one."""
         self._unused.extend(observations)
         keyframe = self._chain.keyframes[k]
         starts = self._chain.starts(k)
@@ -290,15 +290,15 @@ class LoopCloser:
         Parameters
         ----------
         poses
-            float64 (K, 3), of the keyframes.
+            float64 (K, 3), keyframe poses.
         loops
             Accepted loop closures.
         observations
-            Of landmarks.
+            Landmark observations.
         sign_views
-            Of door signs.
+            Views of door signs.
         unjoined
-            The attribute.
+            Value of the attribute `unjoined`.
         """
         self.unjoined = dict(unjoined or {})
         for keyframe, pose in zip(self._chain.keyframes, poses):
@@ -320,10 +320,10 @@ class LoopCloser:
         self.poses = np.concatenate([self.poses, pose[None]])
 
     def _update(self) -> None:
-        """Add the keyframes, loop closures and observations that wait to the live graph."""
+        """Add the pending keyframes, loop closures and observations to the live graph."""
         keys = self._chain.keys
         factors = [factor for k in self._waiting for factor in self._chain.factors_of(k)]
-        # Those of a trajectory that is not joined wait until it is.
+        # Loop closures of a trajectory that is not joined stay pending.
         fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == -1]
         factors += [p.factor(keys) for p in fresh]
         starts = {keys[k]: self.poses[k].copy() for k in self._waiting}
@@ -339,14 +339,14 @@ class LoopCloser:
             self._read_back()
 
     def _take_usable(self) -> list[AnchoredObservation]:
-        """Take out the observations of sessions that are in the map's frame."""
+        """Remove and return the observations of sessions in the map's frame."""
         sessions = [self._chain.keyframes[s.anchored.keyframe].session for s in self._unused]
         usable = [s for s, session in zip(self._unused, sessions) if session in self._localised]
         self._unused = [s for s, x in zip(self._unused, sessions) if x not in self._localised]
         return usable
 
     def _close(self, k: int) -> None:
-        """Search for loop closures of keyframe k; accept those that enough others confirm."""
+        """Search for loop closures of keyframe k; accept those with enough confirmations."""
         driven, keyframe = self._lengths.driven, self._chain.keyframes[k]
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
         if keyframe.session not in self._localised:
@@ -361,15 +361,15 @@ class LoopCloser:
                 self.rejected.append(proposal)
 
     def _note_places(self, k: int, stamp_ns: int, found: Sequence[Proposal]) -> None:
-        """Take the place that the search of the whole map has found for keyframe k, if one.
+        """Accept a place that the search of the whole map has found for keyframe k.
 
-        A scan that the map explains there alone tells; less counts where others confirm it.
+        A unique match with many inliers suffices; one with fewer needs confirmations.
         """
         self._searched_ns = stamp_ns
         self.waits_for = NOWHERE
         driven, session = self._lengths.driven, self._chain.keyframes[k].session
         root = self._root(k)
-        # Of one spot after the other: the right place fits on, another one fits here and there.
+        # Confirmations must follow each other: the right place keeps fitting, a wrong one does not.
         places = [p for p in self._recent if self._root(p.a) != root]
         if places and driven[k] - driven[places[-1].b] >= 2.0 * SPACING_M:
             self._recent = [p for p in self._recent if self._root(p.a) == root]
@@ -399,9 +399,9 @@ class LoopCloser:
             self.waits_for = UNJOINED
 
     def _close_around(self, k: int, guess: PoseGuess) -> None:
-        """Look for keyframe k where somebody says that it is; the first match counts.
+        """Search for keyframe k around a user-supplied pose; the first match is accepted.
 
-        The place that is expected without that counts where it fits better.
+        The pose expected without the guess is accepted instead if it fits better.
         """
         self._guessed = k if self._guessed < 0 else self._guessed
         is_late = k >= self._guessed + GUESS_KEYFRAMES
@@ -428,7 +428,7 @@ class LoopCloser:
             self._accept([best])
 
     def _close_by_sign(self, k: int) -> None:
-        """Match keyframe k where a sign puts it that was seen before, unless that is two places."""
+        """Match keyframe k at the place of a known sign, unless that is ambiguous."""
         found: list[tuple[Proposal, int]] = []
         session = self._chain.keyframes[k].session
         is_localised = session in self._localised
@@ -451,7 +451,7 @@ class LoopCloser:
             self.placed_by_sign[session] = sign
 
     def _confirm(self, proposal: Proposal) -> None:
-        """Accept a proposal, and those that it confirms, once enough agree."""
+        """Accept a proposal and those that it confirms, if enough agree."""
         root = self._root(proposal.a)
         near = [p for p in self._recent if p.b != proposal.b and self._root(p.a) == root]
         agree = consistent_with(proposal, near, self.poses, self._lengths.driven)
@@ -503,7 +503,7 @@ class LoopCloser:
             self.unjoined.update(dict.fromkeys(sessions, target))
 
     def _read_back(self) -> None:
-        """Read all poses from the live graph, after one more step."""
+        """Update all poses from the live graph, after one more iteration."""
         self._graph.add([], {})
         known = [
             k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
@@ -512,5 +512,5 @@ class LoopCloser:
 
 
 def _is_ambiguous(proposal: Proposal) -> bool:
-    """Return whether a proposal is rejected as another place fits as well."""
+    """Return whether a proposal is rejected because another place fits as well."""
     return proposal.reason.startswith("ambiguous")

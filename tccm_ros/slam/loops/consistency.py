@@ -1,12 +1,12 @@
 """Outlier rejection of loop closures.
 
-While driving, by pairwise consistency (Mangelson et al. 2018). Before a result, by graduated
-non-convexity (Yang et al. 2020) with truncated least squares: the graph is solved again and again
-with reweighted loop closures; the weights start nearly equal and end at zero or one. No factor
-needs a robust noise model of its own.
+While driving, loop closures are tested by pairwise consistency (Mangelson et al. 2018). Before a
+result, they are tested by graduated non-convexity (Yang et al. 2020) with truncated least squares:
+the graph is solved repeatedly with reweighted loop closures, whose weights start nearly equal and
+end at zero or one. No factor needs a robust noise model of its own.
 
-GTSAM's ``GncLMOptimizer`` does not take these graphs (tried with 4.3.0): it clones all factors, and
-throws where it comes to an ``OrientedPlane3Factor``, also with known inliers.
+GTSAM's ``GncLMOptimizer`` does not support these graphs (tried with 4.3.0): it clones all factors,
+and throws at an ``OrientedPlane3Factor``, even with known inliers.
 """
 
 from __future__ import annotations
@@ -22,31 +22,32 @@ from tccm_ros.slam.graph.pose_graph import GraphSolution, PoseGraph
 from tccm_ros.slam.loops.matching import Proposal
 
 CLOSING_SIGMA_M, CLOSING_SIGMA_RAD = 0.12, 0.035
-"""Standard deviation of the closing error of a cycle through two right proposals: two
-matches and the distortion of two submaps (chosen)."""
+"""Standard deviation of the closing error of a cycle through two correct proposals: two matches and
+the distortion of two submaps (chosen)."""
 
 CLOSING_SIGMA_M_PER_M, CLOSING_SIGMA_RAD_PER_M = 0.02, 0.003
 """Growth of that standard deviation with the path between the proposals (chosen)."""
 
 MAX_POSITION_SIGMA = 0.5
 """A proposal with a larger standard deviation (m) in some direction does not determine the
-position, as along a plain corridor. It agrees with all proposals, and so confirms only those like
-it (chosen)."""
+position, as along a plain corridor. It agrees with all proposals, so it confirms only others of
+this kind (chosen)."""
 
 CYCLE_CHI2 = 11.3
-"""Gate for the squared Mahalanobis distance of a cycle: 99 % of three degrees of freedom."""
+"""Gate on the squared Mahalanobis distance of a cycle: 99 % of three degrees of freedom."""
 
 LOOP_CHI2 = 16.3
-"""A loop whose squared Mahalanobis distance is larger is wrong: 99.9 % of three degrees."""
+"""Gate on the squared Mahalanobis distance of a loop closure: 99.9 % of three degrees of
+freedom."""
 
 CONTROL_STEP = 2.0
-"""Factor of the control parameter from one solution to the next (chosen; 1.4 in the paper)."""
+"""Factor of the control parameter between two solutions (chosen; 1.4 in the paper)."""
 
 MAX_ROUNDS = 15
-"""Solutions at most (chosen)."""
+"""Maximum number of solutions (chosen)."""
 
 MIN_WEIGHT = 1e-4
-"""Weight of a rejected loop closure: with zero, its covariance would be infinite (chosen)."""
+"""Weight of a rejected loop closure; not zero, as its covariance would be infinite (chosen)."""
 
 
 def consistent_with(
@@ -55,7 +56,7 @@ def consistent_with(
     poses: Sequence[Float64] | Float64,
     path: Sequence[float] | Float64,
 ) -> Bool:
-    """Return which proposals close a cycle with `one`.
+    """Return a mask of the proposals that close a cycle with `one`.
 
     Parameters
     ----------
@@ -63,14 +64,14 @@ def consistent_with(
         Proposals.
     poses
         float64 (3,) each, estimates of the keyframes; only relative poses along each side of the
-        cycle count.
+        cycle are used.
     path
         Path length up to each keyframe, m.
 
     Returns
     -------
-    bool (N,), one for each of `others`; a proposal that determines the position is
-    never consistent with one that does not
+    bool (N,), one for each of `others`; a proposal that determines the position is never consistent
+    with one that does not
     """
     if not others:
         return np.zeros(0, bool)
@@ -108,12 +109,12 @@ def _is_localising(proposals: Sequence[Proposal]) -> Bool:
 def select_loops(
     graph: PoseGraph, keys: Sequence[Key], loops: Sequence[Proposal]
 ) -> tuple[Float64, Bool]:
-    """Optimise a graph with loop closures and find those that contradict the rest.
+    """Optimise a graph with loop closures and reject outliers among them.
 
     Parameters
     ----------
     graph
-        With all factors but the loop closures; these are added to it.
+        Graph with all factors except the loop closures, which are added to it.
     keys
         Variables of the keyframes.
     loops
@@ -121,7 +122,7 @@ def select_loops(
 
     Returns
     -------
-    float64 (K, 3), poses of the keyframes, and bool (L,), which loop closures are kept
+    float64 (K, 3), poses of the keyframes, and bool (L,), mask of the inliers
     """
     first = len(graph)
     graph.add([p.factor(keys) for p in loops])
@@ -145,14 +146,14 @@ def _graduate(
     chi2: Callable[[GraphSolution], Float64],
     count: int,
 ) -> tuple[GraphSolution, Float64]:
-    """Find the weights of factors of which some are outliers.
+    """Return the weights of factors with outliers by graduated non-convexity.
 
     Parameters
     ----------
     solve
         Optimises the graph with given weights float64 (count,).
     chi2
-        Gives the factors' squared Mahalanobis distances, unweighted, float64 (count,).
+        Returns the factors' squared Mahalanobis distances, unweighted, float64 (count,).
     count
         Number of these factors.
 

@@ -1,4 +1,4 @@
-"""Loop closure proposals: matching a patch of new keyframes with an old submap."""
+"""Loop closure proposals: match a patch of new keyframes with an old submap."""
 
 from __future__ import annotations
 
@@ -21,18 +21,17 @@ from tccm_ros.slam.matching.likelihood_grid import with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 
 MATCH_FLOOR = (0.01, 0.003)
-"""Standard deviation (m, rad) added to every match: submaps are distorted a little (chosen)."""
+"""Standard deviation (m, rad) added to each match for the distortion of submaps (chosen)."""
 
 COARSE_STEP = 0.025
-"""Yaw step (rad) of a search in all headings, small enough for alignment (chosen)."""
+"""Yaw step (rad) of a search over all headings, small enough for alignment (chosen)."""
 
 AMBIGUOUS_FROM = 0.8
-"""Windows of this half width (m) or more can contain a second pose that matches as well
-(chosen)."""
+"""Half width (m) from which a search window can contain a second, equally good pose (chosen)."""
 
 UNKNOWN_SIGMA = 20.0
-"""Standard deviation (m, rad) in directions that a match does not determine: along a plain corridor
-(chosen)."""
+"""Standard deviation (m, rad) in directions that a match does not determine, as along a plain
+corridor (chosen)."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 0.7, 0.35
 """Two poses within this distance and yaw are the same place (chosen)."""
@@ -41,16 +40,16 @@ ALL_HEADINGS = 1.0
 """A search window with a larger half width in yaw, rad, has no expected pose. Chosen: 57 deg."""
 
 WINDOW_SIGMA, WINDOW_FLOOR = 0.5, 0.05
-"""Standard deviation of the expected pose: this fraction of the window, and this much more (m, rad;
+"""Standard deviation of the expected pose: a fraction of the window, plus a constant (m, rad;
 chosen)."""
 
 MIN_FACING_FRACTION = 0.5
-"""Below this fraction of the matched points on faces of walls, the others match the backs
+"""Minimum fraction of matched points on the front faces of walls; with fewer, most match the backs
 (chosen)."""
 
 
 class LoopReason(StrEnum):
-    """Why a proposal is a loop closure, or none; braces are filled with a number."""
+    """Reason of a proposal's acceptance or rejection; braces are filled with a number."""
 
     CONSISTENT = "consistent"
     FEW_MATCHES = "only {:.2f} of the points match"
@@ -75,7 +74,7 @@ class Window:
     half_width_m, half_width_rad
         Half widths of the window.
     min_score
-        Only a match with a better score counts, if this is more than ``loops.min_score``.
+        Minimum score of a match, if this is more than ``loops.min_score``.
     """
 
     centre: Float64
@@ -95,7 +94,7 @@ class Window:
 
     @property
     def angle_step(self) -> float:
-        """Yaw step of the search, rad; 0: as fine as the grid."""
+        """Yaw step of the search, rad; 0 for one grid cell."""
         return COARSE_STEP if self.anywhere else 0.0
 
     @property
@@ -123,14 +122,14 @@ class Proposal:
     a, b
         Keyframes; `a` is the submap's centre.
     delta, cov
-        Planar pose (3,) of b in a; covariance (3, 3) of (x, y, yaw) in b's frame: of the match
-        alone, without the expected pose, whose information the graph has already.
+        Planar pose (3,) of b in a; covariance (3, 3) of (x, y, yaw) in b's frame, of the match
+        alone: the graph already contains the information of the expected pose.
     inliers, score
-        Fraction of points that match, and mean likelihood, 0..1.
+        Fraction of matched points, and mean likelihood, 0..1.
     window
         Half width of the search, m.
     reason
-        Why it was rejected (`LoopReason`); empty while it is not.
+        Reason of a rejection (`LoopReason`); empty otherwise.
     """
 
     a: int
@@ -144,12 +143,12 @@ class Proposal:
 
     @property
     def spread(self) -> float:
-        """Variance (m2) of the position in its least certain direction: along a corridor."""
+        """Variance (m2) of the position in its least certain direction, as along a corridor."""
         a, b, c = float(self.cov[0, 0]), float(self.cov[0, 1]), float(self.cov[1, 1])
         return 0.5 * (a + c) + math.sqrt(0.25 * (a - c) ** 2 + b * b)
 
     def factor(self, keys: Sequence[Key], weight: float = 1.0) -> BetweenKeyframes:
-        """Return the factor between the keyframes of these keys; `weight` is GNC's."""
+        """Return the factor between the keyframes of these keys; `weight` is from GNC."""
         return BetweenKeyframes(keys[self.a], keys[self.b], self.delta, self.cov, weight)
 
 
@@ -159,16 +158,16 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     Parameters
     ----------
     submap, patch
-        The map, and the scans to find in it.
+        The map, and the scans to match with it.
     window
-        Of the search.
+        Search window.
     config
-        ``loops.*`` and ``matching.*``.
+        Groups ``loops`` and ``matching``.
 
     Returns
     -------
     Proposal or None
-        None where no pose scores enough; with a reason where one does and is rejected.
+        None if no pose has a sufficient score; a proposal with a reason if it is rejected.
     """
     loops, expected = config.loops, Prior(window.centre, window.information)
     found = correlate(
@@ -248,10 +247,10 @@ def _better_where_known(
 ) -> float:
     """Return how well another place agrees in known cells, relative to the best, if better; else 0.
 
-    A score grows with the part of the patch that the submap covers, so that the right place, where
-    the robot comes back from the other side, may score less than a wrong one further in. Here
-    unknown cells count as much as the known ones at the best place, and the other place must pass
-    the gates of a loop closure.
+    A score grows with the part of the patch that the submap covers, so that the right place, when
+    the robot returns from the other side, may score less than a wrong one further inside. Here
+    unknown cells have the mean likelihood of known cells at the best place, and the other place
+    must pass the gates of a loop closure.
     """
     agreement = known_likelihood(submap.grid, patch.search_points, best)
     other = correlate(

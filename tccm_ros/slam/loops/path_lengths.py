@@ -1,6 +1,6 @@
-"""Shortest paths between keyframes, along the chains of sessions and over loop closures.
+"""Shortest paths between keyframes, along sessions and over loop closures.
 
-The length of a path says how far the estimate may have drifted between two keyframes.
+The length of a path bounds the drift between two keyframes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loops.matching import Proposal
 
 MIN_LOOP_LENGTH = 0.5
-"""Minimum length (m) of a loop closure: the path that constrains its ends as well (chosen)."""
+"""Minimum length (m) of a loop closure: shorter paths constrain its ends as well (chosen)."""
 
 YAW_LENGTH = 0.2
 """Path length of a rotation in place, m/rad (chosen)."""
@@ -24,7 +24,7 @@ YAW_LENGTH = 0.2
 
 @dataclass(slots=True)
 class PathLengths:
-    """Lengths along the chains of all sessions and the loop closures between them.
+    """Path lengths in the graph of all sessions and the loop closures between them.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class PathLengths:
         self._steps = np.append(self._steps, np.inf if starts else step)
 
     def add_loops(self, loops: Sequence[Proposal], drift: float) -> None:
-        """Add loop closures, each as long as a path with a drift of its largest sigma.
+        """Add loop closures; a length is the path on which drift reaches their largest sigma.
 
         `drift` is ``loops.drift``, m per m of path.
         """
@@ -56,7 +56,7 @@ class PathLengths:
         self._loop_lengths = np.concatenate([self._loop_lengths, loop_lengths])
 
     def shortest_to(self, k: int) -> Float64:
-        """Return the shortest paths from the keyframes up to `k` to it, float64 (k + 1,), m."""
+        """Return the shortest path from each keyframe up to `k` to `k`, float64 (k + 1,), m."""
         return lengths_from(k, self._steps[: k + 1], self._loops, self._loop_lengths)
 
 
@@ -66,15 +66,15 @@ def lengths_from(
 ) -> Float64:  # pragma: no cover - compiled
     """Return the length of the shortest path from one keyframe to all, float64 (K,), m.
 
-    Bellman's relaxation, in passes along the chain: there are as many passes as the shortest path
-    with the most loop closures has loop closures.
+    Bellman's relaxation in passes along the chain; the number of passes is that of the loop
+    closures on the shortest path with the most.
 
     Parameters
     ----------
     start
         Keyframe at which the paths begin.
     steps
-        float64 (K,), the path from the keyframe before, m; infinite where a session begins.
+        float64 (K,), distance from the previous keyframe, m; infinite at the start of a session.
     loops
         int64 (L, 2), keyframes of each loop closure.
     loop_lengths

@@ -1,8 +1,8 @@
 """Search for loop closures: candidate submaps, windows and matches.
 
-Each third keyframe is matched with the submaps of earlier passes, within a window that grows with
-the path since the two were last constrained to each other. A session that starts at an unknown
-pose in a saved map is matched with the whole map, scan by scan, until it is localised.
+Every third keyframe is matched with the submaps of earlier passes, within a window that grows with
+the path since the two were last constrained to each other. A session that starts at an unknown pose
+in a saved map is matched with the whole map, scan by scan, until it is localised.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from tccm_ros.slam.matching.correlation import correlate
 from tccm_ros.slam.se2 import between, compose
 
 QUERY_STEP = 3
-"""Every third keyframe is matched: neighbours see the same (chosen)."""
+"""Every third keyframe is matched: neighbouring keyframes have similar views (chosen)."""
 
 SUBMAP_STEP, SUBMAP_HALF, PATCH_HALF = 5, 10, 4
-"""A submap of 21 keyframes every 5 keyframes (6 m every 1.5 m); a patch of 9 keyframes (chosen)."""
+"""Keyframes between submaps, and on either side of the centre of a submap and of a patch: submaps
+of 21 keyframes every 5 keyframes (6 m every 1.5 m), patches of 9 keyframes (chosen)."""
 
 OVERLAP = 3.0
-"""Keyframes within this distance (m) see the same walls (chosen)."""
+"""Distance (m) below which keyframes observe the same walls (chosen)."""
 
 MAX_PASSES = 3
-"""Earlier passes that one keyframe is matched with (chosen)."""
+"""Maximum number of earlier passes matched per keyframe (chosen)."""
 
 BASE_WINDOW = (0.25, 0.08)
 """Half width (m, rad) of the search directly after a loop closure (chosen)."""
@@ -43,13 +44,13 @@ LOST_WINDOW = 2.0
 """When lost, scans are matched with every other submap, in windows of this half width, m."""
 
 SAME_POSITION = 1.0
-"""Two matches that put the robot within this distance (m) are the same place (chosen)."""
+"""Distance (m) between the results of two matches below which they are the same place (chosen)."""
 
 MIN_POINTS = 10
-"""Points of a patch that is matched at all (chosen)."""
+"""Minimum number of points of a patch (chosen)."""
 
 CACHED_SUBMAPS, CACHED_LOST = 60, 250
-"""Submaps that are kept for the next keyframes, and while lost: 1 MB each (chosen)."""
+"""Number of cached submaps, normally and while lost: 1 MB each (chosen)."""
 
 ROUGH_STEP = 4
 """Every fourth point of a patch is used to rank submaps while lost (chosen)."""
@@ -57,14 +58,14 @@ ROUGH_STEP = 4
 
 @dataclass(slots=True)
 class LoopSearch:
-    """The search in the submaps of all sessions; deterministic in the order of keyframes.
+    """Loop closure search in the submaps of all sessions; deterministic for an order of keyframes.
 
     Attributes
     ----------
     config
-        ``loops.*`` and ``matching.*``.
+        Groups ``loops`` and ``matching``.
     keyframes
-        Of all sessions; the list is shared with the `Chain` that appends to it.
+        Keyframes of all sessions; the `Chain` appends to this list.
     """
 
     config: Config
@@ -72,12 +73,12 @@ class LoopSearch:
     _cache: dict[int, Submap] = field(default_factory=dict)
 
     def look(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
-        """Match keyframe `k`, the newest, with submaps that may see the same walls.
+        """Match keyframe `k`, the newest, with submaps that may contain the same walls.
 
         Parameters
         ----------
         k
-            A keyframe; two of three in the map are not matched, as neighbours see the same.
+            Index of a keyframe; two of three are skipped, as neighbours have similar views.
         poses
             float64 (K, 3), estimates of the keyframes.
         lengths
@@ -86,7 +87,7 @@ class LoopSearch:
         Returns
         -------
         list of Proposal
-            Those with a reason are rejected.
+            Proposals; those with a reason are rejected.
         """
         return [] if k % QUERY_STEP else self._look_nearby(k, poses, lengths)
 
@@ -98,25 +99,25 @@ class LoopSearch:
         localised: Collection[int],
         lengths: PathLengths | None = None,
     ) -> list[Proposal]:
-        """Match keyframe `k` with the submaps around a pose that somebody, or a sign, has told.
+        """Match keyframe `k` with submaps around an expected pose, from a user or a sign.
 
         Parameters
         ----------
         k
             The newest keyframe.
         guess
-            Where it is in map, and how far it may be from there.
+            Expected pose in map, and search window.
         poses
             float64 (K, 3), estimates of the keyframes.
         localised
             Sessions in the map's frame.
         lengths
-            Path lengths: submaps of the path just driven are left out. None: none is.
+            Path lengths, to exclude submaps of the path just driven. None: no exclusion.
 
         Returns
         -------
         list of Proposal
-            The match with the best score, where one is not rejected.
+            The match with the best score, if it is not rejected.
         """
         centres = [
             c
@@ -163,13 +164,13 @@ class LoopSearch:
         Parameters
         ----------
         k
-            The newest keyframe, whose session is not searched.
+            The newest keyframe, whose session is excluded.
         patch
-            Around it, or around a scan after it.
+            Patch around that keyframe, or around a later scan.
         poses
             float64 (K, 3), estimates of the keyframes.
         localised
-            Sessions in the map's frame, which are searched.
+            Sessions in the map's frame, to be searched.
         """
         best: list[Proposal] = []
         unfit: list[Proposal] = []
@@ -192,9 +193,9 @@ class LoopSearch:
         return best[:1]
 
     def _likely_first(self, patch: Patch, centres: list[int]) -> list[int]:
-        """Return submap centres in the order of a rough match.
+        """Return submap centres ranked by a coarse match.
 
-        The right place, found early, bounds the search in the other submaps.
+        Finding the right place early bounds the search in the other submaps.
         """
         span, step = (LOST_WINDOW, float(np.pi)), 2.0 * COARSE_STEP
         some = np.ascontiguousarray(patch.search_points[::ROUGH_STEP])
@@ -205,7 +206,7 @@ class LoopSearch:
         return [centres[i] for i in np.argsort(-np.array(scores), kind="stable")]
 
     def _candidates(self, k: int, poses: Float64, lengths: PathLengths) -> list[tuple[int, Window]]:
-        """Return submap centres of earlier passes near k, and the window of the search in each."""
+        """Return submap centres of earlier passes near k, each with a search window."""
         loops = self.config.loops
         centres = np.arange(SUBMAP_HALF, k - SUBMAP_HALF, SUBMAP_STEP)
         path = lengths.driven
@@ -258,7 +259,7 @@ class LoopSearch:
 
 
 def is_same_place(one: Proposal, other: Proposal, poses: Float64) -> bool:
-    """Return whether two proposals put their keyframe at one place; poses float64 (K, 3)."""
+    """Return whether two proposals give their keyframe the same place; poses float64 (K, 3)."""
     a = compose(poses[one.a], one.delta)
     b = compose(poses[other.a], other.delta)
     return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < SAME_POSITION)

@@ -15,10 +15,10 @@ from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.se2 import transform_points
 
 PATCH_POINTS = 220
-"""Maximum number of points of a patch: more do not make a match more accurate (chosen)."""
+"""Maximum number of points of a patch: more do not improve the accuracy of a match (chosen)."""
 
 SEARCH_POINTS = 110
-"""Maximum number of points that a search scores (chosen)."""
+"""Maximum number of points in a correlative search (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,11 +28,11 @@ class Submap:
     Attributes
     ----------
     centre
-        Id of the keyframe in whose frame the map is.
+        Id of the keyframe whose frame the map has.
     lines
-        For alignment.
+        Line map for alignment.
     grid
-        For the correlative search, with free space.
+        Likelihood grid for the correlative search, with free space.
     """
 
     centre: int
@@ -47,9 +47,9 @@ class Patch:
     Attributes
     ----------
     centre
-        Id of the keyframe in whose frame the points are.
+        Id of the keyframe whose frame the points have.
     points, normals
-        float64 (N, 2), m and unit vectors, zero where the surroundings are not flat.
+        float64 (N, 2), m and unit vectors; zero normals where the neighbourhood is not flat.
     search_points
         float64 (M, 2), fewer points for the correlative search.
     """
@@ -61,16 +61,16 @@ class Patch:
 
 
 def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Submap:
-    """Make a submap by the front end's estimates.
+    """Return a submap built with the front end's estimates.
 
     Parameters
     ----------
     keyframes
-        Of all sessions.
+        Keyframes of all sessions.
     centre
         Id of the central keyframe.
     half
-        Keyframes on either side, of the same session.
+        Number of keyframes on either side, of the same session.
     """
     first, last = _range(keyframes, centre, half)
     members = keyframes[first : last + 1]
@@ -85,16 +85,16 @@ def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> S
 
 
 def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Patch:
-    """Make a patch by the front end's estimates; all points of the central scan come first.
+    """Return a patch built with the front end's estimates; points of the central scan come first.
 
     Parameters
     ----------
     keyframes
-        Of all sessions.
+        Keyframes of all sessions.
     centre
         Id of the central keyframe.
     half
-        Keyframes on either side, of the same session.
+        Number of keyframes on either side, of the same session.
     """
     first, last = _range(keyframes, centre, half)
     order = sorted(range(first, last + 1), key=lambda k: (abs(k - centre), k))
@@ -109,7 +109,7 @@ def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Pa
 
 
 def _range(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> tuple[int, int]:
-    """Return first and last keyframe within `half` of `centre` and of its session."""
+    """Return the first and last keyframe within `half` of `centre` in its session."""
     first = last = centre
     session = keyframes[centre].session
     while first > max(0, centre - half) and keyframes[first - 1].session == session:
@@ -121,7 +121,7 @@ def _range(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> tuple[
 
 
 def _evenly(rows: Float64, max_rows: int) -> Float64:
-    """Return at most `max_rows` rows, evenly spread over their order in the bucket grid."""
+    """Return at most `max_rows` rows, evenly spaced in their order."""
     if len(rows) <= max_rows:
         return rows
     return np.ascontiguousarray(rows[np.linspace(0, len(rows) - 1, max_rows).astype(np.int64)])

@@ -1,10 +1,9 @@
-"""Point-to-line alignment of a scan with a local map, from a start that is nearly right.
+"""Point-to-line alignment of a scan with a local map, from an approximate pose.
 
-`agreement` rates a result by the surfaces that the scan hits, less those that it sees through.
-People who walk along with the robot are where they were in the scan before, so that a match with
-them says that the robot stands still. At the true pose, a scan sees through few surfaces that
-other scans have seen, and a match with the people adds little, because two keyframes hardly ever
-see them at the same position.
+`agreement` rates a result by the surfaces that the scan hits, minus those that it sees through.
+People who walk along with the robot keep their relative position, so that a match with them
+suggests a robot at rest. At the true pose, a scan sees through few surfaces of other scans; a match
+with people gains little, as two keyframes hardly ever see them at the same position.
 """
 
 from __future__ import annotations
@@ -22,55 +21,54 @@ from tccm_ros.slam.matching.visibility import passes_and_hits
 from tccm_ros.slam.se2 import transform_points
 
 ISOTROPIC_WEIGHT = 0.15
-"""Information of a point without a normal, in each direction, relative to one on a line:
-the position of a hit on an object of unknown shape is known to a few centimetres only (chosen)."""
+"""Information of a point without a normal, per direction, relative to one on a line: the position
+of a hit on an object of unknown shape is known to a few centimetres only (chosen)."""
 
 ISOTROPIC_SIGMAS = 2.0
 """Noise of such a point, in standard deviations of a point on a line (chosen)."""
 
 UNCONFIRMED_WEIGHT, MIN_CONFIRMED = 0.1, 0.5
-"""Weight of points that a single scan of the map saw (people who walk along are among them), where
-at least this fraction of the neighbours is confirmed; in new areas all points have weight 1
-(chosen)."""
+"""Weight of points seen by a single scan of the map (such as people who walk along), if at least
+this fraction of the neighbours is confirmed; in new areas all points have weight 1 (chosen)."""
 
 MIN_INFORMATION_RATIO = 3.0
-"""A motion is taken as unknown where its information is less than this many times that which
-noise of the normals adds: along a corridor, that noise alone looks like information (chosen)."""
+"""Minimum ratio of information to that of noise in the normals; directions below it are unobserved:
+along a corridor, that noise alone looks like information (chosen)."""
 
 MIN_INFORMATION = (1.0 / 0.3**2, 1.0 / 0.3**2)
-"""Information (1/m^2, 1/rad^2) that is added to that of noise: a match that knows a motion no
-better than to 0.2 m or 0.2 rad tells nothing (chosen)."""
+"""Information (1/m^2, 1/rad^2) added to that of noise: a match with an uncertainty of more than 0.2
+m or 0.2 rad is not informative (chosen)."""
 
 RADIUS_SHRINK, MIN_RADIUS_SIGMAS = 0.7, 6.0
-"""Factor on the search radius for neighbours from step to step; its minimum, in sigma (chosen)."""
+"""Factor on the search radius for neighbours per step, and its minimum, in sigma (chosen)."""
 
 CAUCHY_SIGMAS = 2.0
 """Scale of the robust (Cauchy) weight, in standard deviations (chosen)."""
 
 MIN_FACING_COSINE = -0.1
-"""Cosine between the normals of a point and its neighbour below which they face away from each
-other (chosen)."""
+"""Cosine between the normals of a point and its neighbour below which they face opposite sides
+(chosen)."""
 
 RIDGE = (1e-6, 1e-9)
-"""Added to the diagonal of the normal equations: relative to its trace, and absolute (chosen)."""
+"""Ridge of the normal equations: relative to the trace, and absolute (chosen)."""
 
 MAX_STEPS = 25
-"""Gauss-Newton steps at most (chosen)."""
+"""Maximum number of Gauss-Newton steps (chosen)."""
 
 CONVERGED_STEP = 1e-5
-"""A step (m, rad) below this ends the alignment: a hundredth of the noise of a result (chosen)."""
+"""Step (m, rad) below which the alignment ends: a hundredth of the noise of a result (chosen)."""
 
 
 class Alignment(NamedTuple):
-    """The outcome of `align`.
+    """The result of `align`.
 
     Attributes
     ----------
     pose
-        float64 (3,), of the scan in the map.
+        float64 (3,), pose of the scan in the map.
     information
-        float64 (3, 3) of (x, y, yaw): x, y along the map's axes; the prior not included. It is
-        zero in a direction in which the map has no more than noise would give.
+        float64 (3, 3) of (x, y, yaw), x and y along the map's axes, without the prior. Zero in
+        directions where the map gives no more information than noise.
     inliers
         Fraction of the scan's points with a neighbour in the map, 0..1.
     confirmed
@@ -106,27 +104,27 @@ def align(
     sigma: float,
     prior: Prior | None = None,
 ) -> Alignment:
-    """Align a scan by robust Gauss-Newton steps on point-to-line distances.
+    """Align a scan by robust Gauss-Newton on point-to-line distances.
 
-    A neighbour may be as far as the edge of a bucket at first; this narrows to six sigma.
+    The search radius for neighbours starts at a bucket's edge and shrinks to six sigma.
 
     Parameters
     ----------
     line_map
         The map.
     points, normals
-        float64 (N, 2), of the scan, in the base frame.
+        float64 (N, 2), points and normals of the scan, in the base frame.
     start
-        float64 (3,), pose in the map to start from.
+        float64 (3,), initial pose in the map.
     sigma
-        Noise of a point's distance to a line, m.
+        Noise of the distance of a point to a line, m.
     prior
-        Of odometry; None where nothing is known.
+        Prior from odometry; None for no prior.
 
     Returns
     -------
     Alignment
-        The pose after the last step; where no point has a neighbour, the prior's or the start.
+        The pose after the last step; the prior's or `start` if no point has a neighbour.
     """
     start = np.asarray(start, float)
     known = prior or Prior(start, np.zeros((3, 3)))
@@ -148,8 +146,8 @@ def agreement(result: Alignment, scan: LevelScan, line_map: LineMap) -> float:
     Returns
     -------
     float
-        Fraction of the scan that lies on confirmed surfaces, less the fraction of the confirmed
-        surfaces in view that the scan sees through: -1..1.
+        Fraction of the scan on confirmed surfaces, minus the fraction of confirmed surfaces in view
+        that the scan sees through: -1..1.
     """
     return result.confirmed - seen_through(result.pose, scan, line_map)
 
@@ -160,7 +158,7 @@ def seen_through(pose: Float64, scan: LevelScan, line_map: LineMap) -> float:
     Parameters
     ----------
     pose
-        float64 (3,), of the scan in the map.
+        float64 (3,), pose of the scan in the map.
     scan
         The scan.
     line_map
@@ -206,7 +204,7 @@ def _align(
         difference = pose - prior.pose
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
         g = b + prior.information @ difference
-        # A tiny ridge holds directions that neither the map nor odometry knows.
+        # A small ridge stabilises directions that neither map nor odometry determine.
         for k in range(3):
             A[k, k] += RIDGE[0] * (A[0, 0] + A[1, 1] + A[2, 2]) + RIDGE[1]
         delta = -np.linalg.solve(A, g)
@@ -228,11 +226,10 @@ def _normal_equations(
     radius: float,
     equations: _Equations,
 ) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Sum J^T W J into H and J^T W r into b.
+    """Add J^T W J to H and J^T W r to b; return the fractions of inliers and of confirmed inliers.
 
-    `noise` becomes the part of H that stems from normals that are off by their standard deviation:
-    E[n n^T] holds their variance in the wall's own direction.
-    Returns the fractions of inliers and of confirmed ones.
+    `noise` becomes the part of H due to the standard deviation of the normals' directions: E[n n^T]
+    contains their variance in the wall's own direction.
     """
     H, noise, b = equations.H, equations.noise, equations.b
     H[:], noise[:], b[:] = 0.0, 0.0, 0.0
@@ -283,12 +280,12 @@ def _normal_equations(
 
 @kernel
 def _drop_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover - compiled
-    """Remove the motions of which matching knows no more than noise would.
+    """Remove directions in which matching has no more information than noise.
 
-    A step along them would follow the noise, and its covariance would be too small. They are the
-    eigenvectors of the information in units of that which noise gives (Zhang and Singh, "On
-    degeneracy of optimization-based state estimation problems", ICRA 2016, with the threshold in
-    these units): shifts along a corridor, rotations about the centre of a round hall.
+    A step in them would follow the noise, with too small a covariance. They are the eigenvectors of
+    the information in units of the noise's information (Zhang and Singh, "On degeneracy of
+    optimization-based state estimation problems", ICRA 2016, with the threshold in these units):
+    shifts along a corridor, rotations about the centre of a round hall.
     """
     N = noise.copy()
     N[0, 0] += MIN_INFORMATION[0]
@@ -319,7 +316,7 @@ def _is_positive(M: Float64) -> bool:  # pragma: no cover - compiled
 
 @kernel
 def _add_square(M: Float64, v: Float64, w: float) -> None:  # pragma: no cover - compiled
-    """Add w v v^T."""
+    """Add w v v^T to M."""
     for k in range(3):
         for m in range(3):
             M[k, m] += w * v[k] * v[m]
@@ -327,7 +324,7 @@ def _add_square(M: Float64, v: Float64, w: float) -> None:  # pragma: no cover -
 
 @kernel
 def _robust(r: float, sigma: float) -> float:  # pragma: no cover - compiled
-    """Return the weight of a residual (Cauchy)."""
+    """Return the Cauchy weight of a residual."""
     u = r / (CAUCHY_SIGMAS * sigma)
     return 1.0 / (1.0 + u * u)
 
@@ -349,7 +346,7 @@ def _nearest(
     ny: float,
     radius: float,
 ) -> int:  # pragma: no cover - compiled
-    """Return the nearest map point within `radius` that does not face away, or -1."""
+    """Return the nearest map point within `radius` on the same face of a wall, or -1."""
     origin, starts = line_map.buckets.origin, line_map.buckets.starts
     px, py = x - origin[0], y - origin[1]
     low_x, high_x = int(np.floor((px - radius) / BUCKET)), int(np.floor((px + radius) / BUCKET))

@@ -1,4 +1,4 @@
-"""Points sorted into the buckets of a square grid, so that neighbours are found at once."""
+"""Bucket grid of points for fast neighbour search."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from tccm_ros.kernels import kernel
 Near = Bool | slice
 
 BUCKET = 0.30
-"""Edge of a bucket, m: the distance at which a scan may start from its answer (chosen)."""
+"""Edge of a bucket, m: the maximum distance of a scan from its solution (chosen)."""
 
 
 class Buckets(NamedTuple):
-    """Where the points of each bucket are; compiled code takes it as it is.
+    """Ranges of points per bucket; passed to compiled code.
 
     Attributes
     ----------
     origin
         float64 (2,), lower corner of the grid.
     starts
-        int32 (rows, columns, 2): first point of each bucket and the one past its last.
+        int32 (rows, columns, 2): index of the first point of each bucket, and one past the last.
     """
 
     origin: Float64
@@ -31,18 +31,18 @@ class Buckets(NamedTuple):
 
 
 def extent_near_median(points: Float64, half: float) -> tuple[Near, Float64, Float64]:
-    """Return which points are within `half` (m) of their median in x and y, and their extent.
+    """Return the points within `half` (m) of their median in x and y, and their extent.
 
     Parameters
     ----------
     points
         float64 (N, 2), N > 0, m.
     half
-        Maximum distance from the median along each axis, m: no extent is larger than 2 `half`.
+        Maximum distance from the median along each axis, m; the extent is at most 2 `half`.
 
     Returns
     -------
-    An index of points, and their lower and upper corner float64 (2,)
+    Index of the points (mask or slice), and their lower and upper corner float64 (2,)
     """
     low, high = _extent(points)
     if (high - low).max() < half:
@@ -65,7 +65,7 @@ def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - c
 def sort_into_buckets(
     points: Float64, origin: Float64, shape: Int64
 ) -> tuple[Int64, Int32]:  # pragma: no cover - compiled
-    """Sort points by bucket; the order within a bucket stays (a counting sort).
+    """Sort points by bucket with a stable counting sort.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def sort_into_buckets(
 
     Returns
     -------
-    The points' new order int64 (N,), and ``Buckets.starts`` of a grid of this shape
+    The new order of points int64 (N,), and ``Buckets.starts`` for this grid
     """
     starts = np.zeros((shape[0], shape[1], 2), np.int32)
     cells = np.empty((len(points), 2), np.int32)

@@ -1,8 +1,9 @@
 """Correlative scan matching: the best pose of a scan within a window, by branch and bound.
 
-The result is that of an exhaustive search. A likelihood grid rates each point of the scan. Coarser
-levels hold the maximum over 2 x 2, 4 x 4, ... cells, so that a coarse score bounds every finer
-score below it and whole regions of poses are skipped (after Olson 2009 and Hess et al. 2016).
+The result equals that of an exhaustive search. A likelihood grid rates each point of the scan.
+Coarser levels contain the maximum over 2 x 2, 4 x 4, ... cells: a coarse score is an upper bound of
+all finer scores below it, so that regions of poses are skipped (after Olson 2009 and Hess et al.
+2016).
 """
 
 from __future__ import annotations
@@ -16,22 +17,22 @@ from tccm_ros.kernels import kernel
 from tccm_ros.slam.matching.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
 
 SEARCH_WEIGHT = 0.01
-"""Score that a search gives up at one standard deviation from the expected pose: along a corridor,
-the match that overlaps the map best would win otherwise (chosen)."""
+"""Loss of score at one standard deviation from the expected pose: without it, along a corridor, the
+match with the largest overlap would win (chosen)."""
 
 ANGLE_STEPS, MIN_RMS_DISTANCE = (0.004, 0.03), 0.5
-"""Range of the yaw step of a search, rad; minimum rms distance of its points, m (chosen)."""
+"""Range of the yaw step of a search, rad, and minimum rms distance of its points, m (chosen)."""
 
 
 class Correlation(NamedTuple):
-    """The outcome of `correlate`.
+    """The result of `correlate`.
 
     Attributes
     ----------
     pose
-        float64 (3,), of the scan in the map.
+        float64 (3,), pose of the scan in the map.
     score
-        Mean likelihood in 0..1, less the penalty; -1 where there is none.
+        Mean likelihood in 0..1, minus the penalty; -1 for no result.
     """
 
     pose: Float64
@@ -49,31 +50,31 @@ def correlate(
     min_score: float = 0.0,
     exclude: tuple[Float64, float, float] | None = None,
 ) -> Correlation:
-    """Find the pose of a scan with the largest mean likelihood.
+    """Return the pose of a scan with the largest mean likelihood.
 
     Parameters
     ----------
     grid
-        Of the map.
+        Likelihood grid of the map.
     points
-        float64 (N, 2), of the scan.
+        float64 (N, 2), points of the scan.
     centre
         float64 (3,), middle of the window, in the map.
     window
         Half widths: m in x and y, rad in yaw.
     angle_step
-        rad; 0: so that a point at the rms distance moves by one cell.
+        Yaw step, rad; 0 for one cell at the rms distance of the points.
     penalty
-        Score lost per m^2 and rad^2 of distance from the centre: what odometry says.
+        Loss of score per m^2 and rad^2 of distance from the centre; a prior from odometry.
     min_score
-        Only a better score counts, 0..1.
+        Minimum score, 0..1.
     exclude
-        A pose (3,) and the distances (m, rad) around it in which nothing counts.
+        A pose (3,) and the distances (m, rad) around it that are excluded.
 
     Returns
     -------
     Correlation
-        With ``score`` -1 where no pose is better than `min_score`.
+        ``score`` is -1 if no pose is better than `min_score`.
     """
     if not len(points):
         return Correlation(np.array(centre, float), -1.0)
@@ -97,9 +98,9 @@ def correlate(
 
 
 class _Search(NamedTuple):
-    """A window of `half` cells and `yaws` steps of the yaw to either side of a pose.
+    """A window of `half` cells and `yaws` yaw steps to either side of a pose.
 
-    A pose loses the penalties per m^2 and rad^2; the coarsest level searched is `depth`.
+    The penalties are per m^2 and rad^2; `depth` is the coarsest level to search.
     """
 
     centre: Float64
@@ -113,7 +114,7 @@ class _Search(NamedTuple):
 
 
 class _Excluded(NamedTuple):
-    """Poses within a distance (m) and an angle (rad) of one, relative to the centre: (3,)."""
+    """Excluded poses, near a pose (3,) relative to the centre: distance, m, and angle, rad."""
 
     pose: Float64
     distance: float
@@ -124,7 +125,7 @@ class _Excluded(NamedTuple):
 def _score(
     level: UInt8, cells: Int32, dx: int, dy: int, outside: int
 ) -> float:  # pragma: no cover - compiled
-    """Return the mean likelihood of points whose cells are shifted by (dx, dy)."""
+    """Return the mean likelihood of points shifted by (dx, dy) cells."""
     total = 0
     for i in range(len(cells)):
         x, y = cells[i, 0] + dx, cells[i, 1] + dy
@@ -144,9 +145,9 @@ def _score_blocks(
     outside: int,
     totals: Int32,
 ) -> None:  # pragma: no cover - compiled
-    """Sum likelihoods over points for all shifts -half + i width, point by point.
+    """Add the likelihoods of all points for all shifts -half + i width.
 
-    Neighbouring shifts of a point are neighbours in the grid, which is faster than shift by shift.
+    The outer loop is over points: neighbouring shifts of a point are adjacent in memory.
     """
     blocks = totals.shape[0]
     span = (blocks - 1) * width
@@ -179,11 +180,11 @@ def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float
     Parameters
     ----------
     grid
-        Of the map, with free space.
+        Likelihood grid of the map, with free space.
     points
-        float64 (N, 2), of the scan, m.
+        float64 (N, 2), points of the scan, m.
     pose
-        float64 (3,), of the scan in the map.
+        float64 (3,), pose of the scan in the map.
     """
     found = _likelihoods(grid, points, np.asarray(pose, float))
     near, free = np.count_nonzero(found > UNKNOWN), np.count_nonzero(found == 0)
@@ -191,21 +192,21 @@ def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float
 
 
 def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> float:
-    """Return the mean likelihood, 0..1, of a scan's points in cells that a beam has reached.
+    """Return the mean likelihood, 0..1, of a scan's points in observed cells.
 
     Parameters
     ----------
     grid
-        Of the map, with free space.
+        Likelihood grid of the map, with free space.
     points
-        float64 (N, 2), of the scan, m.
+        float64 (N, 2), points of the scan, m.
     pose
-        float64 (3,), of the scan in the map.
+        float64 (3,), pose of the scan in the map.
 
     Returns
     -------
     float
-        0 where no point falls in such a cell.
+        0 if no point is in an observed cell.
     """
     found = _likelihoods(grid, points, np.asarray(pose, float))
     known = found[found != UNKNOWN]
@@ -216,7 +217,7 @@ def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> fl
 def _likelihoods(
     grid: LikelihoodGrid, points: Float64, pose: Float64
 ) -> UInt8:  # pragma: no cover - compiled
-    """Return the likelihood 0..255 at each point; beyond the grid it is `UNKNOWN`."""
+    """Return the likelihood 0..255 of each point; `UNKNOWN` outside the grid."""
     finest, cells = grid.levels[0], np.empty((len(points), 2), np.int32)
     _rotate(points, grid.origin, pose, pose[2], cells)
     found = np.full(len(points), UNKNOWN, np.uint8)
@@ -250,7 +251,7 @@ def _rotate(
 def _branch_and_bound(
     grid: LikelihoodGrid, points: Float64, search: _Search, excluded: _Excluded
 ) -> tuple[Float64, float]:  # pragma: no cover - compiled
-    """Depth first over blocks of shifts, best block first, for each yaw."""
+    """Search blocks of shifts depth-first, the best block first, for each yaw."""
     levels, outside = grid.levels, grid.outside
     centre, half, yaws, angle_step = search.centre, search.half, search.yaws, search.angle_step
     yaw_penalty, depth = search.yaw_penalty, search.depth

@@ -15,71 +15,69 @@ from tccm_ros.sensors.laser_scan import project_level
 from tccm_ros.slam.base_attitude import LEVEL, Attitude, attitude_of
 
 THIN_DISTANCE = 0.04
-"""Beams closer than this (m) along a scan are averaged (chosen: about twice the noise of a
-range)."""
+"""Beams closer than this (m) along a scan are averaged (chosen: about twice the range noise)."""
 
 NORMAL_BEAMS = 3
-"""Neighbours on either side that a normal is fitted to at first (chosen)."""
+"""Initial number of neighbours on either side for a normal (chosen)."""
 
 WIDTHS = (1, 2, 4)
-"""Factors on the neighbourhood of a normal, tried in turn: noise hides the direction of a short
-piece of wall, a longer one shows it (chosen)."""
+"""Factors on the neighbourhood of a normal, tried in order: noise masks the direction of a short
+piece of wall, but not of a longer one (chosen)."""
 
 SEARCH_POINTS = 100
-"""Approximate number of points that a search scores (chosen)."""
+"""Approximate number of points in a correlative search (chosen)."""
 
 MIN_RADIUS = 0.15
-"""Minimum radius (m) of the neighbourhood of a normal, whatever the spacing of the beams
-(chosen)."""
+"""Minimum radius (m) of the neighbourhood of a normal (chosen)."""
 
 MAX_RADIUS = 0.8
 """Maximum radius (m) of the neighbourhood of a normal (chosen)."""
 
 RADIUS_BEAMS = 4.0
-"""Radius of the neighbourhood, in distances between beams (chosen)."""
+"""Radius of the neighbourhood, in spacings of the beams (chosen)."""
 
 MIN_NEIGHBOURS = 3
-"""Points that a normal is fitted to at least. Chosen: one more than a line through two has."""
+"""Minimum number of points for a normal. Chosen: one more than defines a line."""
 
 FLATNESS = 0.2
-"""Largest ratio of a neighbourhood's thickness to its length that still has a normal (chosen)."""
+"""Maximum ratio of thickness to length of a neighbourhood with a normal (chosen)."""
 
 
 MIN_OFFSET = 0.2
-"""A surface is not seen that the laser is nearer to (m), measured across it (chosen)."""
+"""Minimum distance of the laser (m) from the line of an observed surface (chosen)."""
 
 ADJACENT_BEAMS = 2.5
-"""Points within this many steps of the laser are of adjacent beams: one may be lost between them
+"""Points within this number of beam steps are adjacent: one beam between them may be missing
 (chosen)."""
 
 MAX_GAP, MAX_BEND = 5.0, 0.05
-"""Points further from each other (m) than the first are not taken as one surface that is seen
-under a small angle; neither are three of which the middle one is further (m) than the second from
-the chord (chosen: two standard deviations of a noisy laser)."""
+"""Limits of a sparse surface at a small viewing angle: maximum distance between its points (m), and
+maximum distance of the middle of three points from their chord, m (chosen: two standard deviations
+of a noisy laser)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelScan:
-    """Planar points in the base frame of the scan's stamp.
+    """Planar points of a level scan in the base frame at its stamp.
 
     Attributes
     ----------
     stamp_ns
-        Time of the first beam.
+        Stamp: time of the first beam.
     odom
-        float64 (3,), base in odom at the stamp.
+        float64 (3,), pose of the base in odom at the stamp.
     beams
-        float64 (B, 2), m, in beam order: one point for each valid beam.
+        float64 (B, 2), m, in beam order: one point per valid beam.
     origin
-        float64 (2,), where the laser was at the stamp.
+        float64 (2,), position of the laser at the stamp.
     points, normals
-        float64 (N, 2): the beams averaged over 4 cm, and unit normals towards the laser, zero
-        where the surroundings are not flat. Points that only sample a surface are left out (see
+        float64 (N, 2): the beams averaged over 4 cm, and unit normals towards the laser, zero where
+        the neighbourhood is not flat. Isolated samples of a surface are left out (see
         `thin_with_normals`).
     has_odometry
-        Whether odometry or tf tells how the base moves.
+        Whether odometry or tf gives the motion of the base.
     heading
-        Yaw of the base by its gyroscope, rad, from a direction of its own; None without one.
+        Integrated gyroscope yaw of the base, rad, with an arbitrary zero; None without one.
     attitude
         Height, roll and pitch of the base in odom at the stamp.
     """
@@ -96,12 +94,12 @@ class LevelScan:
 
     @property
     def search_points(self) -> Float64:
-        """About `SEARCH_POINTS` of the points, evenly spread."""
+        """About `SEARCH_POINTS` of the points, evenly spaced."""
         return self.points[:: 1 + len(self.points) // SEARCH_POINTS]
 
 
 def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
-    """Project a level scan, each beam by the poses of its own time."""
+    """Return a level scan, with each beam projected by the pose at its own time."""
     beams, _ = project_level(posed, config)
     at_stamp = 0 if posed.pose_stamps_ns[0] == posed.scan.stamp_ns else -1
     origin = posed.T_base_laser[at_stamp, :2, 3].copy()
@@ -124,26 +122,26 @@ def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
 def thin_with_normals(
     beams: Float64, origin: Float64, step: float
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
-    """Average beams over 4 cm and fit a normal to the neighbours of each mean.
+    """Return beams averaged over 4 cm, and a normal fitted to the neighbours of each mean.
 
-    A point without neighbours is the position of a small object where the beams beside it go on
-    behind it. Else it is one sample of a surface that is seen under a small angle, or an edge of
-    what hides another: where along the surface it is follows from the beam, and moves with the
-    robot. It has the normal of the line through the points beside it; where there is no line, it is
-    left out.
+    A point without neighbours is a small object if the adjacent beams hit surfaces behind it.
+    Otherwise it is a single sample of a surface at a small viewing angle, or the edge of an
+    occluding surface: its position along the surface is determined by the beam, and moves with the
+    robot. It gets the normal of the line through adjacent points; without such a line, it is left
+    out.
 
     Parameters
     ----------
     beams
         float64 (B, 2), m, in beam order.
     origin
-        float64 (2,), the laser; normals point to its side.
+        float64 (2,), position of the laser; normals point to its side.
     step
-        Angle between beams, rad: the spacing of points grows with their range.
+        Angle between beams, rad; the spacing of points is proportional to range.
 
     Returns
     -------
-    Points and unit normals, float64 (N, 2) each; zero for corners and small objects
+    Points and unit normals, float64 (N, 2) each; normals of corners and small objects are zero
     """
     points = np.empty((len(beams), 2))
     count = 0
@@ -174,7 +172,7 @@ def thin_with_normals(
 def _is_sample_of_surface(
     points: Float64, i: int, origin: Float64, step: float
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether point i has few neighbours, and is not before what is beside it."""
+    """Return whether point i has few neighbours, but no farther hits (or none) on both sides."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
     radius = _radius(np.hypot(rx, ry) * step, 1)
     count, behind = 1, 0
@@ -193,7 +191,7 @@ def _is_sample_of_surface(
 def _is_before(
     points: Float64, i: int, j: int, origin: Float64, step: float, radius: float
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether the beam beside point i goes on behind it: to point j, or to nothing."""
+    """Return whether the adjacent beam of point i hits a farther point j, or nothing."""
     if j < 0 or j >= len(points):
         return True
     ax, ay = points[i, 0] - origin[0], points[i, 1] - origin[1]
@@ -208,7 +206,7 @@ def _is_before(
 def _fit_sparse_normal(
     points: Float64, i: int, origin: Float64, normals: Float64
 ) -> bool:  # pragma: no cover - compiled
-    """Write the normal of the line through point i and two beside it; return whether there is."""
+    """Write the normal of a line through point i and two others; return whether there is one."""
     for first in (i - 1, i - 2, i):
         if first < 0 or first + 2 >= len(points):
             continue
@@ -221,7 +219,7 @@ def _fit_sparse_normal(
         bend = (m[0] - a[0]) * dy - (m[1] - a[1]) * dx
         if not 0.0 < forward < length * length or abs(bend) > MAX_BEND * length:
             continue
-        # The end of a screen, a mixed pixel and what is behind are in line with the laser.
+        # An edge of an occlusion, a mixed pixel and the background are in line with the laser.
         if abs((a[0] - origin[0]) * dy - (a[1] - origin[1]) * dx) < MIN_OFFSET * length:
             continue
         _write_normal(points, i, origin, -dy / length, dx / length, normals)
@@ -231,7 +229,7 @@ def _fit_sparse_normal(
 
 @kernel
 def _radius(spacing: float, times: int) -> float:  # pragma: no cover - compiled
-    """Return the radius of a neighbourhood where points have this spacing."""
+    """Return the radius of a neighbourhood for a point spacing."""
     return min(times * max(MIN_RADIUS, RADIUS_BEAMS * spacing), MAX_RADIUS)
 
 
@@ -239,7 +237,7 @@ def _radius(spacing: float, times: int) -> float:  # pragma: no cover - compiled
 def _write_normal(
     points: Float64, i: int, origin: Float64, nx: float, ny: float, normals: Float64
 ) -> None:  # pragma: no cover - compiled
-    """Write a unit normal of point i, so that it points to the laser."""
+    """Write the unit normal of point i, oriented towards the laser."""
     away = nx * (points[i, 0] - origin[0]) + ny * (points[i, 1] - origin[1])
     sign = -1.0 if away > 0.0 else 1.0
     normals[i, 0], normals[i, 1] = sign * nx, sign * ny
@@ -249,7 +247,7 @@ def _write_normal(
 def _fit_normal(
     points: Float64, i: int, origin: Float64, step: float, times: int, normals: Float64
 ) -> bool:  # pragma: no cover - compiled
-    """Write the normal of point i and return True, if a neighbourhood `times` as large is flat."""
+    """Write the normal of point i; return whether its neighbourhood, scaled by `times`, is flat."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
     radius = _radius(np.sqrt(rx * rx + ry * ry) * step, times)
     sx = sy = sxx = sxy = syy = 0.0

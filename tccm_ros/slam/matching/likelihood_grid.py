@@ -1,4 +1,4 @@
-"""Likelihood grids of a local map, in a pyramid of maxima for branch and bound."""
+"""Likelihood grids of a local map, with a pyramid of maxima for branch and bound."""
 
 from __future__ import annotations
 
@@ -17,35 +17,34 @@ BLUR = 0.06
 """Standard deviation of the likelihood around a map point, m (chosen)."""
 
 STAMP = 3
-"""Cells on either side of a point with a likelihood. Chosen: 2.5 standard deviations, beyond
-which it is below 5 % of the largest."""
+"""Half size of a point's likelihood stamp, cells. Chosen: 2.5 standard deviations, beyond which the
+likelihood is below 5 % of the maximum."""
 
 MAX_CELLS = 1600
-"""Cells along a side at most. Chosen: 80 m, beyond the range of indoor lasers."""
+"""Maximum number of cells along a side. Chosen: 80 m, beyond the range of indoor lasers."""
 
 LEVELS = 5
-"""Levels of the pyramid: cells of 5 cm to 80 cm (chosen)."""
+"""Number of levels of the pyramid: cells of 5 cm to 80 cm (chosen)."""
 
 UNKNOWN = 64
-"""Likelihood (of 255) of a cell that no beam has reached: a point there counts neither for a pose
-nor against it (chosen)."""
+"""Likelihood (of 255) of an unobserved cell: neutral for the score of a pose (chosen)."""
 
 SHORT = 0.15
-"""A beam proves free space up to this distance (m) before its end (chosen)."""
+"""A beam marks free space up to this distance (m) before its end (chosen)."""
 
 
 class LikelihoodGrid(NamedTuple):
-    """Likelihoods of points at all cells, as compiled code takes it.
+    """Likelihood of a point in each cell; passed to compiled code.
 
     Attributes
     ----------
     levels
-        uint8 (levels, rows, columns), 0..255: cell (i, j) of level h holds the maximum of the
+        uint8 (levels, rows, columns), 0..255: cell (i, j) of level h contains the maximum of the
         finest level over i..i + 2^h - 1 and j..j + 2^h - 1.
     origin
         float64 (2,), corner of cell (0, 0) in the map, m.
     outside
-        Likelihood beyond the grid.
+        Likelihood outside the grid.
     """
 
     levels: UInt8
@@ -56,17 +55,17 @@ class LikelihoodGrid(NamedTuple):
 def make_likelihood_grid(
     points: Float64, levels: int = LEVELS, rays: tuple[Float64, Float64] | None = None
 ) -> LikelihoodGrid:
-    """Draw map points (N, 2) into a grid and build its pyramid.
+    """Return a grid of map points (N, 2) with its pyramid.
 
     Parameters
     ----------
     points
         float64 (N, 2), m.
     levels
-        Of the pyramid.
+        Number of levels.
     rays
-        Origins and ends, float64 (M, 2) each, of beams: cells that they passed have likelihood 0,
-        cells that no beam has passed `UNKNOWN`. Without rays, all cells are 0 but the points.
+        Origins and ends, float64 (M, 2) each, of beams: traversed cells have likelihood 0,
+        unobserved cells `UNKNOWN`. Without rays, all cells away from points are 0.
     """
     outside = UNKNOWN if rays is not None else 0
     if not len(points):
@@ -85,7 +84,7 @@ def make_likelihood_grid(
 
 
 def with_unknown(grid: LikelihoodGrid, likelihood: float) -> LikelihoodGrid:
-    """Return a grid in which cells that no beam has reached have another likelihood, 0..1."""
+    """Return a grid whose unobserved cells have another likelihood, 0..1."""
     value = np.uint8(np.clip(np.rint(255.0 * likelihood), 0, 255))
     levels = np.empty_like(grid.levels)
     levels[0] = np.where(grid.levels[0] == UNKNOWN, value, grid.levels[0])
@@ -98,7 +97,7 @@ def _blurred_point() -> UInt8:
     offsets = np.arange(-STAMP, STAMP + 1) * CELL
     squares = offsets[:, None] ** 2 + offsets[None, :] ** 2
     stamp = np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
-    # A cell with a point is known.
+    # A cell with a point is observed.
     return np.where(stamp == UNKNOWN, np.uint8(UNKNOWN - 1), stamp)
 
 
@@ -109,7 +108,7 @@ _BLURRED = _blurred_point()
 def _clear(
     grid: UInt8, origins: Float64, ends: Float64, corner: Float64
 ) -> None:  # pragma: no cover - compiled
-    """Set to 0 the cells that beams passed, sampled at each cell's width."""
+    """Set traversed cells of beams to 0, sampled once per cell width."""
     for i in range(len(ends)):
         dx, dy = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
         length = np.hypot(dx, dy)
@@ -136,7 +135,7 @@ def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None: 
 
 
 def _build_levels(grid: UInt8) -> None:
-    """Fill each level with the maxima over 2 x 2 cells of the one below, held at the far edges."""
+    """Fill each level with maxima over 2 x 2 cells of the previous one, clamped at the border."""
     pairs = np.empty_like(grid[0])
     for h in range(1, len(grid)):
         step = 1 << (h - 1)

@@ -16,18 +16,18 @@ from tccm_ros.slam.matching.visibility import passes_and_hits
 from tccm_ros.slam.se2 import transform_scans
 
 SPACING = 0.05
-"""Minimum distance (m) of a new point from points of the map that face the same way (chosen)."""
+"""Minimum distance (m) between points of the map with the same orientation (chosen)."""
 
 ALONG, ACROSS, ALIKE = 0.15, 0.04, 0.9
-"""Points of two scans are of one surface within these distances along it and across it (m), if the
-cosine between their normals is larger than the last; without normals, within the distance across
+"""Points of two scans are on one surface within these distances along and across it (m), if the
+cosine between their normals exceeds the last; without normals, within the distance across
 (chosen)."""
 
 SAME_SIDE = 0.5
-"""Cosine between normals above which two points face the same way (chosen)."""
+"""Minimum cosine between normals of points with the same orientation (chosen)."""
 
 MAX_SIDE = 4096
-"""Buckets along a side, at most: points beyond are outliers and are dropped. Chosen."""
+"""Maximum number of buckets along a side; points beyond are dropped as outliers. Chosen."""
 
 BORDER = 1.5
 """Empty border around the points, in buckets. Chosen: more than any search radius over a bucket."""
@@ -39,14 +39,14 @@ class LineMap(NamedTuple):
     Attributes
     ----------
     points, normals
-        In the map's own frame; the normal is zero where the surroundings are not flat.
+        In the map's own frame; the normal is zero where the neighbourhood is not flat.
     buckets
-        Where the points of each bucket are.
+        Ranges of points per bucket.
     confirmed
-        bool (N,), whether another scan saw the same surface: a person who walks along with the
-        robot is elsewhere in each scan.
+        bool (N,), whether another scan observed the same surface: a person who walks along with the
+        robot is at another place in each scan.
     variances
-        float64 (N,), of the normals' directions, rad^2; zero without a normal.
+        float64 (N,), variances of the normals' directions, rad^2; zero without a normal.
     """
 
     points: Float64
@@ -57,7 +57,7 @@ class LineMap(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Points and normals, float64 (N, 2), and the scan int64 (N,) that saw each."""
+    """Points and normals, float64 (N, 2), and the index of their scan, int64 (N,)."""
 
     points: Float64
     normals: Float64
@@ -65,17 +65,17 @@ class _Seen(NamedTuple):
 
 
 def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
-    """Make a map of several scans.
+    """Return a map of several scans.
 
-    A point is that of the first scan that saw it; its normal is the mean over all scans. Points
-    that more scans saw through than saw have moved, and are not in the map.
+    Each point is from the first scan that observed it; its normal is the mean over all scans.
+    Points that more scans see through than hit have moved, and are removed.
 
     Parameters
     ----------
     poses
         float64 (K, 3), the scans' planar poses in the map's frame.
     scans
-        K of them.
+        The K scans.
     """
     counts = np.array([len(scan.points) for scan in scans])
     p, n = transform_scans(
@@ -115,7 +115,7 @@ def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
 def _thin(
     points: Float64, normals: Float64, origin: Float64, shape: Int64
 ) -> Int64:  # pragma: no cover - compiled
-    """Return for each point the earlier one within SPACING that faces its way, or itself."""
+    """Return for each point an earlier one within SPACING with the same orientation, or itself."""
     heads = np.full((shape[0], shape[1]), -1, np.int32)
     links = np.full(len(points), -1, np.int32)
     owner = np.arange(len(points))
@@ -142,7 +142,7 @@ def _thin(
 
 @kernel
 def _confirmed(mapped: _Seen, buckets: Buckets, seen: _Seen) -> Bool:  # pragma: no cover - compiled
-    """Mark the points of a map whose surface another scan saw within ALONG and ACROSS."""
+    """Mark the map points whose surface another scan observed within ALONG and ACROSS."""
     confirmed, starts = np.zeros(len(mapped.points), np.bool_), buckets.starts
     for i in range(len(seen.points)):
         px, py = seen.points[i, 0], seen.points[i, 1]

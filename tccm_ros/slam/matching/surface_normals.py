@@ -1,8 +1,8 @@
 """Normals of a local map, averaged over all scans, and the variances of their directions.
 
-A normal fitted to a few beams of one scan is off by some hundredths of a radian, to either side.
-The mean over several scans is more accurate. The variance that is left matters along a corridor:
-there, noise of the normals is all the information that walls give on the position along it.
+A normal fitted to a few beams of one scan has an error of some hundredths of a radian. The mean
+over several scans is more accurate. Its remaining variance matters along a corridor: there, the
+noise of the normals is the only information of walls on the position along it.
 """
 
 from __future__ import annotations
@@ -17,19 +17,18 @@ from tccm_ros.slam.matching.buckets import BUCKET, Buckets
 from tccm_ros.slam.matching.level_scan import FLATNESS
 
 RADIUS = 0.2
-"""A missing normal is fitted to the points of all scans within this distance, m (chosen)."""
+"""Radius of the neighbourhood, over all scans, for a missing normal, m (chosen)."""
 
 MIN_POINTS = 4
-"""Points that a missing normal is fitted to at least. Chosen: two more than a line has
-parameters."""
+"""Minimum number of points for a missing normal. Chosen: two more than the parameters of a line."""
 
 PRIOR_SIGMA, PRIOR_FREEDOM = 0.08, 20.0
-"""Standard deviation (rad) of single normals, and the degrees of freedom with which it counts
-beside the scatter that is found: in a map of one scan hardly any point has two normals (chosen:
-that of ordinary lasers)."""
+"""Prior standard deviation (rad) of single normals, and its degrees of freedom relative to the
+observed scatter: in a map of one scan, hardly any point has two normals (chosen: ordinary
+lasers)."""
 
 MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "yy")])
-"""Number of points, and the sums of their coordinates and of the products of these."""
+"""Number of points, sums of their coordinates, and sums of products of coordinates."""
 
 
 @kernel
@@ -38,20 +37,20 @@ def mean_normals(
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
     """Return the mean normal of each group of points, and the variance of its direction.
 
-    The scatter of single normals around the means of their groups is taken to be the same in all
-    of the map, because many groups have one member.
+    The scatter of single normals about the means of their groups is assumed equal in the whole map,
+    because many groups have one member.
 
     Parameters
     ----------
     normals
         float64 (N, 2), unit normals or zero.
     owner
-        int64 (N,), the point that represents each point's group.
+        int64 (N,), index of the point that represents each point's group.
 
     Returns
     -------
-    Unit normals float64 (N, 2) at the owners, zero where the owner has none, and variances
-    float64 (N,), rad^2
+    Unit normals float64 (N, 2) at the owners, zero where the owner has none, and variances float64
+    (N,), rad^2
     """
     total, count = np.zeros_like(normals), np.zeros(len(normals))
     for i in range(len(normals)):
@@ -65,7 +64,7 @@ def mean_normals(
     for j in range(len(normals)):
         if count[j] > 0.0:
             length = np.hypot(total[j, 0], total[j, 1])
-            # Of small angles a: the sum of cos a falls short of their number by half that of a^2.
+            # For small angles a, n - sum(cos a) is half the sum of a^2.
             squares += 2.0 * (count[j] - length)
             freedom += count[j] - 1.0
             total[j, 0] /= length
@@ -84,21 +83,22 @@ def fit_missing_normals(
     buckets: Buckets,
     all_points: Float64,
 ) -> None:  # pragma: no cover - compiled
-    """Fit a normal to what all scans saw around each point that has none, where that is flat.
+    """Fit normals to points without one, from the points of all scans, where these are flat.
 
-    Beams far along a corridor are too sparse for a normal in their own scan; several scans
-    together fill the gaps. Corners and small objects get no normal.
+    Beams far along a corridor are too sparse for a normal in a single scan; several scans fill the
+    gaps. Corners and small objects get no normal.
 
     Parameters
     ----------
     points, normals, variances
-        float64 (N, 2), (N, 2) and (N,) of a map, sorted into buckets; the latter two are changed.
+        float64 (N, 2), (N, 2) and (N,) of a map, sorted into buckets; normals and variances are
+        updated.
     lasers
-        float64 (N, 2), position of the laser that saw each: normals point to it.
+        float64 (N, 2), position of the laser for each point; normals point to it.
     buckets
-        Of the map.
+        Buckets of the map.
     all_points
-        float64 (M, 2), of all scans.
+        float64 (M, 2), points of all scans.
     """
     origin, starts = buckets.origin, buckets.starts
     missing, wanted = np.zeros(len(points), np.bool_), np.zeros(starts.shape[:2], np.bool_)
@@ -127,7 +127,7 @@ def fit_missing_normals(
 
 @kernel
 def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compiled
-    """Add a point's moments."""
+    """Add a point to the moments."""
     m.n += 1.0
     m.x += dx
     m.y += dy
@@ -140,7 +140,7 @@ def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compi
 def _fit(
     point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64
 ) -> None:  # pragma: no cover - compiled
-    """Write the normal of moments, and its variance, where they are flat."""
+    """Write the normal of flat moments, and its variance."""
     n = m.n
     sx, sy = m.x / n, m.y / n
     a, b, c = m.xx / n - sx * sx, m.xy / n - sx * sy, m.yy / n - sy * sy
@@ -153,7 +153,7 @@ def _fit(
     towards = nx * (laser[0] - point[0]) + ny * (laser[1] - point[1])
     sign = 1.0 if towards > 0.0 else -1.0
     normal[0], normal[1] = sign * nx, sign * ny
-    # Of a line's direction: across, over along.
+    # Variance of a line's direction: variance across over variance along.
     variance[0] = thick / ((n - 2.0) * long)
 
 

@@ -11,33 +11,33 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
 
 SECTORS = 512
-"""Sectors around a laser, 0.5 to 1 degree wide. Beam ends nearer than 2 m, averaged over 4 cm,
-leave some empty: these count as unseen (chosen)."""
+"""Number of sectors around a laser; they are 0.5 to 1 degree wide. The ends of beams shorter than 2
+m, averaged over 4 cm, leave some sectors empty, which then are unobserved (chosen)."""
 
 MARGIN = 0.2
-"""A beam that ends this much (m) behind a point passed it: more than noise, errors of poses and
-oblique walls explain (chosen)."""
+"""A beam that ends this much (m) behind a point has passed it; more than noise, pose errors and
+oblique walls cause (chosen)."""
 
 
 @kernel
 def passes_and_hits(
     points: Float64, origins: Float64, counts: Int64, ends: Float64
 ) -> tuple[Int64, Int64]:  # pragma: no cover - compiled
-    """Return how many scans passed each point, and how many ended at it, int64 (N,) each.
+    """Return the number of scans that passed each point and that ended at it, int64 (N,) each.
 
-    A scan passes a point where all beams in its sector and in the two beside it end behind it; of
-    what lies behind their ends it knows nothing.
+    A scan passes a point if all beams in its sector and the two adjacent ones end behind it. Space
+    behind the ends of beams is unobserved.
 
     Parameters
     ----------
     points
         float64 (N, 2), m.
     origins
-        float64 (K, 2), the lasers.
+        float64 (K, 2), positions of the lasers.
     counts
-        int64 (K,), beams of each scan; their sum is M.
+        int64 (K,), number of beams of each scan; their sum is M.
     ends
-        float64 (M, 2), where beams ended, scan after scan, in the same frame.
+        float64 (M, 2), ends of beams, scan after scan, in the same frame.
     """
     ranges = np.full((len(counts), SECTORS), np.inf)
     i = 0
@@ -65,7 +65,7 @@ def passes_and_hits(
 
 @kernel
 def _sector(x: float, y: float) -> int:  # pragma: no cover - compiled
-    """Return the sector of a direction; they divide a square's edge, which needs no arctangent."""
+    """Return the sector of a direction; sectors divide a square's edge, without an arctangent."""
     size = abs(x) + abs(y)
     quarter = y / size if size > 0.0 else 0.0
     if x < 0.0:

@@ -1,8 +1,8 @@
-"""Data association of door signs: sightings of several passes that are one plate.
+"""Data association of door signs: sightings of several passes that show one plate.
 
-Text, patch and geometry count together: the squared Mahalanobis distance between two points, with
-the covariance that the graph gives to one keyframe against the other, and a cost for each character
-that differs and for patches that look different.
+The cost combines geometry, text and appearance: the squared Mahalanobis distance between two
+points, with the relative covariance of their keyframes in the graph, plus a cost per differing
+character and a cost for different patches.
 """
 
 from __future__ import annotations
@@ -17,43 +17,43 @@ from tccm_ros.signs.texts import edit_distance
 from tccm_ros.slam.signs.sightings import Sighting
 
 EDIT_COST = 6.0
-"""Cost of a character that differs, in units of chi-square (chosen: a digit in twenty is misread,
-and then as one of nine others)."""
+"""Cost of a differing character, in units of chi-square (chosen: one digit in twenty is misread, as
+one of nine others)."""
 
 PATCH_COST = 10.0
 """Cost of patches without correlation, in units of chi-square (chosen)."""
 
 MAX_COST = 20.0
-"""Two sightings that cost more are two signs (chosen: 99.9 % of three degrees of freedom are 16.3,
-and as much again for patches seen from two sides)."""
+"""Maximum cost of two sightings of one sign (chosen: 16.3 for 99.9 % of three degrees of freedom,
+plus a margin for patches seen from two sides)."""
 
 MAX_DISTANCE = 0.5
-"""Two points further from each other (m) are two signs, however uncertain they are. Chosen: who is
-more uncertain closes a loop first, which geometry confirms."""
+"""Maximum distance (m) between two sightings of one sign, whatever their covariance. Chosen: a more
+uncertain pose needs a loop closure by geometry first."""
 
 MAX_MISREAD_DISTANCE = 0.2
-"""The same for sightings with two texts (chosen: a plate is as wide)."""
+"""The same for sightings with different texts (chosen: the width of a plate)."""
 
 SURFACE_SIGMA = 0.02
-"""Standard deviation (m) of the middle of a number between two passes, in addition (chosen)."""
+"""Additional standard deviation (m) of the middle of a number between two passes (chosen)."""
 
 RelativeCovariance = Callable[[int, int, Float64], Float64]
-"""Covariance (2, 2) in map of a point (3,) that two keyframes put there, one against the other."""
+"""Function that returns the covariance (2, 2) in map of a point (3,) between two keyframes."""
 
 
 def associate_signs(
     sightings: Sequence[Sighting], relative: RelativeCovariance
 ) -> list[list[Sighting]]:
-    """Return the sightings of each sign, the signs in the order in which they were seen.
+    """Return the sightings of each sign, in the order of the signs' first sightings.
 
-    Each sighting goes to the sign that costs least, in their order.
+    Each sighting in turn is assigned to the sign with the lowest cost.
 
     Parameters
     ----------
     sightings
-        In the order in which they were triangulated.
+        Sightings in the order of their triangulation.
     relative
-        How uncertain two keyframes are against each other.
+        Function that returns the relative covariance of two keyframes at a point.
     """
     signs: list[list[Sighting]] = []
     for sighting in sightings:
@@ -66,14 +66,14 @@ def associate_signs(
 
 
 def number_signs(signs: Sequence[Sequence[Sighting]], saved: Sequence[int]) -> list[int]:
-    """Return an id for each sign: that of an earlier session, or the next that is free.
+    """Return an id for each sign: that of an earlier session, or the next free one.
 
     Parameters
     ----------
     signs
-        The sightings of each.
+        The sightings of each sign.
     saved
-        For each view, the id of the sign that an earlier session found it to be, or -1.
+        For each view, the id assigned in an earlier session, or -1.
     """
     votes = Counter(
         (n, saved[i])
@@ -94,7 +94,7 @@ def number_signs(signs: Sequence[Sequence[Sighting]], saved: Sequence[int]) -> l
 
 
 def _cost(one: Sighting, other: Sighting, relative: RelativeCovariance) -> float:
-    """Return the cost of two sightings being of one sign; inf where they cannot be."""
+    """Return the association cost of two sightings; inf if they are incompatible."""
     away = one.point.position - other.point.position
     edits = edit_distance(one.number, other.number)
     if np.linalg.norm(away) > (MAX_MISREAD_DISTANCE if edits else MAX_DISTANCE):

@@ -1,4 +1,4 @@
-"""Door signs as landmarks of the graph: which there are, their factors, and the optimised signs."""
+"""Door signs as landmarks of the graph: detection, factors, and optimised signs."""
 
 from __future__ import annotations
 
@@ -40,27 +40,28 @@ WALL_SIGMA = 0.02
 
 
 MIN_VIEWS_WITHOUT_WALL = 3
-"""Views of a sign that is on no known wall: two rays that cross meet somewhere (chosen)."""
+"""Minimum number of views of a sign on no known wall: two rays always meet approximately
+(chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundSign:
-    """A sign before the graph is solved with it.
+    """A sign before the optimisation of the graph.
 
     Attributes
     ----------
     id
-        Of the sign.
+        Id of the sign.
     views
-        Those that agree with each other, in their order.
+        Views that agree with each other, in order.
     position
-        float64 (3,), in map, by triangulation.
+        float64 (3,), in map, from triangulation.
     origins
-        float64 (N, 3), of the cameras of the views in map.
+        float64 (N, 3), positions of the views' cameras in map.
     wall
         Index of its wall, -1 for none.
     refusal
-        Why it is no sign by its views; empty where it may be one.
+        Reason of a refusal by its views; empty otherwise.
     """
 
     id: int
@@ -82,16 +83,16 @@ class FoundSign:
 
 
 class Passes(NamedTuple):
-    """The keyframes that the views hang on.
+    """Keyframes to which views are anchored.
 
     Attributes
     ----------
     solution
-        The graph without signs.
+        Solution of the graph without signs.
     keys
         Variables of all keyframes.
     sessions
-        Of all keyframes.
+        Session numbers of all keyframes.
     """
 
     solution: GraphSolution
@@ -105,20 +106,20 @@ def find_signs(
     passes: Passes,
     walls: WallTable,
 ) -> tuple[list[FoundSign], list[RefusedSign]]:
-    """Return the signs that views see, and that pictures do not miss too often, by their ids.
+    """Return the signs with enough views and not too many misses, by id.
 
-    Beside them, what was read at one place and is no sign, by its position.
+    The second list contains the refused readings of room numbers, with positions.
 
     Parameters
     ----------
     views
-        In the order in which they were taken, those of earlier sessions first.
+        Views in the order of the pictures, those of earlier sessions first.
     pictures
-        Those that were searched in this session, in the order of their stamps.
+        Pictures searched in this session, in stamp order.
     passes
-        From where.
+        The keyframes of the views.
     walls
-        Of the map, with at least one observation each.
+        Walls of the map, with at least one observation each.
     """
     if not views:
         return [], []
@@ -149,7 +150,7 @@ def find_signs(
 
 
 def _absence(looks: Sequence[Looks], k: int) -> str:
-    """Return why a sign is not on its wall, by the pictures that read it and those that missed."""
+    """Return why a sign is absent, by the pictures that read it and those that missed it."""
     probability = reading_probabilities(looks, k)
     if is_read_by_chance(looks[k], probability):
         return "read in few of the pictures that show the place"
@@ -159,7 +160,7 @@ def _absence(looks: Sequence[Looks], k: int) -> str:
 def _misplacement(
     sign: FoundSign, views: Sequence[SignView], cameras: Float64, walls: WallTable
 ) -> str:
-    """Return why a sign is none by its height, size and attitude; empty where it may be one."""
+    """Return why height, size or tilt exclude a sign; empty where they do not."""
     own = [i for i, view in enumerate(views) if any(view is v for v in sign.views)]
     corners = np.array([views[i].measurement.plate for i in own])
     corners = np.einsum("nij,nkj->nki", cameras[own, :3, :3], corners)
@@ -176,7 +177,7 @@ def _refused(sign: FoundSign, reason: str) -> RefusedSign:
 
 
 def _place(sign: FoundSign, walls: WallTable) -> SignPlace:
-    """Return where a sign is and which way it faces, before the graph is solved with it."""
+    """Return position and normal of a sign before the optimisation of the graph."""
     if sign.wall >= 0:
         phi = float(walls.phi[sign.wall])
         normal = np.array([-np.cos(phi), -np.sin(phi), 0.0])
@@ -193,7 +194,7 @@ def _found(
     rays: Rays,
     walls: WallTable,
 ) -> FoundSign:
-    """Return a sign without the views that contradict the others."""
+    """Return a sign without inconsistent views."""
     members = sorted(i for s in sightings for i in s.views)
     point = triangulate(rays.of(members)).position
     kept = [i for i, chi2 in zip(members, rays.of(members).chi2(point)) if chi2 < RAY_CHI2]
@@ -216,12 +217,12 @@ def sign_observations(signs: Sequence[FoundSign]) -> list[AnchoredObservation]:
 
 
 def sign_factors(signs: Sequence[FoundSign], scale: float, walls: Collection[Key]) -> list[Factor]:
-    """Return where signs start, and the walls that hold them.
+    """Return the factors with start values of signs, and those of signs on walls.
 
     Parameters
     ----------
     signs
-        All of them.
+        All signs.
     scale
         Factor by which the covariances of the graph's other factors are too large.
     walls
@@ -239,16 +240,16 @@ def sign_factors(signs: Sequence[FoundSign], scale: float, walls: Collection[Key
 def sign_records(
     signs: Sequence[FoundSign], landmarks: Sequence[Landmark], solution: GraphSolution
 ) -> tuple[Sign, ...]:
-    """Return the optimised signs by their ids.
+    """Return the optimised signs, by id.
 
     Parameters
     ----------
     signs
-        As they entered the graph.
+        The signs of the graph, before optimisation.
     landmarks
         The optimised landmarks of all kinds.
     solution
-        Of the graph that holds them.
+        Solution of the graph that contains them.
     """
     optimised = {m.id: m for m in landmarks if m.kind == SIGN}
     return tuple(_record(sign, optimised[sign.id], solution) for sign in signs)

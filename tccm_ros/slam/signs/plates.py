@@ -1,4 +1,4 @@
-"""Size and attitude of a plate on its wall, and whether a door sign has them."""
+"""Size and tilt of a plate on its wall, and their limits for door signs."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 from tccm_ros.arrays import Float64
 
 HEIGHTS_M = (0.8, 2.4)
-"""Lowest and highest middle of a door sign over z = 0 of the base frame, m (chosen: signs are
-read by people who stand)."""
+"""Minimum and maximum height of the middle of a door sign above z = 0 of the base frame, m (chosen:
+signs are read by standing people)."""
 
 SIZES_M = (0.02, 0.6)
-"""Least and largest length of the longer side of what is written on a plate, m. Plates are 4 to 60
-cm long; of the smallest ones a digit fills half."""
+"""Minimum and maximum length of the longer side of the text on a plate, m. Plates are 4 to 60 cm
+long; a digit fills half of the smallest."""
 
 MAX_TILT = 0.26
-"""Largest angle of the lines of a sign against the horizontal, rad. Chosen: 15 deg, several times
+"""Maximum angle between the lines of a sign and the horizontal, rad. Chosen: 15 deg, several times
 the error of a line's edges."""
 
 MIN_COSINE = 0.2
-"""Cosine of the angle between a line of sight and the normal of a wall below which it tells no
-place on it (chosen)."""
+"""Minimum cosine of the angle between a ray and the normal of a wall for an intersection
+(chosen)."""
 
 
 class PlateOnWall(NamedTuple):
-    """What is written on a plate, as it is on its wall.
+    """Size and tilt of the text on a plate, in the plane of the wall.
 
     Attributes
     ----------
     size
-        float64 (2,), width and height, m; NaN where no view tells.
+        float64 (2,), width and height, m; NaN where unknown.
     tilt
-        Angle of its lines against the horizontal, 0 to pi, rad; NaN likewise.
+        Angle of its lines to the horizontal, 0 to pi, rad; NaN where unknown.
     """
 
     size: Float64
@@ -48,12 +48,12 @@ def plate_on_wall(
     Parameters
     ----------
     position, normal
-        float64 (3,) each, of the sign in map, m and unit vector to who reads it, horizontal.
+        float64 (3,) each, of the sign in map: m, and horizontal unit vector towards the reader.
     origins
-        float64 (N, 3), of the cameras in map.
+        float64 (N, 3), positions of the cameras in map.
     corners
-        float64 (N, 4, 3), unit vectors from there to the corners of the plate: top left, top right,
-        bottom right, bottom left; NaN where they are not known.
+        float64 (N, 4, 3), unit vectors from the cameras to the corners of the plate: top left, top
+        right, bottom right, bottom left; NaN where unknown.
     """
     towards = -(corners @ normal)
     depth = (origins - position) @ normal
@@ -71,14 +71,14 @@ def plate_on_wall(
 
 
 def misplacement(position: Float64, plate: PlateOnWall) -> str:
-    """Return why what is written there is no door sign; empty where it may be one.
+    """Return why height, size or tilt exclude a door sign; empty where they do not.
 
     Parameters
     ----------
     position
         float64 (3,), in map, m.
     plate
-        What is known of it.
+        Size and tilt of the plate.
     """
     z, size = float(position[2]), float(plate.size.max())
     if not HEIGHTS_M[0] <= z <= HEIGHTS_M[1]:

@@ -1,9 +1,10 @@
-"""Whether a door sign is there: pictures that should show it and do not count against it.
+"""Test whether a door sign still exists, by the pictures that should show it.
 
-A picture in which a sign was not read is a miss, if the sign's place is in the picture, large
-enough, not at a grazing angle and not behind a wall of the map. How probable a reading is in such a
-picture is learnt from the other signs. Two hypotheses are compared with "it is there": it was taken
-away after it was read last, and it is text that is read as a number now and then.
+A picture in which a sign was not read is a miss if the sign is inside the picture, large enough,
+not at a grazing angle and not occluded by a wall of the map. The probability of a reading in such a
+picture is estimated from the other signs. The hypothesis of an existing sign is compared with two
+others: the sign was taken away after its last reading, or it is text that is occasionally misread
+as a number.
 """
 
 from __future__ import annotations
@@ -21,57 +22,57 @@ from tccm_ros.slam.signs.walls import is_hidden
 from tccm_ros.slam.walls.association import WallTable
 
 MIN_HEIGHT = 10.0
-"""Height (pixels) of a number from which on a picture can tell that it is not there. Chosen: the
-smallest box that saliency proposes."""
+"""Minimum height (pixels) of a number in a picture for a miss. Chosen: the smallest box that
+saliency proposes."""
 
 MIN_COSINE = 0.5
-"""Cosine of the angle between the line of sight and the normal of a sign, likewise. Chosen:
-60 deg, up to which the classifier was trained."""
+"""Minimum cosine of the angle between ray and normal of a sign for a miss. Chosen: 60 deg, the
+training range of the classifier."""
 
 BORDER = 0.05
-"""Part of a picture at its edges in which a sign may be cut off (chosen)."""
+"""Border of a picture, as a fraction, in which a sign may be cut off (chosen)."""
 
 SAME_RAY = 0.05
-"""A reading of any text within this angle (rad) of a sign is no miss (chosen: a plate's width at
-5 m)."""
+"""Maximum angle (rad) between a sign and any reading that makes the picture no miss (chosen: a
+plate's width at 5 m)."""
 
 MIN_MOTION = 0.1
-"""Misses from cameras nearer to each other than this (m) are one (chosen: what is in the way, or
-shines, is still there)."""
+"""Minimum distance (m) between the cameras of independent misses (chosen: an occlusion or a
+reflection persists over smaller motion)."""
 
 HEIGHTS = (14.0, 20.0, 28.0, 40.0)
-"""Limits (pixels) of the classes of heights within which the probability of a reading is one
-(chosen: half octaves). The height counts times the cosine: at an angle, digits are narrow."""
+"""Bounds (pixels) of the height classes with a common reading probability (chosen: half octaves).
+The height is multiplied by the cosine: at an angle, digits are narrow."""
 
 PRIOR_LOOKS, PRIOR_PROBABILITY = 4.0, 0.5
-"""Looks that are added to those of a class, and the part of them that read something (chosen)."""
+"""Prior of a class: number of looks, and fraction of them with a reading (chosen)."""
 
 FALSE_PROBABILITY = 0.1
-"""Probability that text which is no sign's number is read as one in a picture (chosen)."""
+"""Probability that other text is misread as a number in a picture (chosen)."""
 
 HIDDEN_PASS = 0.02
-"""Probability that a sign is hidden during a whole pass, by people or an open door (chosen)."""
+"""Probability that a sign is occluded during a whole pass, by people or an open door (chosen)."""
 
 MIN_ODDS = 0.05
-"""A sign is taken away when it is twenty times as probable that the misses since it was read last
-come of that (chosen)."""
+"""Maximum likelihood ratio of the misses since the last reading for a sign that was taken away: one
+to twenty (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Looks:
-    """The pictures that show a sign, or should, in the order of their stamps.
+    """The pictures that show a sign, or should, in stamp order.
 
     Attributes
     ----------
     stamps_ns
         int64 (N,).
     height_class
-        int64 (N,), index of the class of heights.
+        int64 (N,), index of the height class.
     is_read
         bool (N,), whether the sign was read.
     is_searched
-        bool (N,), whether the picture is known as one that was searched; readings of earlier
-        sessions are without the pictures that read nothing.
+        bool (N,), whether the picture is a searched one of this run; earlier sessions have readings
+        only, without their misses.
     """
 
     stamps_ns: Int64
@@ -81,9 +82,9 @@ class Looks:
 
     @property
     def of_passes_that_read(self) -> Bool:
-        """Bool (N,), those of passes in which the sign was there, as a first reading tells.
+        """Mask (N,) of looks in passes with a reading, which prove that the sign was there.
 
-        That reading itself tells nothing about how probable one is.
+        The first reading itself is excluded, as it selects the pass.
         """
         chosen = np.zeros(len(self.is_read), bool)
         for part in np.split(np.arange(len(self.is_read)), _passes(self.stamps_ns)):
@@ -95,16 +96,17 @@ class Looks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPictures:
-    """All pictures that were searched, with the poses of their cameras.
+    """All searched pictures, with camera poses and readings.
 
     Attributes
     ----------
     views
-        In the order of their stamps.
+        Pictures in stamp order.
     T_map_camera
         float64 (N, 4, 4).
     read
-        float64 (N, M, 3) bearings of all that was read in each, in the optical frame; NaN beyond.
+        float64 (N, M, 3), bearings of all readings in each picture, in the optical frame, padded
+        with NaN.
     """
 
     views: Sequence[PictureView]
@@ -118,16 +120,16 @@ class SeenPictures:
 def seen_pictures(
     views: Sequence[PictureView], T_map_camera: Float64, signs: Sequence[SignView]
 ) -> SeenPictures:
-    """Return pictures with all that was read in them.
+    """Return searched pictures with all readings in them.
 
     Parameters
     ----------
     views
-        Pictures that were searched.
+        Searched pictures.
     T_map_camera
-        float64 (N, 4, 4), the poses of their cameras.
+        float64 (N, 4, 4), camera poses.
     signs
-        All that was read, whether it is of a sign or not.
+        All readings, of signs and others.
     """
     bearings: dict[tuple[int, bytes], list[Float64]] = {}
     for sign in signs:
@@ -143,18 +145,18 @@ def seen_pictures(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignPlace:
-    """Where a sign is, how large it is, and who read it.
+    """Pose, size and readings of a sign.
 
     Attributes
     ----------
     position
         float64 (3,), in map.
     normal
-        float64 (3,), unit vector from its wall to who reads it.
+        float64 (3,), unit vector from the wall towards the reader.
     views
         Its readings.
     origins
-        float64 (N, 3), of the cameras of the readings in map.
+        float64 (N, 3), positions of the readings' cameras in map.
     """
 
     position: Float64
@@ -179,9 +181,9 @@ def looks_at(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Look
     place
         The sign.
     pictures
-        All that were searched in the sessions of this run.
+        All searched pictures of the sessions of this run.
     walls
-        Of the map.
+        Walls of the map.
     """
     searched = {view.picture.key for view in pictures.views}
     own = [(v.measurement.stamp_ns, v.measurement.T_base_camera) for v in place.views]
@@ -209,7 +211,7 @@ def looks_at(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Look
 
 
 def _misses(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Int64:
-    """Return the indices of pictures that should show a sign and in which nothing is read there."""
+    """Return the indices of pictures that should show a sign but have no reading there."""
     if not len(pictures):
         return np.zeros(0, np.int64)
     T = pictures.T_map_camera
@@ -238,7 +240,7 @@ def _misses(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Int64
 
 
 def _seen_height(place: SignPlace, origins: Float64, focal: Float64) -> Float64:
-    """Return the heights (pixels) of a number, times the cosine of the angle of sight."""
+    """Return the heights (pixels) of a number, multiplied by the cosine of the viewing angle."""
     away = origins - place.position
     return np.asarray(place.height * focal * (away @ place.normal) / (away**2).sum(axis=1))
 
@@ -248,14 +250,14 @@ def _height_class(heights: Float64) -> Int64:
 
 
 def reading_probabilities(looks: Sequence[Looks], own: int) -> Float64:
-    """Return how probable a reading is in each class of heights, learnt from the other signs.
+    """Return the reading probability of each height class, estimated from the other signs.
 
     Parameters
     ----------
     looks
-        Of all signs.
+        Looks of all signs.
     own
-        Index of the sign that is judged: it does not count.
+        Index of the tested sign, which is excluded.
     """
     classes = len(HEIGHTS) + 1
     read = np.full(classes, PRIOR_LOOKS * PRIOR_PROBABILITY)
@@ -269,17 +271,17 @@ def reading_probabilities(looks: Sequence[Looks], own: int) -> Float64:
 
 
 def is_taken_away(looks: Looks, probability: Float64) -> bool:
-    """Return whether the misses since a sign was read last tell that it is no longer there.
+    """Return whether the misses since its last reading show that a sign is gone.
 
-    Those of the pass that read it last do not count: signs are not taken away while a robot drives
-    by, and the end of a pass is often without a reading.
+    Misses of the pass with the last reading are excluded: signs are not taken away while a robot
+    drives by, and the end of a pass often has no reading.
 
     Parameters
     ----------
     looks
-        At the sign.
+        Looks at the sign.
     probability
-        float64 (C,), of a reading in each class of heights.
+        float64 (C,), reading probability of each height class.
     """
     last = int(np.flatnonzero(looks.is_read)[-1])
     missed = np.log1p(-probability[looks.height_class])
@@ -289,14 +291,14 @@ def is_taken_away(looks: Looks, probability: Float64) -> bool:
 
 
 def is_read_by_chance(looks: Looks, probability: Float64) -> bool:
-    """Return whether a sign is read so seldom that it is probably no sign.
+    """Return whether a sign is read so rarely that it is probably no sign.
 
     Parameters
     ----------
     looks
-        At the sign.
+        Looks at the sign.
     probability
-        float64 (C,), of a reading in each class of heights.
+        float64 (C,), reading probability of each height class.
     """
     p = probability[looks.height_class]
     for_sign = np.log(np.where(looks.is_read, p, 1.0 - p))
@@ -305,11 +307,11 @@ def is_read_by_chance(looks: Looks, probability: Float64) -> bool:
 
 
 def _by_pass(log_ratios: Float64, stamps_ns: Int64) -> list[float]:
-    """Return the sums over each pass, limited from below: a sign may be hidden for a whole one."""
+    """Return the sums per pass, bounded below, as a sign may be occluded for a whole pass."""
     sums = [float(part.sum()) for part in np.split(log_ratios, _passes(stamps_ns))]
     return [max(total, float(np.log(HIDDEN_PASS))) for total in sums]
 
 
 def _passes(stamps_ns: Int64) -> Int64:
-    """Return the indices at which passes begin, but for the first."""
+    """Return the indices at which passes begin, without the first."""
     return np.asarray(np.flatnonzero(np.diff(stamps_ns) > PASS_GAP_NS) + 1)

@@ -17,11 +17,11 @@ from tccm_ros.slam.signs.views import SignView
 SHAPES = {
     "pixel": (2,), "bearing": (3,), "T_base_camera": (4, 4), "corners": (4, 2), "plate": (4, 3),
 }  # fmt: skip
-"""Of the arrays of a measurement, but for its patch."""
+"""Shapes of the arrays of a measurement, without its patch."""
 
 
 def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
-    """Return arrays with a row for each view."""
+    """Return named arrays with a row per view."""
     seen, anchored = [v.measurement for v in views], [v.anchored for v in views]
     arrays = {
         f"sign_{name}": np.array([getattr(m, name) for m in seen], float).reshape(-1, *shape)
@@ -43,13 +43,13 @@ def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
 
 
 def pack_attitudes(prefix: str, anchored: Sequence[AnchoredPose]) -> dict[str, NDArray[Any]]:
-    """Return the attitudes of poses as an array, and no array where all are level."""
+    """Return the attitudes of poses as an array; no array where all are level."""
     attitudes = np.array([a.attitude for a in anchored], float).reshape(-1, 3)
     return {f"{prefix}_attitude": attitudes} if attitudes.any() else {}
 
 
 def unpack_anchored(prefix: str, s: Mapping[str, NDArray[Any]]) -> list[AnchoredPose]:
-    """Return the poses of observations of a kind."""
+    """Return the anchored poses whose arrays have a prefix."""
     on = s[f"{prefix}_keyframe"].tolist()
     attitudes = s.get(f"{prefix}_attitude", np.zeros((len(on), 3))).tolist()
     rows = zip(on, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
@@ -60,17 +60,17 @@ def unpack_anchored(prefix: str, s: Mapping[str, NDArray[Any]]) -> list[Anchored
 
 
 def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:
-    """Return the views that `pack_signs` was given; maps of earlier versions have none.
+    """Return the views from the arrays of `pack_signs`; maps of earlier versions have none.
 
     Raises
     ------
     ValueError
-        For arrays that do not fit each other, or the number of keyframes.
+        For arrays inconsistent with each other or with the number of keyframes.
     """
     if "sign_id" not in s:
         return []
     n = len(s["sign_id"])
-    # Maps of earlier versions have neither: a grey patch is like none, and no size is known.
+    # Maps of earlier versions lack both: use a grey patch, and an unknown size.
     patches = s.get("sign_patch", np.full((n, *PATCH_SHAPE), 128, np.uint8))
     plates = s.get("sign_plate", np.full((n, *SHAPES["plate"]), np.nan))
     texts, on = json.loads(s["sign_texts"].tobytes()), s["sign_keyframe"].tolist()

@@ -1,8 +1,8 @@
-"""Sightings of door signs: the views of one plate in one pass, and the point that they see.
+"""Sightings of door signs: the views of one plate in one pass, and the triangulated point.
 
-While a robot passes a plate, its poses are known against each other to millimetres, so that rays
-and texts alone tell which views are of one plate. What a pass saw is then compared with what other
-passes saw (`sign_association`).
+While a robot passes a plate, its relative poses are known to millimetres, so that rays and texts
+alone tell which views show one plate. Sightings of different passes are then compared
+(`association`).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from tccm_ros.slam.signs.triangulation import (
 from tccm_ros.slam.signs.views import SignView
 
 PASS_GAP_NS = 20_000_000_000
-"""Views of one text that are further from each other than this are of two passes (chosen)."""
+"""Time between views of one text from which they belong to two passes (chosen)."""
 
 MIN_VIEWS = 2
-"""Views of a plate in a pass, with one text (chosen: at 1 m/s and two pictures a second, a plate
-beside a corridor is in two or three)."""
+"""Minimum number of views of a plate in a pass, with one text (chosen: at 1 m/s and two pictures a
+second, a plate beside a corridor is in two or three)."""
 
 MAX_EDITS = 0.5
-"""Part of the characters of a text that may be misread in a view (chosen)."""
+"""Maximum fraction of misread characters of a text in a view (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,17 +44,17 @@ class Sighting:
     Attributes
     ----------
     views
-        Indices of its views, in the order of their stamps.
+        Indices of its views, in stamp order.
     keyframe
-        That of the view in the middle.
+        Keyframe of the middle view.
     point
-        In map.
+        Triangulated point in map.
     number
-        As most of the views read it.
+        The number, by majority of the views.
     confidence
-        In the number, 0 to 1.
+        Confidence in the number, 0 to 1.
     descriptor
-        float64 (n,), unit vector, mean gradient histograms of the patches.
+        float64 (n,), unit vector, mean HOG features of the patches.
     origin
         float64 (3,), mean position of the camera in map.
     """
@@ -71,20 +71,20 @@ class Sighting:
 def find_sightings(
     views: Sequence[SignView], rays: Rays, sessions: Sequence[int]
 ) -> list[Sighting]:
-    """Return what passes saw, in the order in which they could be triangulated.
+    """Return the sightings of all passes, in the order of their triangulation.
 
-    Views of one text that meet in one point with enough parallax are a sighting; a text that was
-    read at two places in one pass gives two. A view with another text is of the sighting that its
-    ray meets, if not more than half of the characters differ: it is misread.
+    Views of one text whose rays meet in one point with enough parallax are a sighting; a text at
+    two places in one pass gives two. A view with another text belongs to the sighting that its ray
+    meets if at most half of the characters differ: it is misread.
 
     Parameters
     ----------
     views
-        In the order in which they were taken.
+        Views in the order of the pictures.
     rays
-        Of these, in map.
+        Their rays, in map.
     sessions
-        In which each was taken.
+        Session number of each view.
     """
     stamps = np.array([v.measurement.stamp_ns for v in views], np.int64)
     groups: list[list[int]] = []
@@ -104,7 +104,7 @@ def find_sightings(
 
 
 def _known_since(sighting: Sighting, rays: Rays) -> int:
-    """Return the first view that, with those before it, tells the point of a sighting."""
+    """Return the first view up to which the views determine the point of a sighting."""
     views = sighting.views
     told = (
         n
@@ -115,7 +115,7 @@ def _known_since(sighting: Sighting, rays: Rays) -> int:
 
 
 def _passes(views: Sequence[SignView], stamps: Int64, sessions: Sequence[int]) -> list[list[int]]:
-    """Return groups of views of one text without a long gap between two of them."""
+    """Return groups of views of one text without a long time gap."""
     by_text: dict[tuple[int, str], list[int]] = {}
     for i, view in enumerate(views):
         by_text.setdefault((sessions[i], view.measurement.number), []).append(i)
@@ -164,7 +164,7 @@ def _add_misread(
 
 
 def is_misread(text: str, right: str) -> bool:
-    """Return whether a text may be another one, misread."""
+    """Return whether a text may be a misreading of another."""
     return edit_distance(text, right) <= MAX_EDITS * len(right)
 
 
@@ -184,7 +184,7 @@ def _sighting(members: list[int], views: Sequence[SignView], rays: Rays) -> Sigh
 
 
 def mean_descriptor(views: Sequence[SignView]) -> Float64:
-    """Return the mean gradient histograms of the patches of views, a unit vector float64 (n,)."""
+    """Return the mean HOG features of the patches of views, a unit vector float64 (n,)."""
     patches = np.array([v.measurement.patch for v in views])
     mean = hog_features(patches).mean(axis=0, dtype=np.float64)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12))

@@ -1,8 +1,8 @@
-"""Places of door signs, and where a robot is that reads a text that was seen before.
+"""Poses of door signs, and loop closure candidates from repeated texts.
 
-A place is a sign with the direction that it faces, as a planar pose in a keyframe. Two places of
-one text put two keyframes at each other: a small window, in which matching looks for a loop closure
-as in any other. A text alone closes nothing.
+A place is a sign with its normal, as a planar pose in a keyframe. Two places with one text predict
+the relative pose of two keyframes: a small window in which matching searches for a loop closure as
+in any other. A text alone closes no loop.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from tccm_ros.slam.signs.sightings import PASS_GAP_NS, Sighting, find_sightings
 from tccm_ros.slam.signs.views import SignView, rays_of
 
 MIN_CONFIDENCE = 0.6
-"""Confidence of a text that proposes a loop closure (chosen: half of its readings say another, or
-all are doubtful, below)."""
+"""Minimum confidence of a text for a loop closure candidate (chosen: below it, half of the readings
+differ, or all are doubtful)."""
 
 FACING_DISTANCE, MIN_FACING_POINTS = 0.6, 6
-"""Points of the level scans within this distance (m) of a sign, and how many of them at least, tell
-which way its wall faces (chosen)."""
+"""Radius (m) around a sign of level scan points for the direction of its wall, and their minimum
+number (chosen)."""
 
 MIN_FACING_AGREEMENT = 0.9
-"""Length of the mean of their unit normals at least. Chosen: 26 deg of scatter."""
+"""Minimum length of the mean of their unit normals. Chosen: 26 deg of scatter."""
 
 WINDOW_M, WINDOW_RAD = 0.5, 0.2
-"""Half width of the search for a keyframe that a sign puts somewhere. Chosen: several standard
+"""Half width of the search around the keyframe pose predicted by a sign. Chosen: several standard
 deviations of a triangulated point and of the normal of a wall."""
 
 FAR_M, FAR_RAD = 0.2, 0.1
-"""A sign that puts a keyframe nearer than this to where the estimate has it closes no loop: it is a
-factor of the solution all the same (chosen: what a triangulated point is off by)."""
+"""Minimum distance between predicted and estimated pose for a loop closure candidate; below it, the
+sign is only a factor of the solution (chosen: the error of a triangulated point)."""
 
 RECENT_KEYFRAMES = 15
-"""Keyframes after a sign was seen that it can put somewhere (chosen: 4 m)."""
+"""Number of keyframes after a sighting that it can place (chosen: 4 m)."""
 
 
 class SignPlace(NamedTuple):
@@ -49,13 +49,13 @@ class SignPlace(NamedTuple):
     Attributes
     ----------
     number
-        The text.
+        Text of the number.
     keyframe
-        On which it hangs.
+        Id of the keyframe it is anchored to.
     pose
-        float64 (3,), in the keyframe: its position, and the direction that it faces.
+        float64 (3,), in the keyframe: position and direction of the normal.
     sign
-        Its id in a saved map; -1 for one of this run.
+        Id in a saved map; -1 for a sign of this run.
     """
 
     number: str
@@ -65,14 +65,14 @@ class SignPlace(NamedTuple):
 
 
 class SignWindow(NamedTuple):
-    """Where a sign puts a keyframe.
+    """The keyframe pose predicted by a sign.
 
     Attributes
     ----------
     place
-        The sign as it was seen before.
+        The earlier place of the sign.
     pose
-        float64 (3,), of the keyframe in map.
+        float64 (3,), pose of the keyframe in map.
     """
 
     place: SignPlace
@@ -81,12 +81,12 @@ class SignWindow(NamedTuple):
 
 @dataclass(slots=True)
 class SignPlaces:
-    """The signs that were seen up to now; deterministic in the order of the keyframes.
+    """The signs observed so far; deterministic for a given order of keyframes.
 
     Attributes
     ----------
     keyframes
-        Of all sessions; the list is shared with the `Chain` that appends to it.
+        Keyframes of all sessions; the `Chain` appends to this list.
     """
 
     keyframes: list[GraphKeyframe]
@@ -99,12 +99,12 @@ class SignPlaces:
         self._known += self._places_of(views, poses)
 
     def add(self, views: Sequence[SignView], poses: Float64) -> None:
-        """Add views in the order of their stamps.
+        """Add views in stamp order.
 
         Parameters
         ----------
         views
-            Those since the last call.
+            Views since the last call.
         poses
             float64 (K, 3), estimates of the keyframes.
         """
@@ -119,12 +119,12 @@ class SignPlaces:
         self._seen = self._places_of(self._recent, poses)
 
     def windows(self, k: int, poses: Float64) -> list[SignWindow]:
-        """Return where signs that are seen now, and were seen before, put keyframe `k`.
+        """Return the poses of keyframe `k` predicted by signs that were also seen before.
 
         Parameters
         ----------
         k
-            A keyframe of the session that sees them.
+            A keyframe of the session that observes them.
         poses
             float64 (K, 3), estimates of the keyframes.
         """
@@ -140,7 +140,7 @@ class SignPlaces:
         ]
 
     def _places_of(self, views: Sequence[SignView], poses: Float64) -> list[SignPlace]:
-        """Return the places of the signs that views see and read clearly."""
+        """Return the places of signs with confident readings in views."""
         if not views:
             return []
         sessions = [self.keyframes[v.anchored.keyframe].session for v in views]
@@ -151,7 +151,7 @@ class SignPlaces:
     def _place(
         self, sighting: Sighting, views: Sequence[SignView], poses: Float64
     ) -> SignPlace | None:
-        """Return the place of a sighting; None where no wall tells which way the sign faces."""
+        """Return the place of a sighting; None if the direction of its wall is unknown."""
         at = sighting.point.position[:2]
         near = sorted({views[i].anchored.keyframe for i in sighting.views})
         normals = np.concatenate([self._normals(k, poses[k], at) for k in near])
@@ -167,7 +167,7 @@ class SignPlaces:
         return SignPlace(sighting.number, k, between(poses[k], pose), sign)
 
     def _normals(self, k: int, pose: Float64, at: Float64) -> Float64:
-        """Return the normals (N, 2) in map of what keyframe k saw near a point (2,) in map."""
+        """Return the normals (N, 2) in map of keyframe k's scan points near a point (2,) in map."""
         scan = self.keyframes[k].scan
         away = transform_points(pose, scan.points) - at
         near = np.hypot(away[:, 0], away[:, 1]) < FACING_DISTANCE
@@ -177,6 +177,6 @@ class SignPlaces:
 
 
 def is_far(pose: Float64, told: Float64) -> bool:
-    """Return whether a sign tells more than the estimate knows; poses (3,) of a keyframe."""
+    """Return whether a pose (3,) predicted by a sign differs from the estimate by enough."""
     away = between(pose, told)
     return bool(np.hypot(away[0], away[1]) > FAR_M or abs(away[2]) > FAR_RAD)

@@ -1,4 +1,4 @@
-"""Points from rays: the least-squares point of several, and the one that most of them agree on."""
+"""Triangulation of points from rays: least squares, and robust consensus."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 
 MIN_PARALLAX = 0.15
-"""Two rays with a smaller angle (rad) between them do not tell a point. Chosen: 9 deg; a bearing
-that is off by 0.3 deg puts the point 4 % of its distance further away."""
+"""Minimum angle (rad) between two rays for triangulation. Chosen: 9 deg; a bearing error of 0.3 deg
+changes the distance by 4 %."""
 
 MIN_RANGE, MAX_RANGE = 0.3, 15.0
-"""Nearest and furthest point (m) that is told from a picture (chosen)."""
+"""Minimum and maximum distance (m) of a point from a camera (chosen)."""
 
 RAY_CHI2 = 13.8
-"""Gate for the squared Mahalanobis distance of a point from a ray: 99.9 % of two degrees of
+"""Gate on the squared Mahalanobis distance of a point from a ray: 99.9 % of two degrees of
 freedom."""
 
 MAX_PAIRS = 400
-"""Pairs of rays that are tried at most, evenly chosen (chosen)."""
+"""Maximum number of pairs of rays to test, evenly spaced (chosen)."""
 
 ROUNDS = 3
-"""Solutions with the ranges of the solution before (chosen: the third moves nothing)."""
+"""Number of iterations of the ranges, which give the weights (chosen: the third has no effect)."""
 
 
 class Rays(NamedTuple):
@@ -34,9 +34,9 @@ class Rays(NamedTuple):
     origins, directions
         float64 (N, 3), m and unit vectors, in one frame.
     angle_variance
-        float64 (N,), of the direction about any axis across it, rad2.
+        float64 (N,), variance of the direction about any perpendicular axis, rad2.
     position_variance
-        float64 (N,), of the origin in any direction, m2.
+        float64 (N,), variance of the origin in any direction, m2.
     """
 
     origins: Float64
@@ -45,7 +45,7 @@ class Rays(NamedTuple):
     position_variance: Float64
 
     def of(self, index: Int64 | list[int]) -> Rays:
-        """Return some of the rays."""
+        """Return the rays of an index."""
         return Rays(*(column[index] for column in self))
 
     def chi2(self, point: Float64) -> Float64:
@@ -59,7 +59,7 @@ class Rays(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point by triangulation.
+    """A triangulated point.
 
     Attributes
     ----------
@@ -77,13 +77,13 @@ class Point(NamedTuple):
 def triangulate(rays: Rays) -> Point:
     """Return the point with the least sum of squared Mahalanobis distances from rays.
 
-    A ray tells the two directions across it; its weight follows from the range, which the round
-    before gives.
+    A ray constrains its two perpendicular directions. The weight depends on the range, which is
+    taken from the previous iteration.
 
     Parameters
     ----------
     rays
-        Two or more, not all parallel.
+        Two or more rays, not all parallel.
     """
     d = rays.directions
     across = np.eye(3) - d[:, :, None] * d[:, None, :]
@@ -104,21 +104,21 @@ def parallax(directions: Float64) -> float:
 
 
 def consensus(rays: Rays, min_rays: int) -> tuple[list[int], Point] | None:
-    """Return the rays that meet in one point, and that point: the point with the most rays.
+    """Return the largest set of rays that meet in one point, and that point.
 
-    Pairs of rays are tried; each ray counts by its squared distance from their point, up to the
-    gate (P. Torr and A. Zisserman, 2000, "MLESAC"). Rays to a second point are outliers.
+    Each pair of rays gives a candidate; each ray adds its squared distance from it, up to the gate
+    (P. Torr and A. Zisserman, 2000, "MLESAC"). Rays to another point are outliers.
 
     Parameters
     ----------
     rays
-        N of them.
+        N rays.
     min_rays
-        How many must meet.
+        Minimum number of inlier rays.
 
     Returns
     -------
-    Indices of the rays and the point; None where too few meet, or without the parallax.
+    Indices of the inlier rays and the point; None with too few inliers or too little parallax.
     """
     best: tuple[float, Float64] | None = None
     for i, j in _pairs(rays.directions):
@@ -143,7 +143,7 @@ def consensus(rays: Rays, min_rays: int) -> tuple[list[int], Point] | None:
 
 
 def _pairs(directions: Float64) -> list[list[int]]:
-    """Return pairs of rays with enough parallax, in order; at most `MAX_PAIRS`, evenly chosen."""
+    """Return pairs of rays with enough parallax, in order; at most `MAX_PAIRS`, evenly spaced."""
     angles = np.arccos(np.clip(directions @ directions.T, -1.0, 1.0))
     pairs = np.argwhere(np.triu(angles, 1) >= MIN_PARALLAX)
     if len(pairs) > MAX_PAIRS:

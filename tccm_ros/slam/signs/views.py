@@ -1,4 +1,4 @@
-"""Views of door signs: what pictures told, and the poses from which they were taken."""
+"""Views of door signs: measurements in pictures, and the poses of the base."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ PIXEL_SIGMA = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignView:
-    """A sign in one picture, and the pose from which it was taken.
+    """A sign measurement in one picture, and the pose of the base.
 
     Attributes
     ----------
     measurement
-        What the picture tells.
+        Measurement of the sign in the picture.
     anchored
-        The pose of the base at its stamp, relative to a keyframe.
+        Pose of the base at its stamp, relative to a keyframe.
     sign
-        Id of the sign that an earlier session found it to be; -1 where none did.
+        Id of the sign by an earlier session; -1 without one.
     """
 
     measurement: SignMeasurement
@@ -64,14 +64,14 @@ class SignView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureView:
-    """A picture in which signs were looked for, and the pose from which it was taken.
+    """A picture that was searched for signs, and the pose of the base.
 
     Attributes
     ----------
     picture
-        Its camera.
+        The searched picture.
     anchored
-        The pose of the base at its stamp, relative to a keyframe.
+        Pose of the base at its stamp, relative to a keyframe.
     """
 
     picture: SearchedPicture
@@ -89,9 +89,9 @@ def camera_poses(views: Sequence[PictureView | SignView], poses: Float64) -> Flo
     Parameters
     ----------
     views
-        N of them.
+        N views.
     poses
-        float64 (K, 3), of the keyframes in map.
+        float64 (K, 3), poses of the keyframes in map.
     """
     on = np.array([v.anchored.keyframe for v in views], np.int64)
     planar = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
@@ -101,22 +101,22 @@ def camera_poses(views: Sequence[PictureView | SignView], poses: Float64) -> Flo
 
 
 def sign_order(measurement: SignMeasurement) -> tuple[float, ...]:
-    """Return what measurements are sorted by: stamp and pixel."""
+    """Return the sort key of measurements: stamp and pixel."""
     return (measurement.stamp_ns, *measurement.pixel.tolist())
 
 
 def rays_of(views: Sequence[SignView], poses: Float64) -> Rays:
     """Return the rays of views in map.
 
-    The base rolls, pitches and moves up and down a little, as for `KeyframeView`; its planar pose
-    hangs on its keyframe with the covariance of the motion since.
+    The variances include the roll, pitch and z of a moving base, as in `KeyframeView`, and the
+    covariance of the motion since the keyframe.
 
     Parameters
     ----------
     views
-        N of them.
+        N views.
     poses
-        float64 (K, 3), of the keyframes in map.
+        float64 (K, 3), poses of the keyframes in map.
     """
     sigma_z, sigma_roll, _ = Z_ROLL_PITCH_SIGMAS
     T = camera_poses(views, poses)

@@ -1,4 +1,4 @@
-"""Which wall a door sign is fixed to, and whether one is in front of it."""
+"""Walls of door signs, and occlusion of signs by walls."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.slam.walls.association import WallTable
 
 MAX_WALL_DISTANCE = 0.15
-"""Maximum distance (m) of a sign from its wall. Chosen: plates stick out, and a triangulated point
-is off by centimetres."""
+"""Maximum distance (m) of a sign from its wall. Chosen: plates stand out from the wall, and a
+triangulated point has an error of centimetres."""
 
 MAX_BEYOND_END = 0.3
-"""Maximum distance (m) of a sign from the seen part of its wall, along the wall (chosen: beside a
-door's frame)."""
+"""Maximum distance (m) of a sign from the observed part of its wall, along the wall (chosen: the
+width beside a door's frame)."""
 
 MIN_BEHIND = 0.3
-"""A point further than this (m) behind a wall that its cameras faced is a reflection in it. Chosen:
-beyond what triangulation and the association with a wall allow."""
+"""Distance (m) of a point behind a wall facing its cameras from which it is a reflection. Chosen:
+more than the errors of triangulation and of the association with a wall."""
 
 
 def wall_of_sign(position: Float64, origin: Float64, walls: WallTable) -> int:
-    """Return the index of the nearest wall that a sign can be fixed to, -1 for none.
+    """Return the index of the nearest wall that a sign may be fixed to, -1 for none.
 
     Parameters
     ----------
     position
         float64 (3,), of the sign in map.
     origin
-        float64 (3,), of who sees it: a wall has one side.
+        float64 (3,), position of the observer: a wall has one side.
     walls
-        In map.
+        Walls in map.
     """
     if not len(walls):
         return -1
@@ -41,16 +41,16 @@ def wall_of_sign(position: Float64, origin: Float64, walls: WallTable) -> int:
 
 
 def is_behind_wall(position: Float64, origins: Float64, walls: WallTable) -> bool:
-    """Return whether most cameras see a point through a wall: as a reflection in it.
+    """Return whether most cameras see a point through a wall, as a reflection in it.
 
     Parameters
     ----------
     position
         float64 (3,), in map.
     origins
-        float64 (N, 3), of the cameras.
+        float64 (N, 3), positions of the cameras.
     walls
-        In map.
+        Walls in map.
     """
     depth = _beyond(position, walls)
     crossed = 0
@@ -64,16 +64,16 @@ def is_behind_wall(position: Float64, origins: Float64, walls: WallTable) -> boo
 
 
 def is_hidden(position: Float64, origins: Float64, walls: WallTable) -> Bool:
-    """Return from which cameras a wall of the map hides a sign, bool (N,).
+    """Return a mask of the cameras from which a wall of the map occludes a sign, bool (N,).
 
     Parameters
     ----------
     position
-        float64 (3,), of the sign in map; its own wall, within `MAX_WALL_DISTANCE`, hides nothing.
+        float64 (3,), of the sign in map; its own wall, within `MAX_WALL_DISTANCE`, is ignored.
     origins
-        float64 (N, 3), of the cameras.
+        float64 (N, 3), positions of the cameras.
     walls
-        In map.
+        Walls in map.
     """
     depth = _beyond(position, walls)
     hidden = np.zeros(len(origins), bool)
@@ -87,12 +87,12 @@ def is_hidden(position: Float64, origins: Float64, walls: WallTable) -> Bool:
 
 
 def _beyond(point: Float64, walls: WallTable) -> Float64:
-    """Return how far a point (3,) is beyond walls, seen from their viewers, float64 (W,)."""
+    """Return the distance of a point (3,) behind each wall, seen from its observers, (W,)."""
     return np.asarray(point[0] * np.cos(walls.phi) + point[1] * np.sin(walls.phi) - walls.rho)
 
 
 def _is_within(points: Float64, walls: WallTable, margin: float) -> Bool:
-    """Return whether points (3,) or (W, 3) are beside the seen part of each wall, bool (W,)."""
+    """Return whether points (3,) or (W, 3) are within the extent of each wall, bool (W,)."""
     along = -points[..., 0] * np.sin(walls.phi) + points[..., 1] * np.cos(walls.phi)
     low, high = walls.extent[:, 0] - margin, walls.extent[:, 1] + margin
     return np.asarray((along >= low) & (along <= high))

@@ -1,1 +1,1 @@
-"""Walls: from the lines of level scans to landmarks of the graph."""
+"""Walls: from lines of level scans to landmarks of the graph."""

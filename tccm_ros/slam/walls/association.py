@@ -1,9 +1,9 @@
-"""Data association of walls: assigning the lines of all keyframes to walls.
+"""Data association of walls: assign the lines of all keyframes to walls.
 
-Association runs over all keyframes in order, on poses that are already optimised without walls, so
-that it does not depend on when a scan arrived. A wall is the pooled moments of its segments: adding
-a segment is exact, and the least-squares line of all of them follows directly. Each side of a wall
-is a wall of its own, because a scan sees one side.
+Association goes over all keyframes in order, with poses optimised without walls, so that it does
+not depend on the arrival of scans. A wall is the pooled moments of its segments: adding a segment
+is exact, and gives the least-squares line of all. The two sides of a wall are two walls, because a
+scan observes one side.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from tccm_ros.slam.walls.merging import merge_walls
 from tccm_ros.slam.walls.pooled import POOLED, extend_pooled, pool_segment
 
 JOINT_CHI2_PER_LINE = 6.0
-"""Maximum chi-square per line of the joint fit of a scan's lines to their walls with one common
-correction of the pose; beyond, the worst line is dropped (chosen)."""
+"""Maximum chi-square per line in the joint fit of a scan's lines to their walls with one common
+pose correction; beyond it, the worst line is dropped (chosen)."""
 
 MAX_DPHI = 0.35
 """Maximum angle (rad) between a line and its wall, whatever its variance (chosen)."""
 
 GATE_SIGMAS, GATE_CHI2 = 3.0, 9.2
-"""Standard deviations in ``walls.gate_distance`` and ``walls.gate_angle``; gate for the squared
+"""Standard deviations in ``walls.gate_distance`` and ``walls.gate_angle``, and gate on the squared
 Mahalanobis distance: 99 % of two degrees of freedom."""
 
 JOINT_GATE_SIGMAS = 6.0
@@ -47,14 +47,13 @@ class WallTable:
     keyframe, line
         int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`.
     wall
-        int64 (M,), index of the wall; -1 for an observation of no confirmed wall.
+        int64 (M,), index of the wall; -1 for an observation without confirmed wall.
     phi, rho
-        float64 (W,), of each wall in map as pooled, phi on the side away from the viewers.
+        float64 (W,), pooled line of each wall in map; phi points away from the observers.
     extent
-        float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
+        float64 (W, 2), minimum and maximum position along the tangent (-sin phi, cos phi), m.
     roughness
-        float64 (W,), standard deviation of its lines across the wall, m, without the slow errors
-        of poses.
+        float64 (W,), standard deviation of its lines across the wall, m, without slow pose errors.
     """
 
     keyframe: Int64
@@ -69,16 +68,16 @@ class WallTable:
         return len(self.phi)
 
     def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
-        """Return the table with other walls for its observations (-1: none).
+        """Return the table with new walls for its observations (-1: none).
 
-        Walls that fewer than `min_keyframes` keyframes see are removed; the others are renumbered
-        in their order.
+        Walls observed by fewer than `min_keyframes` keyframes are removed; the others are
+        renumbered in order.
         """
         pairs = np.unique(np.stack([wall, self.keyframe], axis=1)[wall >= 0], axis=0)
         seen = np.bincount(pairs[:, 0], minlength=len(self))
         keep = seen >= min_keyframes
         number = np.where(keep, np.cumsum(keep) - 1, -1)
-        # The entry at the end is for observations of no wall (-1), also where there is no wall.
+        # The last entry is for observations without a wall (-1); it also exists without walls.
         renumbered = np.append(number, -1)[wall]
         return WallTable(
             self.keyframe,
@@ -92,10 +91,10 @@ class WallTable:
 
 
 def min_confirmations(config: Config, keyframes: int) -> int:
-    """Return how many keyframes must see a wall.
+    """Return the minimum number of keyframes of a confirmed wall.
 
-    Half of them are enough where a robot has made few: one that stands still has a single keyframe
-    and sees walls as well.
+    It is at most half the number of keyframes: a robot at rest has a single keyframe and sees walls
+    as well.
     """
     return max(1, min(config.walls.min_observations, (keyframes + 1) // 2))
 
@@ -106,12 +105,12 @@ class WallAssociation:
     Parameters
     ----------
     config
-        ``walls.*``.
+        Group ``walls``.
 
     Attributes
     ----------
     keyframe, line, wall
-        int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`, and is of the wall
+        int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`, assigned to the wall
         `wall[m]`, confirmed or not; -1 for a line that fits none and begins none.
     """
 
@@ -128,11 +127,11 @@ class WallAssociation:
         Parameters
         ----------
         first
-            Id of the first of them.
+            Id of the first new keyframe.
         poses
-            float64 (K, 3), their planar poses.
+            float64 (K, 3), planar poses of the new keyframes.
         lines
-            Their lines, K of them, in base frames.
+            Lines of the K new keyframes, in base frames.
         """
         counts = np.array([len(x) for x in lines], np.int64)
         keyframe = np.repeat(np.arange(len(lines)), counts)
@@ -151,14 +150,14 @@ class WallAssociation:
         self.line, self.wall = np.append(self.line, line), np.append(self.wall, wall)
 
     def merge(self, thickness: float) -> None:
-        """Merge walls that were seen along one stretch, nearer to each other than a thickness (m).
+        """Merge walls with a common stretch whose distance is less than a thickness (m).
 
-        Walls that became part of others have no observations any more.
+        Merged walls have no observations afterwards.
         """
         self.wall = merge_walls(self._ends, self.wall, self._pooled, thickness)
 
     def table(self) -> WallTable:
-        """Return all walls, those that are not confirmed as well."""
+        """Return all walls, including unconfirmed ones."""
         pooled = self._pooled
         extent = np.stack([pooled["low"], pooled["high"]], axis=1)
         return WallTable(
@@ -169,8 +168,8 @@ class WallAssociation:
     def _roughness(self) -> Float64:
         """Return the roughness of each wall, float64 (W,), m.
 
-        It follows from the steps across the wall from one segment to the next in time: half their
-        mean square (von Neumann). The errors of poses change slowly, and hardly count.
+        It is computed from the steps across the wall between segments consecutive in time: half
+        their mean square (von Neumann). Slow pose errors hardly contribute.
         """
         segment = np.flatnonzero(self.wall >= 0)
         wall = self.wall[segment]
@@ -186,16 +185,16 @@ class WallAssociation:
 
 
 def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> WallTable:
-    """Assign the lines of all keyframes to walls that enough of them confirm.
+    """Assign the lines of all keyframes to walls with enough confirmations.
 
     Parameters
     ----------
     poses
         float64 (K, 3), optimised planar poses of the keyframes.
     lines
-        Their lines, K of them, in base frames.
+        Lines of the K keyframes, in base frames.
     config
-        ``walls.*``.
+        Group ``walls``.
     """
     association = WallAssociation(config)
     association.add(0, poses, lines)
@@ -204,7 +203,7 @@ def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> W
 
 
 class _Segments(NamedTuple):
-    """Lines of all keyframes in map, in the order of these.
+    """Lines of all keyframes in map, in the order of keyframes.
 
     Attributes
     ----------
@@ -213,7 +212,7 @@ class _Segments(NamedTuple):
     ends, phi, v_phi
         float64 (N, 2, 2), (N,) and (N,): endpoints, direction of the normal and its variance.
     centre
-        float64 (N, 2), where the keyframe is.
+        float64 (N, 2), position of the keyframe.
     """
 
     keyframe: Int64
@@ -235,7 +234,7 @@ class _Gates(NamedTuple):
 def _mismatch(
     w: Any, segments: _Segments, i: int, gates: _Gates
 ) -> float:  # pragma: no cover - compiled
-    """Return the squared Mahalanobis distance of segment i to a wall, inf outside the gate."""
+    """Return the squared Mahalanobis distance of segment i from a wall, inf outside the gate."""
     a, b = segments.ends[i, 0], segments.ends[i, 1]
     dphi = segments.phi[i] - w.phi
     dphi = np.arctan2(np.sin(dphi), np.cos(dphi))
@@ -256,10 +255,9 @@ def _mismatch(
 def _associate(
     segments: _Segments, gates: _Gates, known: Any
 ) -> tuple[Int64, Any]:  # pragma: no cover - compiled
-    """Walk over the keyframes: choose the nearest wall for each line, check, pool.
+    """Return the wall of each line or -1, and all walls with dtype `POOLED`, known ones first.
 
-    Returns the wall of each line, or -1, and the walls with dtype `POOLED`, those known before
-    first.
+    Keyframes are processed in order: choose the nearest wall for each line, check, pool.
     """
     keyframe, n = segments.keyframe, len(segments.keyframe)
     wall = np.full(n, -1, np.int64)
@@ -295,7 +293,7 @@ def _associate(
 def _keep_compatible(
     wall: Int64, lines: range, segments: _Segments, pooled: Any, gates: _Gates
 ) -> None:  # pragma: no cover - compiled
-    """Mark with -2 the lines that one common correction of the pose cannot explain."""
+    """Mark with -2 the lines that are inconsistent with a common pose correction."""
     J, r = np.zeros(3), 0.0
     s_d, s_a = gates.distance / JOINT_GATE_SIGMAS, gates.angle / JOINT_GATE_SIGMAS
     for _ in lines:
@@ -337,7 +335,7 @@ def _keep_compatible(
 def _residual(
     row: int, segments: _Segments, i: int, w: Any, J: Float64
 ) -> float:  # pragma: no cover - compiled
-    """Return offset (row 0) or angle (row 1) of line i against a wall, J its derivative."""
+    """Return the residual of line i: offset (row 0) or angle (row 1); write its derivative J."""
     nx, ny = np.cos(w.phi), np.sin(w.phi)
     if row == 1:
         J[0], J[1], J[2] = 0.0, 0.0, 1.0

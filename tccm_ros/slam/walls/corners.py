@@ -1,4 +1,4 @@
-"""Corners: points where two walls meet, from keyframes that saw both ends."""
+"""Corners: intersections of two walls, observed by keyframes that see both ends."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ JOINED = 0.25
 """Maximum distance (m) between the ends of two lines that meet (chosen)."""
 
 MIN_ANGLE = 0.5
-"""Minimum angle (rad) between walls that meet: nearly parallel ones have no point in common
-(chosen)."""
+"""Minimum angle (rad) between two walls of a corner: the intersection of nearly parallel walls is
+undefined (chosen)."""
 
 POINT_SIGMA = 0.03
-"""Standard deviation (m) of a corner seen as the end of a line: the last beam hits short of it
+"""Standard deviation (m) of a corner observed as the end of a line, as the last beam hits before it
 (chosen: the distance between beams at a few metres)."""
 
 THROUGH_SIGMA = 0.01
 """Standard deviation (m) of the distance of a wall from its corner (chosen)."""
 
 EXACT_SIGMA = 0.001
-"""The same (m) where the corner is the wall's endpoint, so that both have one position: a thirtieth
-of `POINT_SIGMA`. With a hundredth of that Levenberg-Marquardt does not converge in a flat
+"""The same (m) if the corner is the wall's endpoint, so that both have one position: a thirtieth of
+`POINT_SIGMA`. With a hundredth, Levenberg-Marquardt does not converge in a flat
 (``bench/mspace_corners.py``)."""
 
 
@@ -45,7 +45,7 @@ class Corner(NamedTuple):
     a, b
         Indices of the walls, a < b.
     keyframes
-        Ids of the keyframes that saw it.
+        Ids of the observing keyframes.
     points
         float64 (2,) for each of them: the corner in its base frame, m.
     """
@@ -57,7 +57,7 @@ class Corner(NamedTuple):
 
 
 def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -> list[Corner]:
-    """Find the corners that enough keyframes saw.
+    """Return the corners with enough observations.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -
     lines
         The lines of each keyframe, in its base frame.
     min_keyframes
-        Keyframes that must see a corner.
+        Minimum number of observing keyframes.
 
     Returns
     -------
@@ -82,12 +82,12 @@ def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -
 def shared_ends(
     table: WallTable, lines: Sequence[Lines]
 ) -> defaultdict[tuple[int, int], tuple[list[int], list[Float64]]]:
-    """Return where keyframes saw the ends of two walls meet.
+    """Return the observations of two wall ends that meet.
 
     Parameters
     ----------
     table, lines
-        As for `find_corners`.
+        As in `find_corners`.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def shared_ends(
 
 
 def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
-    """Return the middle (2,) of two line ends that meet, or None."""
+    """Return the midpoint (2,) of two line ends that meet, or None."""
     dphi = lines.phi[i] - lines.phi[j]
     if abs(np.sin(dphi)) < np.sin(MIN_ANGLE):
         return None
@@ -126,8 +126,8 @@ def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
 def uses_corners(config: Config) -> bool:
     """Return whether corners are landmarks of the graph.
 
-    Matching places a scan by all its beams, those of corners among them. Where it does, corners add
-    nothing but the noise of the last beams of lines.
+    Matching uses all beams of a scan, including those at corners. With matching, corners only add
+    the noise of the last beams of lines.
     """
     walls = config.walls
     if not walls.enabled or walls.corners == "none":
@@ -142,24 +142,24 @@ def corner_factors(
     config: Config,
     numbers: Iterable[int] | None = None,
 ) -> list[Factor]:
-    """Return the factors that make each corner one point of two walls.
+    """Return the factors that make each corner a common point of two walls.
 
-    As endpoints (``walls.corners: endpoint``), a wall is where its corners are: its parameters are
-    functions of the corners' positions, which it has in common with other walls. That is the form
+    With ``walls.corners: endpoint``, a wall is determined by its corners: its parameters are
+    functions of the corners' positions, which it has in common with other walls. This is the form
     of the surface mapping paper (III.C), whose walls are features of the M-space.
 
     Parameters
     ----------
     corners
-        As found.
+        Corners from `find_corners`.
     table
-        The walls; their directions say along which normal a wall is constrained.
+        The walls; their directions give the normals along which they are constrained.
     keys
         Variables of all keyframes.
     config
-        ``walls.corners``.
+        Parameter ``walls.corners``.
     numbers
-        Of the corners whose factors are wanted; all by default.
+        Indices of the corners to return factors for; all by default.
     """
     is_exact, factors = config.walls.corners == "endpoint", list[Factor]()
     ends = _endpoints(corners, table) if is_exact else set()
@@ -168,7 +168,7 @@ def corner_factors(
         walls = [w for w in (corner.a, corner.b) if not is_exact or (w, n) in ends]
         if not walls:
             continue
-        # All observations of one corner end at the same last beam: together they count as one.
+        # All observations of a corner end at the same last beam: together they count as one.
         sigma = POINT_SIGMA * float(np.sqrt(len(corner.points)))
         for k, point in zip(corner.keyframes, corner.points):
             factors.append(CornerObservation(keys[k], key, point, sigma))
@@ -179,7 +179,7 @@ def corner_factors(
 
 
 def _endpoints(corners: Sequence[Corner], table: WallTable) -> set[tuple[int, int]]:
-    """Return pairs of a wall and the corner, by their numbers, that is the outermost at one end."""
+    """Return pairs of a wall and the index of its outermost corner at one end."""
     outermost: dict[tuple[int, bool], tuple[float, int]] = {}
     for n, corner in enumerate(corners):
         pair = [corner.a, corner.b]
@@ -193,6 +193,6 @@ def _endpoints(corners: Sequence[Corner], table: WallTable) -> set[tuple[int, in
 
 
 def meeting_point(phi: ArrayLike, rho: ArrayLike) -> Float64:
-    """Return the point (2,) that two lines (phi, rho) have in common."""
+    """Return the intersection (2,) of two lines (phi, rho)."""
     normals = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     return np.asarray(np.linalg.solve(normals, np.asarray(rho, float)))

@@ -1,8 +1,8 @@
-"""Walls to which lines are added while driving, between two batches.
+"""Walls that are extended while driving, between two batches.
 
-A batch assigns the lines of all keyframes. Here those of new keyframes are assigned to the groups
-of lines that there are. A group that was a wall of the batch stays that wall, one that the batch
-did not find to be a plane stays none, and one that enough keyframes have seen by now is a new wall.
+A batch assigns the lines of all keyframes. Here the lines of new keyframes are assigned to the
+existing groups of lines. A group that was a wall of the batch remains that wall; one that the batch
+rejected as not planar remains rejected; and one with enough keyframes by now becomes a new wall.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from tccm_ros.slam.walls.corners import Corner, shared_ends
 from tccm_ros.slam.walls.lines import Lines
 
 MORE_SIGHTINGS, MAX_SIGHTINGS = 1.2, 100
-"""A corner takes what was seen of it since, once it has so many times as many sightings. All its
-sightings together count as one (`corner_factors`): more than this many hardly move it (chosen)."""
+"""A corner is updated when its number of sightings has grown by this factor. All its sightings
+together count as one (`corner_factors`): more than this number hardly move it (chosen)."""
 
 NO_WALL, REJECTED = -1, -2
-"""Of a group of lines: too few keyframes have seen it yet, and it is not one plane."""
+"""States of a group of lines: not enough keyframes yet, and not planar."""
 
 
 class GrowingWalls:
-    """The walls and corners of a batch, and what was added to them.
+    """The walls and corners of a batch, extended by new observations.
 
     Parameters
     ----------
     table, corners
-        Of the batch.
+        Result of the batch.
     poses, lines
-        float64 (K, 3), its keyframes, and their lines.
+        float64 (K, 3), poses of the batch's keyframes, and their lines.
     config
-        ``walls.*``.
+        Group ``walls``.
 
     Attributes
     ----------
     table
         Walls and their observations; new walls come last.
     corners
-        New ones come last.
+        Corners; new ones come last.
     """
 
     def __init__(
@@ -58,16 +58,16 @@ class GrowingWalls:
         self._config = config
         self._association = WallAssociation(config)
         self._association.add(0, poses, lines)
-        # Of each group of lines: the wall that it is, and the keyframes that saw it.
+        # For each group of lines: its wall, and the keyframes that observed it.
         self._walls: list[int] = []
         self._seen: list[set[int]] = []
-        # All sightings of the ends of two walls, and the numbers of those that are corners.
+        # All observations of meeting wall ends, and the indices of those that are corners.
         self._meetings = shared_ends(table, lines)
         self._numbers = {(c.a, c.b): number for number, c in enumerate(corners)}
         self._name_groups(min_confirmations(config, len(lines)))
 
     def _name_groups(self, confirmations: int) -> None:
-        """Find which groups are the walls of the batch: most of their lines tell."""
+        """Find the groups that are walls of the batch, by majority of their lines."""
         for g in range(len(self._association.table())):
             members = self._association.wall == g
             of_batch = self.table.wall[members]
@@ -84,15 +84,14 @@ class GrowingWalls:
         Parameters
         ----------
         poses, lines
-            float64 (K, 3) of all keyframes, and their lines.
+            float64 (K, 3), poses of all keyframes, and their lines.
         first
-            The first new one.
+            Index of the first new keyframe.
 
         Returns
         -------
-        int64 (N,), the observations in `table` that are of a wall now, in the order of their
-        keyframes: lines of new keyframes, and earlier ones of new walls; and the numbers of the
-        corners that are new or have changed
+        int64 (N,), rows of `table` with new observations of walls, in the order of keyframes: lines
+        of new keyframes, and earlier lines of new walls; and the indices of new or changed corners
         """
         before, known = len(self._association.wall), len(self.table)
         self._association.add(first, poses[first:], lines[first:])
@@ -105,16 +104,16 @@ class GrowingWalls:
         return rows, self._add_corners(self.observations(beside), lines, first, known)
 
     def observations(self, rows: Int64) -> WallTable:
-        """Return the walls with some of their observations alone."""
+        """Return the table with a subset of its observations."""
         table = self.table
         return replace(
             table, keyframe=table.keyframe[rows], line=table.line[rows], wall=table.wall[rows]
         )
 
     def without(self, rows: Int64, is_outlier: Bool, known: int) -> Int64:
-        """Take outliers out of the walls that are older than `known`; return which rows went.
+        """Remove outliers of walls older than `known`; return the indices of removed rows.
 
-        A new wall keeps what confirmed it.
+        Observations that confirmed a new wall are kept.
         """
         gone = is_outlier & (self.table.wall[rows] < known)
         wall = self.table.wall.copy()
@@ -123,7 +122,7 @@ class GrowingWalls:
         return np.flatnonzero(gone)
 
     def _named(self, before: int) -> Int64:
-        """Return the wall of each observation, of which `before` are not new."""
+        """Return the wall of each observation; the first `before` are not new."""
         group, keyframe = self._association.wall, self._association.keyframe
         count = len(self._association.table()) - len(self._walls)
         self._walls += [NO_WALL] * count
@@ -142,7 +141,7 @@ class GrowingWalls:
         return wall
 
     def _pooled(self, wall: Int64) -> WallTable:
-        """Return the walls as their lines say now; of groups that are one wall, the largest."""
+        """Return the walls with updated lines; of several groups of a wall, use the largest."""
         groups, last = self._association.table(), self.table
         count = max(len(last), max(self._walls, default=-1) + 1)
         phi, rho, extent = np.zeros(count), np.zeros(count), np.zeros((count, 2))
@@ -160,16 +159,16 @@ class GrowingWalls:
     def _add_corners(
         self, observations: WallTable, lines: Sequence[Lines], first: int, known: int
     ) -> list[int]:
-        """Add sightings by new keyframes or of new walls; return which corners they change.
+        """Add sightings by new keyframes or of new walls; return the indices of changed corners.
 
         Parameters
         ----------
         observations
-            Of all walls, by these keyframes and those that saw new walls.
+            Observations of all walls by new keyframes and by those that observed new walls.
         lines
-            Of all keyframes.
+            Lines of all keyframes.
         first, known
-            The first new keyframe, and the first new wall.
+            Index of the first new keyframe, and of the first new wall.
         """
         enough = min_confirmations(self._config, len(lines))
         changed = []

@@ -1,4 +1,4 @@
-"""Walls as landmarks of the graph: factors of their observations, and the optimised walls."""
+"""Walls as landmarks of the graph: observation factors, and optimised walls."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from tccm_ros.slam.walls.line_noise import line_covariance
 from tccm_ros.slam.walls.lines import Lines
 
 MAX_SNAP = 0.3
-"""Maximum distance (m) of the end of a wall from the corner that it is moved to (chosen)."""
+"""Maximum distance (m) between the end of a wall and the corner that it is moved to (chosen)."""
 
 MIN_SUPPORT = 0.6
-"""Fraction of the length of all walls that must agree on one direction, modulo a right angle
+"""Minimum fraction of the length of all walls that agree on one direction, modulo a right angle
 (chosen)."""
 
 MAX_DIRECTION_ERROR = 0.05
-"""Walls within this angle (rad) of that direction are constrained to it (chosen)."""
+"""Maximum angle (rad) of walls to that direction for the constraint (chosen)."""
 
 DIRECTION_SIGMA = 0.006
 """Standard deviation (rad) of a wall's direction in a building with right angles (chosen)."""
 
 DIRECTION_ROUNDS = 5
-"""Rounds of the estimate of that direction, without the walls that are far from it (chosen)."""
+"""Iterations of the estimate of that direction, each without the outliers (chosen)."""
 
 MIN_WALLS = 3
-"""Walls in a building for which right angles are looked for (chosen)."""
+"""Minimum number of walls for the structure prior (chosen)."""
 
 
 def wall_factors(
     table: WallTable, lines: Sequence[Lines], keys: Sequence[Key], config: Config
 ) -> list[Factor]:
-    """Return one factor for each observation of a confirmed wall.
+    """Return one factor per observation of a confirmed wall.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def wall_factors(
     keys
         Variables of all keyframes.
     config
-        ``walls.*``.
+        Group ``walls``.
     """
     factors: list[Factor] = []
     for k, i, w in zip(table.keyframe, table.line, table.wall):
@@ -67,7 +67,7 @@ def wall_factors(
 
 
 def structure_factors(table: WallTable) -> list[Factor]:
-    """Return soft factors that make walls parallel or perpendicular; none where few walls are."""
+    """Return soft factors that make walls parallel or perpendicular; none with too few walls."""
     if len(table) < MIN_WALLS:
         return []
     length = table.extent[:, 1] - table.extent[:, 0]
@@ -98,16 +98,16 @@ def wall_records(
     table
         Walls and their observations.
     corners
-        The points where they meet.
+        The corners of the walls.
     solution
-        Of the graph that holds them.
+        Solution of the graph that contains them.
     scale
         Factor on their covariances.
 
     Returns
     -------
     list of Wall
-        With phi in (-pi, pi] and rho >= 0.
+        Walls with phi in (-pi, pi] and rho >= 0.
     """
     counts = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
     planes = [solution.plane(wall_key(w)) for w in range(len(table))]
@@ -131,7 +131,7 @@ def wall_records(
 def _join_ends(
     corners: Sequence[Corner], phi: Sequence[float], rho: Sequence[float], ends: list[Float64]
 ) -> list[set[int]]:
-    """Move the ends of walls to their corners; return with which walls each has a corner."""
+    """Move the ends of walls to their corners; return the neighbours of each wall at corners."""
     joined: list[set[int]] = [set() for _ in ends]
     used: set[tuple[int, int]] = set()
     for corner in corners:
@@ -150,7 +150,7 @@ def _join_ends(
 
 
 def _endpoints(table: WallTable, w: int, phi: float, rho: float) -> Float64:
-    """Project the pooled extent onto the optimised line; return the endpoints (2, 2)."""
+    """Return the endpoints (2, 2): the pooled extent projected to the optimised line."""
     normal, tangent = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
     was = table.phi[w]
     old = table.rho[w] * np.array([np.cos(was), np.sin(was)])

@@ -1,8 +1,8 @@
-"""Pieces of curved surfaces among the segments of a scan: they are no walls.
+"""Detect segments of a scan that are pieces of curved surfaces, and hence no walls.
 
-Split and merge cuts a curve into chords. Where it cuts depends on noise and on where the laser
-stands, so that a chord is no surface that another scan sees again: among the chords of a round hall
-there is one for every direction, and each pose finds walls that agree with it.
+Split and merge cuts a curve into chords. The cuts depend on noise and on the position of the laser,
+so that another scan does not observe the same chords: a round hall has chords of every direction,
+and each pose finds matching walls.
 """
 
 from __future__ import annotations
@@ -13,38 +13,38 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.kernels import kernel
 
 MAX_RUN = 8
-"""Neighbours that one arc may explain, at most (chosen: a longer curve is several arcs)."""
+"""Maximum number of adjacent segments of one arc (chosen: a longer curve is several arcs)."""
 
 LINE_PARAMETERS, ARC_PARAMETERS = 2, 3
-"""Free parameters of a shape; where it ends is one more."""
+"""Free parameters of a shape, without its end."""
 
 MIN_SIGMA = 1e-4
-"""Noise of a point across its surface, at least, m (chosen: of points without noise)."""
+"""Minimum noise of a point across its surface, m (chosen: for noise-free points)."""
 
 
 @kernel
 def curved_segments(
     beams: Float64, labels: Int32, max_gap: float, min_bend: float
 ) -> Bool:  # pragma: no cover - compiled
-    """Tell which segments are pieces of a curve.
+    """Return a mask of the segments that are pieces of a curve.
 
-    Runs of neighbours are explained by a line for each, by one line, or by one arc, whichever has
-    the smallest Bayesian information criterion over the scan (Schwarz 1978, "Estimating the
-    dimension of a model"; by dynamic programming). Pieces of an arc that bends are pieces of a
-    curve. The arc is a parabola here, which differs by a millimetre over a tenth
-    of a circle. The noise is what the lines of all pieces leave.
+    Runs of adjacent segments are modelled by one line each, by one common line, or by one arc,
+    whichever minimises the Bayesian information criterion over the scan (Schwarz 1978, "Estimating
+    the dimension of a model"; by dynamic programming). Pieces of an arc with enough bend are pieces
+    of a curve. The arc is approximated by a parabola, with an error of a millimetre over a tenth of
+    a circle. The noise is estimated from the residuals of all lines.
 
     Parameters
     ----------
     beams
         float64 (B, 2), m, in beam order.
     labels
-        int32 (B,), as of `split_segments`: segments in beam order, or -1.
+        int32 (B,), from `split_segments`: segments in beam order, or -1.
     max_gap
-        Largest distance between neighbours, m.
+        Maximum distance between adjacent points, m.
     min_bend
-        Pieces are of one wall where the arc bends by less (rad) from the middle of the first to the
-        middle of the last.
+        Minimum bend of an arc (rad) from the middle of the first piece to the middle of the last;
+        with less bend, the pieces are of one wall.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def curved_segments(
         return curved
     variance = _variance(points, starts)
     parameter = np.log(max(len(points), 2))
-    # The least cost of the pieces before each, the run that ends there, and whether it is an arc.
+    # Minimum cost of the pieces before each, length of the run that ends there, and whether an arc.
     costs, runs, arcs = np.zeros(count + 1), np.ones(count + 1, np.int64), curved.copy()
     for end in range(1, count + 1):
         costs[end] = np.inf
@@ -87,9 +87,9 @@ def curved_segments(
 def _by_segment(
     beams: Float64, labels: Int32
 ) -> tuple[Float64, Int64]:  # pragma: no cover - compiled
-    """Return the points of all segments, one after the other, and where each starts.
+    """Return the points of all segments, concatenated, and the start of each.
 
-    A scan may wrap around within a segment: its points begin where the label does.
+    If the scan wraps around within a segment, its points begin where the label begins.
     """
     n, count = len(beams), 0
     for i in range(n):
@@ -124,7 +124,7 @@ def _variance(points: Float64, starts: Int64) -> float:  # pragma: no cover - co
 
 @kernel
 def _gap(points: Float64, i: int) -> float:  # pragma: no cover - compiled
-    """Return the distance of a point from the one before it."""
+    """Return the distance of a point from the previous one."""
     return np.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
 
 
@@ -137,7 +137,7 @@ def _length(points: Float64) -> float:  # pragma: no cover - compiled
 def _residuals(points: Float64) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Return the squared residuals of a line and of a parabola, m2, and its curvature, 1/m.
 
-    Both are least squares across the chord from the first point to the last.
+    Both are least-squares fits across the chord from the first point to the last.
     """
     length = max(_length(points), 1e-9)
     c, s = (points[-1, 0] - points[0, 0]) / length, (points[-1, 1] - points[0, 1]) / length
@@ -155,7 +155,7 @@ def _residuals(points: Float64) -> tuple[float, float, float]:  # pragma: no cov
         ty, tty, y2 = ty + t * y, tty + tt * y, y2 + y * y
     t2 = max(t2, 1e-12)
     line = max(y2 - ty * ty / t2, 0.0)
-    # The square of t, without what a line explains of it: its square sum, and its sum with y.
+    # t^2 after subtraction of its linear fit: sum of squares, and sum of products with y.
     qq = max(t4 - t2 * t2 / n - t3 * t3 / t2, 1e-18)
     qy = tty - t3 * ty / t2
     return line, max(line - qy * qy / qq, 0.0), abs(2.0 * qy / qq)

@@ -1,4 +1,4 @@
-"""Total-least-squares fit of segments, with their covariances in (phi, rho)."""
+"""Total-least-squares fit of segments, with covariance of (phi, rho)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SEGMENT = np.dtype(
         ("count", np.int64),
     ]
 )
-"""A fitted segment, as `Lines` holds it."""
+"""A fitted segment, with the fields of `Lines`."""
 
 MIN_INCIDENCE = 0.15
-"""Minimum |cos| of the angle between beam and normal: at grazing incidence, bearing noise takes
-over (chosen)."""
+"""Minimum |cos| of the angle between beam and normal: at grazing incidence, bearing noise dominates
+(chosen)."""
 
 
 @kernel
@@ -34,7 +34,7 @@ def fit_segments(
     min_points: int,
     min_length: float,
 ) -> Any:  # pragma: no cover - compiled
-    """Fit a segment to the points of each label, if it has enough points and is long enough.
+    """Fit a segment to the points of each label, if it has enough points and length.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def fit_segments(
     labels
         int32 (B,), the segment of each beam, or -1.
     origin, sigma
-        As for `fit_segment`.
+        As in `fit_segment`.
     min_points, min_length
         Minimum number of points and length (m) of a segment.
 
@@ -81,24 +81,24 @@ def fit_segments(
 def fit_segment(
     points: Float64, origin: Float64, sigma: float, segment: Any
 ) -> None:  # pragma: no cover - compiled
-    """Fit a line to points and write it into `segment`.
+    """Fit a line to points and write it to `segment`.
 
-    The noise of a range moves a point along its beam: across the line it counts with the cosine
-    of the incidence. With yc the offset of the points' centre along the tangent, v_phi the
-    variance of the angle and v_perp that of the offset at the centre, the covariance of
-    (phi, rho) is [[v_phi, yc v_phi], [yc v_phi, v_perp + yc^2 v_phi]]
-    (docs/design/wall_slam.md, "Noise of a line").
+    Range noise moves a point along its beam; its component across the line is multiplied by the
+    cosine of the incidence. With yc the offset of the points' centre along the tangent, v_phi the
+    variance of the angle and v_perp that of the offset at the centre, the covariance of (phi, rho)
+    is [[v_phi, yc v_phi], [yc v_phi, v_perp + yc^2 v_phi]] (docs/design/wall_slam.md, "Noise of a
+    line").
 
     Parameters
     ----------
     points
         float64 (N, 2), N >= 2.
     origin
-        float64 (2,), the laser; phi points away from it.
+        float64 (2,), position of the laser; phi points away from it.
     sigma
         Noise of a range, m.
     segment
-        An element of an array of dtype `SEGMENT`, receives the result.
+        Element of an array of dtype `SEGMENT`; written.
     """
     n = len(points)
     mx, my = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Where its wall is, as one line of a scan says, and how uncertain that is."""
+"""Covariance of a wall observation by a line of one scan."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from tccm_ros.slam.walls.lines import Lines
 
 
 def line_covariance(lines: Lines, i: int, config: Config, roughness: float = 0.0) -> Float64:
-    """Return the covariance (2, 2) of (phi, rho) with which line i says where its wall is.
+    """Return the covariance (2, 2) of (phi, rho) of line i as an observation of its wall.
 
-    Matching has used the same beams, so that the errors of both are correlated. Two estimates of
-    unknown correlation are added by covariance intersection with equal weights: the covariance of
-    a line is doubled (``walls.discount``), and the flatness of real walls is added: that of this
+    Matching has used the same beams, so that the errors of both are correlated. Two estimates with
+    unknown correlation are combined by covariance intersection with equal weights: the covariance
+    of a line is doubled (``walls.discount``). The flatness of real walls is added: that of this
     wall, `roughness` (m), or that of all (``walls.flatness``), whichever is larger.
     """
     discounted = lines.cov[i] * config.walls.discount
@@ -22,7 +22,7 @@ def line_covariance(lines: Lines, i: int, config: Config, roughness: float = 0.0
 
 
 def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:
-    """Return the covariance (2, 2) of (phi, rho) from a wall whose flatness has a `variance` (m2).
+    """Return the covariance (2, 2) of (phi, rho) due to a wall's flatness of a `variance` (m2).
 
     Over a segment of length L, a smooth deviation of one sigma shifts its centre by sigma and
     rotates it by about sqrt(12) sigma / L.

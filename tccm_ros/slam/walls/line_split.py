@@ -8,36 +8,36 @@ from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.kernels import kernel
 
 MIN_MERGE_COSINE = 0.996
-"""Cosine of the largest angle (5 deg) between pieces that are merged (chosen)."""
+"""Cosine of the maximum angle (5 deg) between merged pieces (chosen)."""
 
 MERGE_TOLERANCE = 1.5
-"""Distance of a point from the chord of merged pieces, in distances of a single one (chosen)."""
+"""Factor on the maximum distance of a point from the chord for merged pieces (chosen)."""
 
 
 @kernel
 def split_segments(
     beams: Float64, distance: float, max_gap: float, min_points: int
 ) -> Int32:  # pragma: no cover - compiled
-    """Label the points of each segment.
+    """Return the segment label of each point.
 
-    A run of points without a gap is split at the point farthest from the chord until every piece
-    is straight; neighbouring pieces that fit one line are merged again. The scan may wrap around:
-    the first and last run are one where they meet.
+    A run of points without a gap is split at the point farthest from the chord until each piece is
+    straight; adjacent pieces on one line are merged again. The scan may wrap around: the first and
+    last run are joined where they meet.
 
     Parameters
     ----------
     beams
         float64 (B, 2), m, in beam order.
     distance
-        Largest distance of a point from its segment's chord, m.
+        Maximum distance of a point from its segment's chord, m.
     max_gap
-        Largest distance between neighbours of a segment, m.
+        Maximum distance between adjacent points of a segment, m.
     min_points
-        Pieces with fewer points are not lines.
+        Minimum number of points of a segment.
 
     Returns
     -------
-    int32 (B,), a segment's index, or -1
+    int32 (B,), index of the segment, or -1
     """
     n = len(beams)
     labels = np.full(n, -1, np.int32)
@@ -65,7 +65,7 @@ def split_segments(
                 pieces[count, 0], pieces[count, 1] = a, b
                 count += 1
             elif b - a >= 2:
-                # Right part below, left on top: pieces come out in beam order.
+                # Push the right part first: pieces are popped in beam order.
                 stack[top + 1, 0], stack[top + 1, 1] = where, b
                 stack[top + 2, 0], stack[top + 2, 1] = a, where
                 top += 2
@@ -91,7 +91,7 @@ def _gap2(points: Float64, i: int, j: int) -> float:  # pragma: no cover - compi
 
 @kernel
 def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
-    """Return the first point: 0, or, where the scan closes on itself, the one after the first gap.
+    """Return the first point: 0, or, if the scan closes on itself, the one after the first gap.
 
     A closed scan without a gap begins at its farthest point, which is a corner.
     """
@@ -111,7 +111,7 @@ def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
 
 @kernel
 def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: no cover - compiled
-    """Return the largest distance from the chord a..b, and where."""
+    """Return the maximum distance from the chord a..b, and its index."""
     px, py = points[a, 0], points[a, 1]
     dx, dy = points[b, 0] - px, points[b, 1] - py
     length = np.sqrt(dx * dx + dy * dy)
@@ -122,7 +122,7 @@ def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: 
             if d > far:
                 far, where = d, i
         return far / length, where
-    # A closed run has no chord: the distance to its start takes its place.
+    # A closed run has no chord: use the distance to its start.
     for i in range(a + 1, b):
         d = _gap2(points, a, i)
         if d > far:
@@ -134,7 +134,7 @@ def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: 
 def _merge(
     points: Float64, pieces: Int64, start: int, count: int, distance: float
 ) -> int:  # pragma: no cover - compiled
-    """Merge neighbouring pieces of one run that are on one line."""
+    """Merge adjacent pieces of one run that are on one line; return their new number."""
     if count - start < 2:
         return count
     last = start

@@ -1,8 +1,8 @@
 """Line extraction from level scans (surface mapping paper, III.A.1), with full covariance.
 
 Split and merge labels the beams of each segment: it uses the order of the beams and is an order of
-magnitude faster than the paper's RANSAC, which is in `baselines.line_ransac`. Both labellings end
-in the same total-least-squares fit.
+magnitude faster than the paper's RANSAC, which is in `baselines.line_ransac`. Both labellings use
+the same total-least-squares fit.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from tccm_ros.slam.walls.line_fit import fit_segments
 from tccm_ros.slam.walls.line_split import split_segments
 
 MIN_PIECE = 4
-"""Points of a piece that tells where a curve goes: two more than a line has parameters."""
+"""Minimum number of points of a piece for curve detection: two more than the parameters of a
+line."""
 
 LabelBeams = Callable[[Float64, Config], Int32]
-"""Returns the segment of each beam, int32 (B,), or -1, for beams float64 (B, 2), m."""
+"""Function that returns the segment of each beam, int32 (B,), or -1, for beams float64 (B, 2),
+m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,14 +34,14 @@ class Lines:
     Attributes
     ----------
     phi, rho
-        float64 (L,), rad in (-pi, pi] and m >= 0: ``x cos phi + y sin phi = rho``, where phi points
-        from the laser through the line; rho is negative where the frame's origin lies beyond it.
+        float64 (L,), rad in (-pi, pi] and m: ``x cos phi + y sin phi = rho``, where phi points from
+        the laser through the line; rho is negative if the frame's origin is beyond it.
     cov
         float64 (L, 2, 2) of (phi, rho), with their correlation.
     endpoints
         float64 (L, 2, 2), m: first and last along the tangent (-sin phi, cos phi).
     count
-        int64 (L,), beams.
+        int64 (L,), number of beams.
     """
 
     phi: Float64
@@ -58,11 +60,11 @@ NO_LINES = Lines(
 
 
 def label_by_splitting(beams: Float64, config: Config) -> Int32:
-    """Label the beams of each segment by split and merge; pieces of curves have none."""
+    """Label the beams of each segment by split and merge; pieces of curves get none."""
     x = config.lines
-    # Pieces that are too short for a line tell as well that a surface is curved.
+    # Pieces that are too short for a line still contribute to the detection of curves.
     labels = split_segments(beams, x.distance, x.max_gap, min(MIN_PIECE, x.min_points))
-    # Of one wall are lines within the gate from its direction, on either side.
+    # Lines of one wall are within the gate from its direction, on either side.
     curved = curved_segments(beams, labels, x.max_gap, 2.0 * config.walls.gate_angle)
     return np.where(np.append(curved, True)[labels], np.int32(-1), labels)
 
@@ -70,18 +72,18 @@ def label_by_splitting(beams: Float64, config: Config) -> Int32:
 def extract_lines(
     beams: Float64, origin: Float64, config: Config, label: LabelBeams = label_by_splitting
 ) -> Lines:
-    """Find the line segments of a scan.
+    """Return the line segments of a scan.
 
     Parameters
     ----------
     beams
         float64 (B, 2), m, valid points in beam order.
     origin
-        float64 (2,), the laser.
+        float64 (2,), position of the laser.
     config
-        ``lines.*`` and ``matching.range_sigma``.
+        Group ``lines``, and ``matching.range_sigma``.
     label
-        Assigns beams to segments.
+        Function that assigns beams to segments.
     """
     x = config.lines
     beams = np.ascontiguousarray(beams, np.float64)

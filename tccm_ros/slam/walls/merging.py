@@ -1,10 +1,10 @@
-"""Merging of walls: pieces that several keyframes see on one line are one wall.
+"""Merging of walls: collinear pieces observed by several keyframes are one wall.
 
-Panels bow, lasers bend and poses err, so that the lines of one wall differ by some centimetres and
-degrees, and association begins a new wall with one that fits none. Of two surfaces that face the
-same side, one behind the other, a laser sees the one in front: what was seen along the same
-stretch, no further away than a wall is thick, is one wall. Surfaces side by side (the front of a
-cupboard, a door that is ajar) are walls of their own.
+Panels bow, lasers have bias and poses have errors, so that lines of one wall differ by some
+centimetres and degrees, and association begins a new wall for a line that fits none. Of two
+surfaces with the same orientation, one behind the other, a laser sees only the front one:
+observations of the same stretch within the thickness of a wall are therefore one wall. Adjacent
+surfaces (the front of a cupboard, a door that is ajar) remain separate walls.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from tccm_ros.kernels import kernel
 from tccm_ros.slam.walls.pooled import add_pooled, extend_pooled
 
 MIN_OVERLAP = 0.5
-"""Two walls were seen along one stretch if it is more than this fraction of the shorter one."""
+"""Minimum common fraction of the shorter of two walls for a common stretch."""
 
 BIN = 0.05
-"""Length (m) of a bin along a wall in which it was seen or not: a tenth of a line (chosen)."""
+"""Length (m) of a bin along a wall for its observed stretches: a tenth of a line (chosen)."""
 
 MIN_COSINE = 0.94
-"""Cosine of the angle (20 deg) between the lines of one wall, at least: as `MAX_DPHI` of
+"""Minimum cosine of the angle (20 deg) between the lines of one wall: as `MAX_DPHI` of
 association."""
 
 
@@ -42,18 +42,18 @@ def merge_walls(
 ) -> Int64:  # pragma: no cover - compiled
     """Merge walls in place; return the wall of each segment.
 
-    Each wall takes those that are one with it, the longest wall first.
+    Each wall absorbs those that are one with it, the longest wall first.
 
     Parameters
     ----------
     ends
         float64 (N, 2, 2), segments in map.
     wall
-        int64 (N,), the wall of each, or -1.
+        int64 (N,), wall of each segment, or -1.
     pooled
-        Walls of dtype `POOLED`; one that became part of another has no mass any more.
+        Walls of dtype `POOLED`; the mass of a merged wall becomes zero.
     thickness
-        Largest rms distance (m) between the lines of two walls where both were seen.
+        Maximum rms distance (m) between the lines of two walls over their common stretch.
     """
     wall, count = wall.copy(), len(pooled)
     members = _Members(np.full(count, -1), np.full(count, -1), np.full(len(wall), -1))
@@ -94,7 +94,7 @@ def _append(members: _Members, wall: int, first: int, last: int) -> None:  # pra
 def _are_one(
     a: int, b: int, ends: Float64, pooled: Any, members: _Members, thickness: float
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether two walls were seen along one stretch, and near to each other there."""
+    """Return whether two walls have a common stretch, and are close to each other there."""
     dphi = pooled[b].phi - pooled[a].phi
     if np.cos(dphi) < MIN_COSINE:
         return False
@@ -122,7 +122,7 @@ def _are_one(
 def _extent(
     wall: int, phi: float, ends: Float64, members: _Members
 ) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Return the lowest and highest position of a wall's segments along a tangent."""
+    """Return the minimum and maximum position of a wall's segments along a tangent."""
     nx, ny, low, high = np.cos(phi), np.sin(phi), np.inf, -np.inf
     i = members.first[wall]
     while i >= 0:
@@ -137,7 +137,7 @@ def _extent(
 def _seen(
     wall: int, phi: float, ends: Float64, members: _Members, first: float, bins: int
 ) -> Bool:  # pragma: no cover - compiled
-    """Return in which bins along a tangent, from `first` on, a wall has segments."""
+    """Return the bins along a tangent, from `first` on, in which a wall has segments."""
     nx, ny, seen = np.cos(phi), np.sin(phi), np.zeros(bins, np.bool_)
     i = members.first[wall]
     while i >= 0:

@@ -1,4 +1,4 @@
-"""Outlier rejection of wall observations and of walls that are not one plane."""
+"""Outlier rejection of wall observations, and of walls that are not planar."""
 
 from __future__ import annotations
 
@@ -18,35 +18,37 @@ from tccm_ros.slam.walls.landmarks import wall_factors
 from tccm_ros.slam.walls.lines import Lines
 
 OBSERVATION_CHI2 = 13.8
-"""Gate for the squared Mahalanobis distance of an observation from its wall: 99.9 % of two degrees
+"""Gate on the squared Mahalanobis distance of an observation from its wall: 99.9 % of two degrees
 of freedom."""
 
 MAX_OVER_MEDIAN = 10.0
-"""99.9 % quantile over median of a chi-square with two degrees of freedom: more is not noise."""
+"""99.9 % quantile over median of a chi-square with two degrees of freedom; larger ratios are no
+noise."""
 
 GATE_FACTOR, GATE_SIGMAS = 2.0, 3.0
-"""An observation further from the median of its wall than this many ``walls.gate_distance``, or
-than ``walls.gate_angle`` and this many standard deviations, has a wrong wall (chosen)."""
+"""An observation whose distance from the median of its wall exceeds the first times
+``walls.gate_distance``, or ``walls.gate_angle`` plus the second in standard deviations, has a wrong
+wall (chosen)."""
 
 PRIOR_FREEDOM, PRIOR_VARIANCE = 2.0, 0.05
-"""Prior on the unit variance, as degrees of freedom and their mean: covariances of factors are
-conservative, and a graph with little redundancy does not show by how much (chosen)."""
+"""Prior on the unit variance: degrees of freedom and mean. Covariances of factors are conservative,
+and a graph with little redundancy does not show by how much (chosen)."""
 
 WALL_CHI2 = 3.0
-"""Maximum mean of the squared Mahalanobis distances of a wall's observations (2 is expected):
-beyond, it is not one plane (chosen)."""
+"""Maximum mean squared Mahalanobis distance of a wall's observations (2 is expected); a wall beyond
+it is not planar (chosen)."""
 
 
 class CheckedWalls(NamedTuple):
-    """Walls without outliers, and how the graph's residuals compare with their covariances.
+    """Walls without outliers, and the ratio of the graph's residuals to their covariances.
 
     Attributes
     ----------
     table
         The walls.
     unit_variance
-        Sum of squared Mahalanobis distances over degrees of freedom: about 1 where the
-        covariances are right, less where they are conservative.
+        Sum of squared Mahalanobis distances over degrees of freedom: about 1 for correct
+        covariances, less for conservative ones.
     """
 
     table: WallTable
@@ -61,18 +63,18 @@ def check_walls(
     keys: Sequence[Key],
     config: Config,
 ) -> CheckedWalls:
-    """Take out observations that do not fit their wall, and walls that are not straight.
+    """Remove outliers among observations, and walls that are not straight.
 
     Parameters
     ----------
     table, lines
-        The walls as associated, and the lines of all keyframes.
+        The associated walls, and the lines of all keyframes.
     poses
-        float64 (K, 3), the keyframes as optimised without walls.
+        float64 (K, 3), poses of the keyframes optimised without walls.
     graph
-        With all factors but those of walls; these are added to it, if ``walls.enabled``.
+        Graph with all factors except those of walls, which are added if ``walls.enabled``.
     keys, config
-        As for `wall_factors`.
+        As in `wall_factors`.
     """
     walls = config.walls.enabled
     table = _without_wrong_labels(table, lines, poses, config) if walls else table
@@ -89,7 +91,7 @@ def check_walls(
     wall[used[(chi2 > OBSERVATION_CHI2) | crooked[wall[used]]]] = -1
     held = table.keep(wall, min_confirmations(config, keyframes))
     kept = held.wall[used] >= 0
-    # Each keyframe but the first has a between and a planar factor; the rest are loops.
+    # Each keyframe but the first has a between and a planar factor; the rest are loop closures.
     rest = 2.0 * float(solution.errors_of(range(first)).sum())
     rows = 3 * (first - keyframes) + 2 * int(kept.sum())
     freedom = rows - 3 * (keyframes - 1) - 2 * len(held)
@@ -99,10 +101,10 @@ def check_walls(
 def _without_wrong_labels(
     table: WallTable, lines: Sequence[Lines], poses: Float64, config: Config
 ) -> WallTable:
-    """Take out observations that are far from the median of their wall.
+    """Remove observations that are far from the median of their wall.
 
-    They belong to another wall. A median is robust against up to half of them; least squares is
-    not robust against one.
+    They belong to another wall. A median is robust against up to half of them; least squares is not
+    robust against one.
     """
     used = np.flatnonzero(table.wall >= 0)
     if not len(used):
@@ -125,10 +127,10 @@ def _without_wrong_labels(
 
 
 def _without_tail(chi2: Float64) -> float:
-    """Return the sum of squared distances (N,), each limited to what noise alone explains.
+    """Return the sum of squared distances (N,), each limited to the plausible maximum of noise.
 
-    Covariances are conservative, so that a line of another object may pass the gates and still be
-    hundreds of times further off than all others: it is no measure of the noise.
+    Covariances are conservative, so that a line of another object may pass the gates and still have
+    a distance hundreds of times that of the others: it is no measure of the noise.
     """
     if not len(chi2):
         return 0.0
@@ -136,9 +138,9 @@ def _without_tail(chi2: Float64) -> float:
 
 
 def _unit_variance(total: float, freedom: int) -> float:
-    """Return chi-square over degrees of freedom, with the prior on it.
+    """Return chi-square over degrees of freedom, combined with its prior.
 
-    The residuals of a graph without redundancy do not test its covariances: they are not scaled.
+    The residuals of a graph without redundancy do not test its covariances; the result is then 1.
     """
     if freedom < 1:
         return 1.0

@@ -1,4 +1,4 @@
-"""The pooled moments of a wall's segments: adding one is exact, and so is the line of them all."""
+"""Pooled moments of a wall's segments: adding a segment is exact, and gives the line of all."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ WALL_FIELDS = (
     "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
 )  # fmt: skip
 POOLED = np.dtype([(name, np.float64) for name in WALL_FIELDS])
-"""A wall: moments of its segments weighed by length (m), the sum of the directions that they face,
-the line of them all, and its lowest and highest position along its tangent."""
+"""A wall: moments of its segments weighted by length (m), the sum of their orientations, the line
+of all, and its minimum and maximum position along the tangent."""
 
 
 @kernel
 def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
-    """Add the segment a-b to a wall of dtype `POOLED`, but for its extent."""
+    """Add the segment a-b to a wall of dtype `POOLED`, without its extent."""
     length = np.hypot(b[0] - a[0], b[1] - a[1])
     cx, cy = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
     hx, hy = 0.5 * (b[0] - a[0]), 0.5 * (b[1] - a[1])
@@ -36,7 +36,7 @@ def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:  # prag
 
 @kernel
 def add_pooled(w: Any, other: Any) -> None:  # pragma: no cover - compiled
-    """Add the segments of another wall, but for their extent."""
+    """Add the segments of another wall, without their extent."""
     w.mass += other.mass
     w.x += other.x
     w.y += other.y
@@ -50,7 +50,7 @@ def add_pooled(w: Any, other: Any) -> None:  # pragma: no cover - compiled
 
 @kernel
 def fit_pooled(w: Any) -> None:  # pragma: no cover - compiled
-    """Fit the least-squares line of all segments; its normal faces as they do."""
+    """Fit the least-squares line of all segments, with their orientation."""
     mx, my = w.x / w.mass, w.y / w.mass
     sxx, sxy, syy = w.xx / w.mass - mx * mx, w.xy / w.mass - mx * my, w.yy / w.mass - my * my
     phi = 0.5 * np.arctan2(2.0 * sxy, sxx - syy) + 0.5 * np.pi

@@ -1,0 +1,1 @@
+"""Driving the base to a surface: where to stand, the edge as measured now, speeds, phases."""

@@ -1,0 +1,516 @@
+"""One approach, as a state machine: look, stage, close in, verify."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from tccm_ros.approach.drive import Driver, LegDrive, close_in, pose_behind
+from tccm_ros.approach.edge import MeasuredEdge, measured_edge
+from tccm_ros.approach.floor import Floor
+from tccm_ros.approach.guard import Obstacles
+from tccm_ros.approach.locating import Located, is_elsewhere, locate, top_points
+from tccm_ros.approach.losses import loss_of
+from tccm_ros.approach.outcome import Outcome, Phase, Reason
+from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.approach.settings import Goal, Robot, Surroundings
+from tccm_ros.approach.speeds import STOP, Speeds
+from tccm_ros.approach.standing import StandingPose, standing_poses
+from tccm_ros.approach.target import Target
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import compose2, inverse2, transform2, wrap_angle
+
+CYCLES = 3
+"""Newest tilt cycles that an edge is fitted to: their scan lines lie between each other's."""
+
+CLOSING_SPEED = 0.5
+"""Fraction of the top speed for the way up to the edge. Chosen."""
+
+ANEW_M, ANEW_RAD = 0.10, math.radians(8.0)
+"""A surface further from where the way was planned to is planned anew: less is steered on the
+way."""
+
+MOVED_M, MOVED_RAD = 0.05, math.radians(3.0)
+"""A surface this far from where the map has it has moved: twice what localisation is off by."""
+
+MAX_PLANS = 6
+"""Ways that are planned for one goal, at most. Chosen."""
+
+MAX_CORRECTIONS = 4
+"""Motions after a verification, at most. Chosen."""
+
+GAP_M, YAW_RAD = 0.006, math.radians(0.6)
+"""What a verification corrects: a third of the 2 cm and 1.5 deg that are promised."""
+
+VERIFIED = 2
+"""Tilt cycles, begun after the base stood, that verify."""
+
+BEYOND_M = 0.01
+"""An edge at the limit of the view is taken only where it is not this much further than expected,
+m."""
+
+VIEW_LIMIT_RAD = math.radians(1.0)
+"""Points within this of the steepest view are at its limit, rad: a scan line."""
+
+MISSES = 3
+"""Tilt cycles in a row without the edge that stop the base. Chosen."""
+
+UNSEEN_M = 0.6
+"""Way that the base goes on odometry without a measured edge, at most, m: 2 % of it are 12 mm."""
+
+BACK_M = np.arange(0.0, 1.01, 0.1)
+"""Ways straight back that are tried where the base begins in a narrow place, m."""
+
+
+class Approach:
+    """Drives the base to a surface, one step of `PERIOD_S` at a time.
+
+    Parameters
+    ----------
+    robot, goal, around
+        The base, what is asked, and the map.
+
+    Attributes
+    ----------
+    phase
+        What it does.
+    outcome
+        How it ended; None while it runs.
+    target
+        The surface as it is known now, in odom; None before the first step.
+    edge
+        The measured edge, in odom; None before it is.
+    """
+
+    def __init__(self, robot: Robot, goal: Goal, around: Surroundings):
+        self._robot, self._goal, self._around = robot, goal, around
+        self._driver = Driver(robot)
+        self.phase = Phase.LOOKING
+        self.outcome: Outcome | None = None
+        self.target: Target | None = None
+        self.edge: MeasuredEdge | None = None
+        self._expected: Target | None = None
+        self._planned: Target | None = None
+        self._standing: StandingPose | None = None
+        self._legs: LegDrive | None = None
+        self._cycles: deque[TopCycle] = deque(maxlen=CYCLES)
+        self._located = False
+        self._steepest = 0.0
+        self._since_s = -math.inf
+        self._stood_s: float | None = None
+        self._seen_cycles = 0
+        self._is_arrived = False
+        self._plans = self._corrections = self._misses = 0
+        self._measured_at: Float64 | None = None
+        self._avoided = np.zeros((0, 2))
+
+    def step(self, senses: Senses) -> Speeds:
+        """Return the command of this step; that to stand once `outcome` is set."""
+        lost = loss_of(senses)
+        if lost is not None:
+            return self._end(senses, *lost)
+        self._odom_map = inverse2(_known(senses.map_odom))
+        if self._expected is None:
+            self._expected = self._goal.target.moved(self._odom_map)
+            self.target = self._expected
+            self._since_s = senses.now_s
+        is_new = self._note_cycle(senses)
+        if self.phase == Phase.LOOKING:
+            return self._look(senses, is_new)
+        if self.phase == Phase.STAGING:
+            return self._stage(senses, is_new)
+        if self.phase == Phase.CLOSING:
+            return self._close(senses, is_new)
+        return self._verify(senses, is_new)
+
+    def cancel(self, senses: Senses) -> Speeds:
+        """End it; return the command to stand."""
+        return self._end(senses, Reason.CANCELLED, "cancelled")
+
+    def gap(self, pose: Float64) -> float:
+        """Return the gap at a pose (3,) in odom, m; nan before the edge is measured."""
+        return math.nan if self.edge is None else self._figures(pose)[0]
+
+    # --- endings ---
+
+    def _end(self, senses: Senses, reason: Reason, message: str) -> Speeds:
+        """Set the outcome with what is known; return the command to stand."""
+        gap = yaw_error = sigma = distance = math.nan
+        surface, has_moved = None, False
+        if self.edge is not None:
+            gap, yaw_error = self._figures(senses.pose)
+            sigma = self.edge.sigma
+        if self.target is not None and self._located and senses.map_odom is not None:
+            surface = compose2(senses.map_odom, self.target.pose)
+            has_moved = _is_off(surface, self._goal.target, MOVED_M, MOVED_RAD)
+        spot = self._spot()
+        if spot is not None:
+            distance = float(np.hypot(*(spot - senses.pose[:2])))
+        self.outcome = Outcome(
+            reason, message, gap, yaw_error, sigma, distance, surface,
+            self._goal.target.height, has_moved,
+        )  # fmt: skip
+        return self._driver.stop(senses)
+
+    def _figures(self, pose: Float64) -> tuple[float, float]:
+        """Return the gap and the yaw error at a pose (3,) in odom."""
+        assert self.edge is not None
+        point, normal = self.edge.facing(pose[:2])
+        to_edge = float((pose[:2] - point) @ normal)
+        inwards = math.atan2(-normal[1], -normal[0])
+        return to_edge - self._robot.footprint.front, float(wrap_angle(pose[2] - inwards))
+
+    def _spot(self) -> Float64 | None:
+        """Return the spot in odom, moved with the surface."""
+        if self._goal.spot is None or self.target is None:
+            return None
+        in_surface = transform2(inverse2(self._goal.target.pose), self._goal.spot[None])
+        return transform2(self.target.pose, in_surface)[0]
+
+    # --- what tilt cycles say ---
+
+    def _note_cycle(self, senses: Senses) -> bool:
+        """Take a new tilt cycle; return whether there was one."""
+        cycle = senses.cycle
+        if cycle is None or (self._cycles and cycle.stamp_s <= self._cycles[-1].stamp_s):
+            return False
+        self._cycles.append(cycle)
+        if len(cycle.points):
+            self._steepest = max(self._steepest, float(_depressions(cycle).max()))
+        return True
+
+    def _locate(self) -> Located | None:
+        """Look for the surface in the newest cycles."""
+        assert self.target is not None
+        assert self._expected is not None
+        cycles = [c for c in self._cycles if c.stamp_s >= self._since_s - 2.0] or self._cycles
+        points = np.concatenate([c.points for c in cycles])
+        for target in (self.target, self._expected):
+            tops = top_points(points, target, self._same_height)
+            found = locate(tops, cycles[-1].sensor[:2], target)
+            if found is not None:
+                return found
+        return None
+
+    @property
+    def _same_height(self) -> list[Float64]:
+        return [transform2(self._odom_map, o[:, :2]) for o in self._around.same_height]
+
+    def _is_elsewhere(self) -> bool:
+        """Return whether the newest cycle has the surface at another place."""
+        assert self.target is not None
+        cycle = self._cycles[-1]
+        tops = top_points(cycle.points, self.target, self._same_height)
+        return is_elsewhere(tops, cycle.sensor[:2], self.target)
+
+    def _measure(self) -> MeasuredEdge | None:
+        """Measure the edge ahead in the newest cycles."""
+        assert self.target is not None
+        near, normal = self._ahead()
+        points = np.concatenate([c.points for c in self._cycles])
+        tops = top_points(points, self.target, self._same_height)
+        found = measured_edge(tops, self.target, near, normal)
+        if found is None:
+            return None
+        shift = float((near - found.point) @ normal)
+        is_further = self.edge is not None and shift > BEYOND_M
+        return None if is_further and self._is_at_view_limit(found) else found
+
+    def _is_at_view_limit(self, edge: MeasuredEdge) -> bool:
+        """Return whether an edge may be where the view ends instead."""
+        assert self.target is not None
+        sensor = self._cycles[-1].sensor
+        down = sensor[2] - self.target.height
+        ahead = float(np.hypot(*(edge.point - sensor[:2])))
+        return math.atan2(down, ahead) > self._steepest - VIEW_LIMIT_RAD
+
+    def _ahead(self) -> tuple[Float64, Float64]:
+        """Return the point of the edge that is approached, and its normal."""
+        if self.edge is not None:
+            return self.edge.point, self.edge.normal
+        assert self._standing is not None
+        yaw = self._standing.pose[2]
+        return self._standing.edge, np.array([-math.cos(yaw), -math.sin(yaw)])
+
+    # --- looking ---
+
+    def _look(self, senses: Senses, is_new: bool) -> Speeds:
+        if is_new and self._cycles[-1].stamp_s > self._since_s:
+            self._seen_cycles += 1
+            found = self._locate()
+            if found is not None:
+                self.target, self._located = found.target, True
+                return self._after_look(senses)
+            if self._is_arrived and self._seen_cycles >= CYCLES:
+                return self._end(
+                    senses, Reason.GONE,
+                    "the surface is gone: tilt cycles from before it do not show it",
+                )  # fmt: skip
+            if not self._is_arrived and self._seen_cycles >= 2:
+                return self._after_look(senses)
+        waited_s = senses.now_s - self._since_s
+        if waited_s > self._robot.patience_s:
+            if not self._is_arrived:
+                return self._after_look(senses)
+            return self._end(
+                senses, Reason.LOST_SURFACE,
+                f"no tilt cycle came for {waited_s:.0f} s: does the tilting laser or the camera "
+                "look down at the surface?",
+            )  # fmt: skip
+        return self._driver.stop(senses)
+
+    def _after_look(self, senses: Senses) -> Speeds:
+        assert self.target is not None
+        if self._is_arrived and not _is_off(
+            self.target.pose, self._planned, ANEW_M, ANEW_RAD, self.target.is_round
+        ):
+            self._begin_closing()
+            return self._driver.stop(senses)
+        return self._plan(senses)
+
+    def _begin_closing(self) -> None:
+        """Go straight up to where the outline is now."""
+        assert self.target is not None
+        assert self._standing is not None
+        assert self._planned is not None
+        motion = compose2(self.target.pose, inverse2(self._planned.pose))
+        if self.target.is_round:
+            motion = np.array([*(self.target.middle - self._planned.middle), 0.0])
+        old = self._standing
+        self._standing = StandingPose(
+            compose2(motion, old.pose), compose2(motion, old.staging),
+            transform2(motion, old.edge[None])[0], old.distance,
+        )  # fmt: skip
+        self._planned = self.target
+        self.edge, self._misses, self._measured_at = None, 0, None
+        found = self._measure()
+        if found is not None:
+            self.edge = found
+        self.phase = Phase.CLOSING
+
+    # --- planning ---
+
+    def _plan(self, senses: Senses) -> Speeds:
+        """Choose a standing pose that can be driven to, and begin to drive there."""
+        assert self.target is not None
+        self._plans += 1
+        if self._plans > MAX_PLANS:
+            reason = Reason.MOVED if self._located else Reason.BLOCKED
+            return self._end(senses, reason, f"given up after {MAX_PLANS} ways that led nowhere")
+        map_odom = _known(senses.map_odom)
+        target = self.target.moved(map_odom)
+        others = Obstacles.of(
+            senses, self.target, self._robot.margin, self._goal.gap, self._robot.height
+        ).others(self._robot.margin)
+        seen = transform2(map_odom, np.concatenate([others, self._avoided]))
+        args = self._around.grid, self._around.overhangs
+        gone = self._goal.target.outline
+        floor = Floor(*args, gone, seen)
+        around = Floor(args[0], [*args[1], target.outline], gone, seen)
+        spot = self._spot()
+        spot = None if spot is None else transform2(map_odom, spot[None])[0]
+        margin = min(self._robot.margin, self._goal.gap)
+        poses = standing_poses(
+            target, floor, self._robot.footprint.grown(margin - 1e-3), self._goal.gap - margin,
+            self._goal.staging, self._goal.max_distance, spot, self._goal.side,
+            compose2(map_odom, senses.pose)[:2],
+        )  # fmt: skip
+        if not poses:
+            return self._end(senses, Reason.NO_PLACE, self._why_no_place(spot is not None))
+        found = self._way(compose2(map_odom, senses.pose), poses, around)
+        if found is None:
+            return self._end(
+                senses, Reason.BLOCKED, "no free way leads to any place at the surface"
+            )
+        standing, legs = found
+        odom_map = inverse2(map_odom)
+        self._standing = StandingPose(
+            compose2(odom_map, standing.pose), compose2(odom_map, standing.staging),
+            transform2(odom_map, standing.edge[None])[0], standing.distance,
+        )  # fmt: skip
+        legs.ends = [transform2(odom_map, end[None])[0] for end in legs.ends]
+        if legs.backing is not None:
+            legs.backing = compose2(odom_map, legs.backing)
+        legs.yaw = float(self._standing.staging[2])
+        self._legs, self._planned, self.edge = legs, self.target, None
+        self.phase, self._is_arrived = Phase.STAGING, False
+        return self._driver.stop(senses)
+
+    def _why_no_place(self, has_spot: bool) -> str:
+        if has_spot:
+            return (
+                f"nowhere at the surface is free floor from which the spot is within "
+                f"{self._goal.max_distance:g} m"
+            )
+        return "nowhere at the surface is free floor for the base"
+
+    def _way(
+        self, pose: Float64, poses: list[StandingPose], floor: Floor
+    ) -> tuple[StandingPose, LegDrive] | None:
+        """Return the first standing pose that has a way from a pose (3,), all in map."""
+        radius = self._robot.footprint.radius + self._robot.margin
+        for back in BACK_M.tolist():
+            start = pose_behind(pose, back)
+            for standing in _spread(poses):
+                ends = floor.legs(start[:2], standing.staging[:2], radius)
+                if ends is not None:
+                    backing = start if back else None
+                    return standing, LegDrive(ends, float(standing.staging[2]), backing)
+        return None
+
+    # --- driving ---
+
+    def _obstacles(self, senses: Senses) -> Obstacles:
+        return Obstacles.of(
+            senses, self.target, self._robot.margin, self._goal.gap, self._robot.height
+        )
+
+    def _stage(self, senses: Senses, is_new: bool) -> Speeds:
+        assert self._legs is not None
+        if is_new and self._is_elsewhere():
+            return self._begin_look(senses)
+        wanted = self._legs.wanted(self._driver.pose(senses), self._robot)
+        if wanted is None:
+            return self._begin_look(senses, is_arrived=True)
+        speeds = self._driver.move(wanted, senses, self._obstacles(senses))
+        return self._plan_around(senses) if self._is_blocked(senses) else speeds
+
+    def _begin_look(self, senses: Senses, *, is_arrived: bool = False) -> Speeds:
+        self.phase, self._since_s, self._seen_cycles = Phase.LOOKING, senses.now_s, 0
+        self._is_arrived = is_arrived
+        return self._driver.stop(senses)
+
+    def _is_blocked(self, senses: Senses) -> bool:
+        since = self._driver.blocked_s
+        return since is not None and senses.now_s - since > self._robot.patience_s
+
+    def _plan_around(self, senses: Senses) -> Speeds:
+        """Plan another way than that where something is."""
+        blocker = self._driver.blocker
+        assert blocker is not None
+        x, y = transform2(_known(senses.map_odom), blocker[None])[0].tolist()
+        self._avoided = np.concatenate([self._avoided, blocker[None]])
+        self._driver.blocked_s = None
+        speeds = self._plan(senses)
+        if self.outcome is not None and self.outcome.reason in (Reason.BLOCKED, Reason.NO_PLACE):
+            message = f"blocked by something at ({x:.2f}, {y:.2f}) in map"
+            return self._end(senses, Reason.BLOCKED, message)
+        return speeds
+
+    def _close(self, senses: Senses, is_new: bool) -> Speeds:
+        if is_new and not self._follow(senses):
+            return self._begin_look(senses) if self.outcome is None else STOP
+        if self._measured_at is None:
+            self._measured_at = senses.pose[:2]
+        if float(np.hypot(*(senses.pose[:2] - self._measured_at))) > UNSEEN_M:
+            return self._end(
+                senses, Reason.LOST_SURFACE,
+                f"the edge was not measured on the last {UNSEEN_M:g} m",
+            )  # fmt: skip
+        speed = CLOSING_SPEED * self._robot.limits.speed
+        pose = self._driver.pose(senses)
+        wanted = close_in(pose, self._closing_goal(pose), self._robot, speed)
+        if wanted is None:
+            self.phase, self._stood_s, self._seen_cycles = Phase.VERIFYING, None, 0
+            return self._driver.stop(senses)
+        speeds = self._driver.move(wanted, senses, self._obstacles(senses))
+        return self._plan_around(senses) if self._is_blocked(senses) else speeds
+
+    def _closing_goal(self, pose: Float64) -> Float64:
+        """Return the pose (3,) with the gap, facing the edge, for a base at a pose (3,)."""
+        point, normal = self._ahead() if self.edge is None else self.edge.facing(pose[:2])
+        place = point + (self._goal.gap + self._robot.footprint.front) * normal
+        return np.array([*place, math.atan2(-normal[1], -normal[0])])
+
+    def _follow(self, senses: Senses) -> bool:
+        """Take the edge from a new cycle; return whether it is where it was expected."""
+        found = self._measure()
+        if found is None:
+            self._misses += 1
+            if self._misses < MISSES or self._is_below_view():
+                return True
+            self._end(
+                senses, Reason.LOST_SURFACE,
+                f"{MISSES} tilt cycles do not show the edge of the surface any more",
+            )  # fmt: skip
+            return False
+        near, normal = self._ahead()
+        turned = float(np.arccos(np.clip(normal @ found.normal, -1.0, 1.0)))
+        shift = abs(float((found.point - near) @ normal))
+        if self.edge is not None and (shift > MOVED_M or turned > 2.0 * MOVED_RAD):
+            return False
+        self.edge, self._misses, self._measured_at = found, 0, senses.pose[:2]
+        return True
+
+    def _is_below_view(self) -> bool:
+        """Return whether the edge is nearer than the sensor sees: odometry goes on from there."""
+        return self.edge is not None and self._is_at_view_limit(self.edge)
+
+    def _verify(self, senses: Senses, is_new: bool) -> Speeds:
+        if self._stood_s is None:
+            self._stood_s = senses.now_s + 2.0 * self._robot.latency_s
+        if is_new and self._cycles[-1].stamp_s > self._stood_s:
+            self._seen_cycles += 1
+            while self._cycles[0].stamp_s <= self._stood_s:
+                self._cycles.popleft()
+            found = self._measure()
+            if found is not None and self._seen_cycles >= VERIFIED:
+                self.edge, self._measured_at = found, senses.pose[:2]
+        is_late = senses.now_s - self._stood_s > self._robot.patience_s
+        if self._seen_cycles < VERIFIED and not is_late:
+            return self._driver.stop(senses)
+        if self.edge is None:
+            return self._end(
+                senses, Reason.LOST_SURFACE, "the edge of the surface was never measured"
+            )
+        gap, yaw_error = self._figures(senses.pose)
+        is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
+        if is_off and self._corrections < MAX_CORRECTIONS:
+            self._corrections += 1
+            self.phase, self._misses = Phase.CLOSING, 0
+            return self._driver.stop(senses)
+        return self._succeed(senses, gap, yaw_error)
+
+    def _succeed(self, senses: Senses, gap: float, yaw_error: float) -> Speeds:
+        spot = self._spot()
+        if spot is not None:
+            distance = float(np.hypot(*(spot - senses.pose[:2])))
+            if distance > self._goal.max_distance + GAP_M:
+                return self._end(
+                    senses, Reason.NO_PLACE,
+                    f"the spot is {distance:.2f} m away, beyond {self._goal.max_distance:g} m",
+                )  # fmt: skip
+        text = f"{100.0 * gap:.1f} cm before the edge, {math.degrees(yaw_error):.1f} deg off"
+        return self._end(senses, Reason.NONE, text)
+
+
+def _known(pose: Float64 | None) -> Float64:
+    assert pose is not None
+    return pose
+
+
+def _depressions(cycle: TopCycle) -> Float64:
+    """Return how steeply down the points of a cycle were seen, rad."""
+    rays = cycle.points - cycle.sensor
+    return np.asarray(np.arctan2(-rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])))
+
+
+def _is_off(
+    pose: Float64, other: Target | None, limit: float, angle: float, is_round: bool = False
+) -> bool:
+    """Return whether a surface's pose differs from that of a target."""
+    if other is None:
+        return True
+    far = float(np.hypot(*(pose[:2] - other.pose[:2]))) > limit
+    return far or (not is_round and abs(float(wrap_angle(pose[2] - other.pose[2]))) > angle)
+
+
+def _spread(poses: list[StandingPose]) -> list[StandingPose]:
+    """Return a few of the poses, the best first, that differ by 0.3 m or more."""
+    chosen: list[StandingPose] = []
+    for pose in poses:
+        if all(np.hypot(*(pose.pose[:2] - c.pose[:2])) > 0.3 for c in chosen):
+            chosen.append(pose)
+    return chosen

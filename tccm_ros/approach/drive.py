@@ -1,0 +1,133 @@
+"""Motions of the base, one step at a time: legs to a pose, a turn, a straight way back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tccm_ros.approach.guard import Guarded, Obstacles
+from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.settings import Robot
+from tccm_ros.approach.speeds import CommandHistory, Speeds, along_line, rotate_to
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import between2, compose2, wrap_angle
+
+PERIOD_S = 0.05
+"""Of the control loop, s (20 Hz)."""
+
+AT_POSE_M, AT_YAW_RAD = 0.003, math.radians(0.25)
+"""A pose is taken where the base is this near: small beside the 2 cm and 1.5 deg of a gap, and
+above the resolution of odometry."""
+
+AT_LEG_M = 0.05
+"""A bend of the way is taken where the base is this near, m: a cell of the grid."""
+
+ALIGNED_RAD = math.radians(4.0)
+"""A leg is begun within this of its direction, rad; the rest is steered on the way."""
+
+
+class Driver:
+    """Sends guarded speeds.
+
+    Parameters
+    ----------
+    robot
+        The base.
+
+    Attributes
+    ----------
+    blocked_s
+        Since when something is in the way, s; None while nothing is.
+    blocker
+        float64 (2,), what that is, in odom.
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        self._history = CommandHistory(robot.limits, robot.latency_s)
+        self.blocked_s: float | None = None
+        self.blocker: Float64 | None = None
+
+    def pose(self, senses: Senses) -> Float64:
+        """Return where the base will be when a command of now acts."""
+        return self._history.ahead_of(senses.pose, senses.pose_s, senses.now_s)
+
+    def stop(self, senses: Senses) -> Speeds:
+        """Return the command to stand."""
+        return self._history.stop(senses.now_s)
+
+    def move(self, wanted: Speeds, senses: Senses, obstacles: Obstacles) -> Speeds:
+        """Return the next command: as wanted, as far as it is free; and note what is in the way."""
+        pose = self.pose(senses)
+        robot = self._robot
+        guarded: Guarded = obstacles.guard(wanted, pose, robot.footprint, robot.limits)
+        if guarded.blocker is None:
+            self.blocked_s = self.blocker = None
+            speeds = self._history.send(guarded.speeds, senses.now_s, PERIOD_S)
+            # What is still faster than wanted brakes: that has to be free as well.
+            checked = obstacles.guard(speeds, pose, robot.footprint, robot.limits)
+            return speeds if checked.blocker is None else self._history.stop(senses.now_s)
+        if self.blocked_s is None:
+            self.blocked_s = senses.now_s
+        self.blocker = guarded.blocker
+        return self._history.stop(senses.now_s)
+
+
+@dataclass(slots=True, eq=False)
+class LegDrive:
+    """Drives straight legs to a pose, turning in place at each bend.
+
+    Attributes
+    ----------
+    ends
+        float64 (2,) each, in odom, those still ahead.
+    yaw
+        Heading at the end, rad.
+    backing
+        float64 (3,), a pose straight behind that is taken first; None: none.
+    """
+
+    ends: list[Float64]
+    yaw: float
+    backing: Float64 | None = None
+    _leg: Float64 | None = None
+
+    def wanted(self, pose: Float64, robot: Robot) -> Speeds | None:
+        """Return the speeds at a pose (3,) of the base; None at the end."""
+        limits = robot.limits
+        if self.backing is not None:
+            if abs(float(between2(self.backing, pose)[0])) > AT_LEG_M:
+                return along_line(pose, self.backing, limits, limits.speed)
+            self.backing = None
+        while self.ends:
+            if self._leg is None:
+                way = self.ends[0] - pose[:2]
+                if np.hypot(*way) < AT_LEG_M:
+                    self.ends.pop(0)
+                    continue
+                bearing = math.atan2(way[1], way[0])
+                error = float(wrap_angle(bearing - pose[2]))
+                if abs(error) > ALIGNED_RAD:
+                    return rotate_to(error, limits)
+                self._leg = np.array([*self.ends[0], bearing])
+            if float(between2(self._leg, pose)[0]) < -AT_LEG_M / 2.0:
+                return along_line(pose, self._leg, limits, limits.speed)
+            self._leg = None
+            self.ends.pop(0)
+        error = float(wrap_angle(self.yaw - pose[2]))
+        return None if abs(error) < ALIGNED_RAD / 4.0 else rotate_to(error, limits)
+
+
+def close_in(pose: Float64, goal: Float64, robot: Robot, speed: float) -> Speeds | None:
+    """Return the speeds at a pose (3,) that end at a goal pose (3,) ahead; None at the end."""
+    x, _, yaw = between2(goal, pose).tolist()
+    if abs(x) > AT_POSE_M:
+        return along_line(pose, goal, robot.limits, speed)
+    return None if abs(yaw) < AT_YAW_RAD else rotate_to(-yaw, robot.limits)
+
+
+def pose_behind(pose: Float64, distance: float) -> Float64:
+    """Return the pose (3,) straight behind another, m."""
+    return compose2(pose, np.array([-distance, 0.0, 0.0]))

@@ -1,0 +1,196 @@
+"""Where a surface is now: the outline of the map, moved onto points of newest tilt cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.optimize import least_squares
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tccm_ros.approach.target import Target
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import transform2
+
+HEIGHT_M = 0.03
+"""Points further above or below the top are not of it, m: `surfaces.max_step`, by which surfaces of
+the map are never one."""
+
+SEARCH_M = 0.9
+"""A surface is looked for so far around its place in the map, m. Chosen: a table that somebody
+pushed."""
+
+YAWS = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -45.0, 45.0])
+"""Rotations that a fit starts from, rad: a fit of straight sides converges from half a step."""
+
+CELL_M = 0.03
+"""Points are thinned to one in a square of this edge before they are joined, m."""
+
+JOIN_M = 0.12
+"""Points nearer than this are of one surface, m: twice the widest distance of scan lines."""
+
+BEARING_RAD = np.radians(1.5)
+"""Bearings of the sensor within this are one direction for the nearest points, rad."""
+
+MIN_POINTS = 40
+"""Thinned points that a surface is recognised by, at least: 0.04 m2. Chosen: an arm's width of
+edge, two scan lines deep."""
+
+FIT_M = 0.03
+"""A moved outline fits where the edge points' median distance from it is less, m: half of the
+widest distance of scan lines."""
+
+LOOSE = 0.02
+"""Weight of the map's pose in a fit, per m and rad: it decides along an edge whose ends are not
+seen and nothing else."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """A surface where newest tilt cycles have it.
+
+    Attributes
+    ----------
+    target
+        The moved outline.
+    motion
+        float64 (3,), rigid motion from where it was expected.
+    points
+        float64 (N, 2), points of its top.
+    """
+
+    target: Target
+    motion: Float64
+    points: Float64
+
+
+def top_points(points: Float64, target: Target, others: list[Float64]) -> Float64:
+    """Return the points (M, 2) that may be of a surface, wherever it was pushed to.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 3), of horizontal surfaces, z over the floor, m.
+    target
+        Where the surface is expected.
+    others
+        Outlines (K, 2 or 3) of other surfaces of its height.
+    """
+    is_near = np.abs(points[:, 2] - target.height) <= HEIGHT_M
+    middle = 0.5 * (target.outline.max(axis=0) + target.outline.min(axis=0))
+    size = float(np.hypot(*(target.outline - middle).T).max())
+    is_near &= np.hypot(*(points[:, :2] - middle).T) <= size + SEARCH_M
+    near = points[is_near, :2]
+    for other in others:
+        polygon = shapely.make_valid(shapely.Polygon(other[:, :2])).buffer(CELL_M)
+        near = near[~shapely.contains_xy(polygon, *near.T)]
+    return near
+
+
+def is_elsewhere(points: Float64, sensor: Float64, target: Target) -> bool:
+    """Return whether a surface is seen, but not where it is expected: quick, to ask while driving.
+
+    Parameters
+    ----------
+    points, sensor, target
+        As of `locate`.
+    """
+    thin = _largest(_thinned(points))
+    return len(thin) >= MIN_POINTS and not _is_fit(_facing(thin, sensor), thin, target)
+
+
+def locate(points: Float64, sensor: Float64, target: Target) -> Located | None:
+    """Return where a surface is, None where its points are too few or no motion of it fits.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 2), that may be of it, m.
+    sensor
+        float64 (2,), where they were seen from.
+    target
+        Where it is expected.
+    """
+    thin = _largest(_thinned(points))
+    if len(thin) < MIN_POINTS:
+        return None
+    edge = _facing(thin, sensor)
+    starts = [np.zeros(3)]
+    if not _is_fit(edge, thin, target):
+        starts = [_start(yaw, thin, target) for yaw in YAWS[: 1 if target.is_round else None]]
+    fits = [_fit(start, edge, thin, target) for start in starts]
+    _, motion = min(fits, key=lambda fit: fit[0])
+    moved = target.moved(motion)
+    if not _is_fit(edge, thin, moved):
+        return None
+    around = moved.polygon.buffer(CELL_M)
+    return Located(moved, motion, points[shapely.contains_xy(around, *points.T)])
+
+
+def _thinned(points: Float64) -> Float64:
+    _, first = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _largest(points: Float64) -> Float64:
+    """Return the largest set of points that are within `JOIN_M` of each other."""
+    if len(points) < 2:
+        return points
+    pairs = cKDTree(points).query_pairs(JOIN_M, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(points),) * 2)
+    _, labels = connected_components(graph, directed=False)
+    return points[labels == np.bincount(labels).argmax()]
+
+
+def _facing(points: Float64, sensor: Float64) -> Float64:
+    """Return the points that are nearest to the sensor in their direction."""
+    rays = points - sensor
+    bearings = np.floor(np.arctan2(rays[:, 1], rays[:, 0]) / BEARING_RAD).astype(np.int64)
+    order = np.lexsort((np.hypot(*rays.T), bearings))
+    first = order[np.r_[True, np.diff(bearings[order]) != 0]]
+    return points[first]
+
+
+def _is_fit(edge: Float64, points: Float64, target: Target) -> bool:
+    polygon = target.polygon
+    to_edge = shapely.distance(polygon.boundary, shapely.points(edge))
+    outside = shapely.distance(polygon, shapely.points(points))
+    return bool(np.median(to_edge) < FIT_M and np.quantile(outside, 0.95) < FIT_M)
+
+
+def _start(yaw: float, points: Float64, target: Target) -> Float64:
+    """Return the motion that rotates a target about its middle, and brings that to the points'."""
+    middle = np.asarray(target.polygon.centroid.coords)[0]
+    rotated = transform2(np.array([0.0, 0.0, yaw]), middle[None])[0]
+    return np.array([*(points.mean(axis=0) - rotated), yaw])
+
+
+def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> tuple[float, Float64]:
+    """Return cost and motion: edge points on the outline, no point outside of it."""
+    polygon = target.polygon
+    line = polygon.boundary
+    middle = np.asarray(polygon.centroid.coords)[0]
+    # About the middle, so that turns and shifts are independent.
+    x0 = np.array([*(transform2(start, middle[None])[0] - middle), start[2]])
+
+    def back(x: Float64, seen: Float64) -> Float64:
+        c, s = np.cos(x[2]), np.sin(x[2])
+        R = np.array([[c, -s], [s, c]])
+        return np.asarray((seen - middle - x[:2]) @ R + middle)
+
+    def residuals(x: Float64) -> Float64:
+        on = shapely.distance(line, shapely.points(back(x, edge)))
+        out = shapely.distance(polygon, shapely.points(back(x, points)))
+        return np.concatenate([on, out, LOOSE * x])
+
+    yaw_scale = 1e-6 if target.is_round else 1.0
+    found = least_squares(
+        residuals, x0, loss="soft_l1", f_scale=0.02, x_scale=[1.0, 1.0, yaw_scale], max_nfev=40
+    )
+    shift, yaw = found.x[:2], float(found.x[2])
+    c, s = np.cos(yaw), np.sin(yaw)
+    t = middle + shift - np.array([c * middle[0] - s * middle[1], s * middle[0] + c * middle[1]])
+    return float(found.cost), np.array([*t, yaw])

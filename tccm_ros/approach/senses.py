@@ -1,0 +1,61 @@
+"""What the base knows in one step of the control loop, all in the odometry frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TopCycle:
+    """The horizontal surfaces that one tilt cycle measured.
+
+    Attributes
+    ----------
+    stamp_s
+        Middle of the cycle, s.
+    points
+        float64 (N, 3), m; z over z = 0 of the base frame.
+    sensor
+        float64 (3,), where they were seen from.
+    """
+
+    stamp_s: float
+    points: Float64
+    sensor: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Senses:
+    """The newest of every input.
+
+    Attributes
+    ----------
+    now_s
+        Time of the step, s, on the clock of all stamps.
+    pose, pose_s
+        float64 (3,), planar pose of the base, and its stamp.
+    map_odom
+        float64 (3,), planar pose of odom in map; None while the robot is not localised.
+    why_lost
+        Why it is not, a sentence.
+    scan, scan_s
+        float64 (N, 2), what the level laser sees, and its stamp.
+    cuboids
+        float64 (M, 3), the integration map; empty where nobody publishes it.
+    cycle
+        The newest tilt cycle; None before the first.
+    """
+
+    now_s: float
+    pose: Float64
+    pose_s: float
+    map_odom: Float64 | None
+    why_lost: str = ""
+    scan: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
+    scan_s: float = -np.inf
+    cuboids: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    cycle: TopCycle | None = None

@@ -1,0 +1,105 @@
+"""Where the base can stand at a surface: free floor, the spot within the arm's length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.approach.floor import Floor
+from tccm_ros.approach.footprint import Footprint
+from tccm_ros.approach.target import Target
+from tccm_ros.arrays import Float64
+
+SIDE_RAD = np.pi / 4.0
+"""Normals within this angle of a side's direction belong to it: four sides make the whole."""
+
+SLACK_M = 0.01
+"""A footprint may be nearer than the gap to another part of the outline by this much, m: half of
+the 2 cm that a gap is kept within."""
+
+BASE_WEIGHT = 0.3
+"""Of the distance from the base beside that from the middle of a side. Chosen: another side of a
+table is better than a corner of the nearest one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandingPose:
+    """Where the base can stand.
+
+    Attributes
+    ----------
+    pose, staging
+        float64 (3,), planar poses of the base: at the surface, and further back on the same normal,
+        both facing the edge.
+    edge
+        float64 (2,), the point of the outline ahead.
+    distance
+        Of the spot from the base's origin, horizontally, m; nan without a spot.
+    """
+
+    pose: Float64
+    staging: Float64
+    edge: Float64
+    distance: float
+
+
+def standing_poses(
+    target: Target,
+    floor: Floor,
+    footprint: Footprint,
+    gap: float,
+    staging: float,
+    max_distance: float = np.inf,
+    spot: Float64 | None = None,
+    side: float | None = None,
+    base: Float64 | None = None,
+) -> list[StandingPose]:
+    """Return where the base can stand, the best first.
+
+    With a spot, the nearest to it are the best; without, those before the middle of a side, and of
+    these the nearest to the base.
+
+    Parameters
+    ----------
+    target, floor, footprint
+        The surface, the floor in the same frame, and the base.
+    gap
+        Between the footprint and the edge, m.
+    staging
+        Length of the straight way before it, m.
+    max_distance
+        Greatest horizontal distance of the spot from the base's origin, m.
+    spot
+        float64 (2,), what the arm is to get to.
+    side
+        Direction from the surface's middle to the side to stand at, in its own frame, rad.
+    base
+        float64 (2,), where the base is.
+    """
+    points, normals, off_middle = target.edge_points()
+    outline = target.polygon
+    places = points + (gap + footprint.front) * normals
+    from_spot = np.full(len(points), np.nan) if spot is None else np.hypot(*(places - spot).T)
+    order = off_middle if spot is None else from_spot
+    if spot is None and base is not None:
+        order = order + BASE_WEIGHT * np.hypot(*(places - base).T)
+    is_wanted = np.ones(len(points), bool)
+    if spot is not None:
+        is_wanted &= from_spot <= max_distance
+    if side is not None:
+        is_wanted &= target.side_of(normals, side) <= SIDE_RAD + 1e-6
+    found = []
+    for k in np.argsort(order, kind="stable").tolist():
+        if not is_wanted[k]:
+            continue
+        yaw = float(np.arctan2(-normals[k, 1], -normals[k, 0]))
+        pose = np.array([*places[k], yaw])
+        back = np.array([*(places[k] + staging * normals[k]), yaw])
+        if shapely.distance(Polygon(footprint.at(pose)), outline) < gap - SLACK_M:
+            continue
+        if floor.is_way_free(footprint, back, pose):
+            found.append(StandingPose(pose, back, points[k], float(from_spot[k])))
+    return found

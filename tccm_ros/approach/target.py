@@ -1,0 +1,98 @@
+"""The outline of a surface that the base is driven to, in the plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import compose2, transform2, wrap_angle
+
+STEP_M = 0.05
+"""Distance of the points of an edge that an approach is tried at, m: the edge of a cell of the
+occupancy grid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """The top of a piece of furniture.
+
+    Attributes
+    ----------
+    outline
+        float64 (N, 2), counter-clockwise, m.
+    pose
+        float64 (3,), of the surface's own frame: its middle, x along its longer side.
+    height
+        Of the top over z = 0 of the base frame, m.
+    is_round
+        Whether the outline is a circle.
+    """
+
+    outline: Float64
+    pose: Float64
+    height: float
+    is_round: bool = False
+
+    def moved(self, motion: Float64) -> Target:
+        """Return the target after a rigid motion (3,): what was at p is at motion * p."""
+        outline = transform2(motion, self.outline)
+        return Target(outline, compose2(motion, self.pose), self.height, self.is_round)
+
+    @property
+    def polygon(self) -> Polygon:
+        """The outline as a polygon without faults."""
+        return shapely.make_valid(Polygon(self.outline))
+
+    @property
+    def middle(self) -> Float64:
+        """The middle (2,) of a round top."""
+        return np.asarray(self.outline.mean(axis=0))
+
+    @property
+    def radius(self) -> float:
+        """Radius of a round top, m: that of the circle of the same area."""
+        return float(np.sqrt(Polygon(self.outline).area / np.pi))
+
+    def edge_points(self) -> tuple[Float64, Float64, Float64]:
+        """Return where the outline can be approached.
+
+        Returns
+        -------
+        points : float64 (M, 2)
+            On the outline, `STEP_M` from each other or nearer.
+        normals : float64 (M, 2)
+            Outwards, of unit length.
+        off_middle : float64 (M,)
+            Distance from the middle of their side, m; 0 on a round top.
+        """
+        if self.is_round:
+            count = max(int(2.0 * np.pi * self.radius / STEP_M), 8)
+            angles = np.arange(count) * 2.0 * np.pi / count + self.pose[2]
+            outwards = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            return self.middle + self.radius * outwards, outwards, np.zeros(count)
+        points: list[Float64] = []
+        normals: list[Float64] = []
+        off: list[Float64] = []
+        ends = np.roll(self.outline, -1, axis=0)
+        for start, end in zip(self.outline, ends):
+            length = float(np.hypot(*(end - start)))
+            if length < STEP_M:
+                continue
+            count = int(length / STEP_M) | 1  # the middle is one of them
+            along = (np.arange(count) + 0.5) * length / count
+            unit = (end - start) / length
+            points.append(start + along[:, None] * unit)
+            normals.append(np.tile([unit[1], -unit[0]], (count, 1)))
+            off.append(np.abs(along - 0.5 * length))
+        if not points:
+            return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
+        return np.concatenate(points), np.concatenate(normals), np.concatenate(off)
+
+    def side_of(self, normals: Float64, side: float) -> Float64:
+        """Return by how much normals (M, 2) differ from a direction in the surface's frame, rad."""
+        wanted = self.pose[2] + side
+        return np.abs(wrap_angle(np.arctan2(normals[:, 1], normals[:, 0]) - wanted))

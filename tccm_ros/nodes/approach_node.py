@@ -1,0 +1,382 @@
+"""approach_node: drives the base to surfaces of the map, and back.
+
+The control loop runs beside the messages of the base, in a thread of its own; the executor has
+actions and the map. Nothing is sent while no goal runs, and zero at each end.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+from tccm_ros.approach.approach import Approach
+from tccm_ros.approach.drive import PERIOD_S
+from tccm_ros.approach.outcome import Outcome, Reason
+from tccm_ros.approach.retreat import Retreat
+from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.settings import Robot
+from tccm_ros.approach.speeds import STOP, Speeds
+from tccm_ros.arrays import Float64
+from tccm_ros.errors import MissingExtraError, MotionError, QuestionError, TccmError, one_line
+from tccm_ros.geometry import spatial
+from tccm_ros.nodes.approach_goals import (
+    MAX_BACK_M,
+    checked,
+    goal_of,
+    grid_of,
+    robot_of,
+    surroundings_of,
+)
+from tccm_ros.nodes.base_senses import BaseSenses
+from tccm_ros.nodes.clock import steady_timer
+from tccm_ros.nodes.interfaces import missing_interfaces
+from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
+from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.refusals import Refusals
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.nodes.run import run
+from tccm_ros.ros.types import pose_message
+from tccm_ros.slam.occupancy import OccupancyGrid
+
+ZEROS = 2
+"""Commands to stand that end a goal: a base that listens with best effort may lose one."""
+
+ANSWER_S = 5.0
+"""The map's node answers within this time, s. Chosen."""
+
+FEEDBACK_STEPS = 10
+"""Steps of the control loop between two messages of feedback: twice a second."""
+
+
+@dataclass(slots=True, eq=False)
+class Drive:
+    """A goal that runs.
+
+    Attributes
+    ----------
+    machine
+        Its state machine.
+    robot
+        The base as the goal has it.
+    done
+        Has the outcome at the end.
+    is_unwanted
+        Returns whether the client has cancelled it.
+    tell
+        Publishes feedback.
+    steps, zeros
+        Commands that were sent, and those that ended it.
+    """
+
+    machine: Approach | Retreat
+    robot: Robot
+    done: Future
+    is_unwanted: Callable[[], bool]
+    tell: Callable[[Senses], None]
+    steps: int = 0
+    zeros: int = 0
+
+
+class ApproachNode(Node):
+    """Offers ~/approach_surface and ~/retreat.
+
+    Parameters
+    ----------
+    kwargs
+        Those of `rclpy.node.Node`.
+
+    Raises
+    ------
+    MissingExtraError
+        Without tccm_interfaces.
+    """
+
+    def __init__(self, **kwargs: Any):
+        super().__init__("approach", **kwargs)
+        if missing_interfaces():
+            raise MissingExtraError(f"approach_node: {missing_interfaces()}")
+        from tccm_ros.nodes.map_client import SurfaceMapClient
+
+        self.config = declare_config(self, groups=GROUPS["approach"])
+        follow_changes(self, self.config)
+        robot_of(self.config)
+        name = self.declare_parameter("map_node", "surface_slam").value
+        self._types = RosidlMessages()
+        self._refusals = Refusals(self.get_logger().error)
+        self._client = SurfaceMapClient(self, name)
+        self._grid: OccupancyGrid | None = None
+        self._grid_problem = ""
+        self.create_subscription(GridMessage, "map", self._take_grid, latched())
+        kind = TwistStamped if self.config.approach.stamped else Twist
+        self._commands = self.create_publisher(kind, "cmd_vel", 1)
+        self._lock = threading.Lock()
+        self._drive: Drive | None = None
+        self._is_taken = self._is_ending = False
+        self.senses = BaseSenses(
+            self, self.config, lambda: self._client.localisation, self._refusals.note
+        )
+        self._start_loop()
+        actions = import_module("tccm_interfaces.action")
+        self._approach, self._retreat = actions.ApproachSurface, actions.Retreat
+        self._servers = [
+            ActionServer(self, kind, name, execute, cancel_callback=lambda _: CancelResponse.ACCEPT)
+            for kind, name, execute in (
+                (self._approach, "~/approach_surface", self._execute_approach),
+                (self._retreat, "~/retreat", self._execute_retreat),
+            )
+        ]
+        self.senses.start()
+        self.get_logger().info("ready; the base moves while a goal runs, and never without")
+
+    def _start_loop(self) -> None:
+        """Have the control loop run: on the node's clock in simulated time, else on a steady
+        one.
+        """
+        is_simulated = bool(self.get_parameter("use_sim_time").value)
+        clock = self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        intake = self.senses.intake
+        timer = self.create_timer(PERIOD_S, self._step, callback_group=intake.group, clock=clock)
+        intake.add_timer(timer)
+
+    # --- the end ---
+
+    def interrupt(self) -> None:
+        """Stop the base: the process was told to end (called in another thread)."""
+        self._is_ending = True
+        with suppress(Exception):
+            self._send(STOP)
+
+    def close(self) -> None:
+        """Stop the base and take no more messages."""
+        was_driving = self._drive is not None
+        self._is_ending = True
+        self.senses.close()
+        if was_driving:
+            self._send(STOP)
+        for server in self._servers:
+            server.destroy()
+
+    # --- the control loop, in the intake's thread ---
+
+    def _step(self) -> None:
+        drive = self._drive
+        if drive is None:
+            return
+        try:
+            outcome = self._drive_on(drive)
+        except Exception as error:
+            self._send(STOP)
+            self.get_logger().error(f"stopped: {one_line(error)}")
+            outcome = Outcome(Reason.BLOCKED, f"stopped, as a step failed: {one_line(error)}")
+        if outcome is not None:
+            self._drive = None
+            drive.done.set_result(outcome)
+            if self.executor is not None:
+                self.executor.wake()
+
+    def _drive_on(self, drive: Drive) -> Outcome | None:
+        """Send the command of this step; return the outcome once the base was told to stand."""
+        machine = drive.machine
+        if machine.outcome is not None:
+            self._send(STOP)
+            drive.zeros += 1
+            return machine.outcome if drive.zeros >= ZEROS else None
+        senses = self.senses.newest(self.get_clock().now().nanoseconds, drive.robot.footprint)
+        if senses is None:
+            self._send(STOP)
+            return Outcome(Reason.LOST_POSE, "no odometry has come")
+        if self._is_ending or drive.is_unwanted():
+            speeds = machine.cancel(senses)
+        else:
+            speeds = machine.step(senses)
+        self._send(speeds)
+        drive.steps += 1
+        if drive.steps % FEEDBACK_STEPS == 1:
+            drive.tell(senses)
+        return None
+
+    def _send(self, speeds: Speeds) -> None:
+        twist = Twist()
+        twist.linear.x, twist.angular.z = float(speeds.ahead), float(speeds.yaw_rate)
+        if self.config.approach.stamped:
+            stamped = TwistStamped(twist=twist)
+            stamped.header.stamp = self.get_clock().now().to_msg()
+            stamped.header.frame_id = self.config.frames.base or "base_link"
+            self._commands.publish(stamped)
+        else:
+            self._commands.publish(twist)
+
+    # --- the map ---
+
+    def _take_grid(self, message: Any) -> None:
+        try:
+            self._grid, self._grid_problem = grid_of(message), ""
+        except MotionError as error:
+            self._grid, self._grid_problem = None, str(error)
+            self.get_logger().error(str(error))
+
+    def _in_map(self, stamped: Any) -> Float64:
+        """Return a geometry_msgs/PointStamped as (2,) in map.
+
+        Raises
+        ------
+        MotionError
+            In another frame than the map's and the base's, or not finite.
+        """
+        xy = np.array([stamped.point.x, stamped.point.y])
+        if not np.isfinite(xy).all():
+            raise MotionError("the spot is not finite")
+        frame = stamped.header.frame_id.lstrip("/")
+        if frame == self.config.frames.map_name:
+            return xy
+        known = self._client.localisation
+        if frame in ("base_link", self.config.frames.base) and known is not None:
+            T = known.T_map_base
+            return np.asarray(T[:2, :2] @ xy + T[:2, 3])
+        raise MotionError(
+            f"the spot is in frame '{frame}'; give it in '{self.config.frames.map_name}'"
+        )
+
+    async def _surface(self, wanted: Any) -> Any:
+        """Return the surface that a filter means first.
+
+        Raises
+        ------
+        TccmError
+            Where the map's node does not answer, or has none.
+        """
+        if not wanted.near.header.frame_id:
+            known = self._client.localisation
+            if known is not None:
+                wanted.near.header.frame_id = self.config.frames.map_name
+                wanted.near.point.x, wanted.near.point.y = known.T_map_base[:2, 3].tolist()
+        found = await self._answer(self._client.find_surfaces(wanted))
+        if not found:
+            raise LookupError(f"no surface of the map meets the conditions: {found.message}")
+        if found[0].label == "floor":
+            raise LookupError("the floor is no surface to approach")
+        return found[0]
+
+    async def _answer(self, asked: Future) -> Any:
+        """Return what the map's node answers; QuestionError where it does not in time."""
+
+        def give_up() -> None:
+            if not asked.done():
+                why = f"the map's node has not answered within {ANSWER_S:g} s"
+                asked.set_exception(QuestionError(why))
+
+        timer = steady_timer(self, ANSWER_S, give_up)
+        try:
+            return await asked
+        finally:
+            self.destroy_timer(timer)
+
+    # --- actions, in the executor ---
+
+    async def _execute_approach(self, handle: Any) -> Any:
+        result = self._approach.Result(
+            surface_id=-1, gap=math.nan, yaw_error=math.nan, gap_sigma=math.nan, distance=math.nan
+        )
+        result.surface_pose.position.x = result.surface_pose.position.y = math.nan
+        result.surface_pose.position.z = math.nan
+
+        async def prepare() -> tuple[Approach, Any]:
+            request = handle.request
+            robot = robot_of(self.config, request.footprint)
+            surface = await self._surface(request.filter)
+            result.surface_id = surface.id
+            goal = goal_of(request, surface, self.config, self._in_map)
+            if self._grid_problem:
+                raise MotionError(self._grid_problem)
+            around = surroundings_of(self._grid, self._client.surfaces, surface)
+            return Approach(robot, goal, around), robot
+
+        def tell(machine: Any, senses: Senses) -> None:
+            gap = machine.gap(senses.pose)
+            handle.publish_feedback(
+                self._approach.Feedback(phase=int(machine.phase), gap=float(gap))
+            )
+
+        outcome = await self._run(handle, prepare, tell)
+        result.gap, result.yaw_error = float(outcome.gap), float(outcome.yaw_error)
+        result.gap_sigma, result.distance = float(outcome.sigma), float(outcome.distance)
+        result.has_moved = bool(outcome.has_moved)
+        if outcome.surface is not None:
+            T = spatial(outcome.surface)
+            T[2, 3] = outcome.height
+            result.surface_pose = pose_message(self._types, T)
+        return self._finish(handle, result, outcome)
+
+    async def _execute_retreat(self, handle: Any) -> Any:
+        async def prepare() -> tuple[Retreat, Any]:
+            default = self.config.approach.staging_distance
+            distance = checked("distance", handle.request.distance, default, 0.01, MAX_BACK_M)
+            robot = robot_of(self.config)
+            return Retreat(robot, distance), robot
+
+        def tell(machine: Any, senses: Senses) -> None:
+            handle.publish_feedback(
+                self._retreat.Feedback(distance=float(machine.way(senses.pose)))
+            )
+
+        outcome = await self._run(handle, prepare, tell)
+        result = self._retreat.Result(distance=float(np.nan_to_num(outcome.distance)))
+        return self._finish(handle, result, outcome)
+
+    async def _run(
+        self, handle: Any, prepare: Callable[[], Any], tell: Callable[[Any, Senses], None]
+    ) -> Outcome:
+        """Have a goal driven; return how it ended."""
+        with self._lock:
+            if self._is_taken:
+                return Outcome(Reason.BUSY, "another goal runs; wait for its result, or cancel it")
+            self._is_taken = True
+        try:
+            machine, robot = await prepare()
+            done: Future = Future(executor=self.executor)
+            self._drive = Drive(
+                machine, robot, done, lambda: handle.is_cancel_requested, partial(tell, machine)
+            )
+            outcome: Outcome = await done
+            return outcome
+        except LookupError as error:
+            return Outcome(Reason.NO_SURFACE, one_line(error))
+        except TccmError as error:
+            return Outcome(Reason.BAD_GOAL, one_line(error))
+        finally:
+            self._is_taken = False
+
+    def _finish(self, handle: Any, result: Any, outcome: Outcome) -> Any:
+        """Fill what the results of both actions have, and end the goal."""
+        result.message, result.reason = outcome.message, int(outcome.reason)
+        result.success = outcome.reason == Reason.NONE
+        if result.success:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        return result
+
+
+def main() -> None:
+    """Run the node until it is told to stop."""
+    run(ApproachNode)
+
+
+if __name__ == "__main__":
+    main()

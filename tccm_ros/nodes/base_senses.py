@@ -1,0 +1,234 @@
+"""What approach_node knows of the base now: odometry, level scans, tilt cycles, its place in the
+map.
+
+All messages are taken by the intake's thread, in which the control loop runs as well.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tccm_ros.approach.footprint import Footprint
+from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.arrays import Float64
+from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.config import Config
+from tccm_ros.errors import TccmError
+from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform, wrap_angle
+from tccm_ros.nodes.inputs import Inputs
+from tccm_ros.nodes.intake import Intake
+from tccm_ros.nodes.map_records import MapLocalisation
+from tccm_ros.nodes.qos import latched, sensor, static_transforms, surface_message
+from tccm_ros.nodes.readers import record_reader
+from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.records import Odometry, PosedScan, SurfaceCloud
+from tccm_ros.robot.robot import Robot
+from tccm_ros.ros.pointcloud import POINT_ROW, cloud_rows
+from tccm_ros.ros.reading import READERS
+from tccm_ros.sensors.laser_scan import LEVEL_SCAN, bearings, scan_stream
+
+HISTORY = 3000
+"""Poses of odometry that are kept: a minute at 50 Hz."""
+
+STALE_NS = 3_000_000_000
+"""~/localisation comes once a second: older than this its node is gone, ns."""
+
+
+class BaseSenses:
+    """Subscribes to what the base is driven by.
+
+    Parameters
+    ----------
+    node, config
+        The node, and groups `frames`, `rig`, `scan` and `qos`.
+    localisation
+        Returns the newest word of the map's node on where the robot is; None before any.
+    refuse
+        Called with a topic and the error of a message that cannot be used.
+
+    Attributes
+    ----------
+    intake
+        Its thread takes the messages, and calls the timers that are added to it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: Config,
+        localisation: Callable[[], MapLocalisation | None],
+        refuse: Callable[[str, Exception], None],
+    ):
+        self._localisation, self._refuse = localisation, refuse
+        self.intake = Intake(node, lambda error: refuse("intake", error))
+        self._inputs = Inputs(node, config.qos.silence, self.intake)
+        self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)], expects_odometry=True)
+        self._poses: deque[tuple[int, Float64]] = deque(maxlen=HISTORY)
+        self._scan, self._scan_ns = np.zeros((0, 2)), -1
+        self._cuboids = np.zeros((0, 3))
+        self._cycle: TopCycle | None = None
+        self._placed: tuple[MapLocalisation, Float64] | None = None
+        measured = sensor(config.qos.reliability)
+        self._subscribe("odom", measured, self._take_odometry)
+        self._subscribe("scan", measured, self._take_sensor, reader=LEVEL_SCAN.reader)
+        self._subscribe("joint_states", measured, self._take_sensor)
+        self._subscribe("robot_description", latched(), self._take_sensor)
+        if has_tf2_msgs():
+            self._subscribe("tf", measured, self._take_sensor, topic="/tf")
+            self._subscribe("tf_static", static_transforms(), self._take_sensor, topic="/tf_static")
+        self._subscribe("surfaces", surface_message(), self._take_cycle, topic="tccm/surfaces")
+        self._inputs.subscribe(
+            "sensor_msgs/msg/PointCloud2", "tccm/obstacles", self._take_cuboids, latched(),
+            watch="event",
+        )  # fmt: skip
+
+    def _subscribe(
+        self,
+        role: str,
+        qos: QoSProfile,
+        take: Callable[[str, Any], None],
+        *,
+        topic: str = "",
+        reader: MessageReader | None = None,
+    ) -> None:
+        reader = reader or READERS[role]
+        read = record_reader(reader)
+
+        def callback(data: bytes) -> None:
+            try:
+                for record in read(data):
+                    take(role, record)
+            except TccmError as error:
+                self._refuse(role, error)
+
+        self._inputs.subscribe(
+            reader.message_type, topic or role, callback, qos, watch="event", raw=True
+        )
+
+    def problems(self) -> Sequence[str]:
+        """Return what keeps topics from being heard."""
+        return self._inputs.problems()
+
+    # --- messages, in the intake's thread ---
+
+    def _take_sensor(self, role: str, record: Any) -> None:
+        for event in self._robot.add(role, record):
+            if isinstance(event, PosedScan):
+                self._take_scan(event)
+
+    def _take_odometry(self, role: str, record: Odometry) -> None:
+        self._take_sensor(role, record)
+        latest_ns = self._robot.motion.latest_ns
+        if latest_ns is not None and (not self._poses or latest_ns > self._poses[-1][0]):
+            T = self._robot.motion.at(np.array([latest_ns], np.int64), record.child_frame_id)[0]
+            self._poses.append((latest_ns, planar(T)))
+        elif latest_ns is not None and latest_ns < self._poses[-1][0]:
+            self._poses.clear()  # the clock went back
+
+    def _take_scan(self, posed: PosedScan) -> None:
+        scan = posed.scan
+        ranges = scan.ranges.astype(np.float64)
+        is_seen = np.isfinite(ranges) & (ranges > scan.range_min)
+        angles, ranges = bearings(scan)[is_seen], ranges[is_seen]
+        local = np.stack(
+            [ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))], axis=1
+        )
+        middle = len(posed.pose_stamps_ns) // 2
+        T = posed.T_odom_base[middle] @ posed.T_base_laser[min(middle, len(posed.T_base_laser) - 1)]
+        self._scan, self._scan_ns = transform(T, local)[:, :2], posed.scan.stamp_ns
+
+    def _take_cycle(self, role: str, cloud: SurfaceCloud) -> None:
+        pose = self._pose_at(cloud.stamp_ns)
+        if pose is None:
+            return
+        T = spatial(pose)
+        sensor = np.array([0.0, 0.0, 1.0]) if cloud.viewpoint is None else cloud.viewpoint
+        points = transform(T, cloud.points.astype(np.float64))
+        seen_from = transform(T, np.asarray(sensor, np.float64)[None])[0]
+        self._cycle = TopCycle(cloud.stamp_ns * 1e-9, points, seen_from)
+
+    def _take_cuboids(self, message: Any) -> None:
+        try:
+            rows = cloud_rows(message, POINT_ROW)
+        except TccmError as error:
+            self._refuse("tccm/obstacles", error)
+            return
+        points = np.stack([rows["x"], rows["y"], rows["z"]], axis=1).astype(np.float64)
+        self._cuboids = transform(self._robot.motion.odometry.T_near_odom, points)
+
+    # --- where the base is ---
+
+    def _pose_at(self, stamp_ns: int) -> Float64 | None:
+        """Return the pose (3,) in odom at a stamp; of a newer one the newest pose."""
+        if not self._poses or stamp_ns < self._poses[0][0]:
+            return None
+        after = before = self._poses[-1]
+        for entry in reversed(self._poses):
+            before = entry
+            if entry[0] <= stamp_ns:
+                break
+            after = entry
+        span = after[0] - before[0]
+        fraction = min(max((stamp_ns - before[0]) / span, 0.0), 1.0) if span > 0 else 0.0
+        step = after[1] - before[1]
+        step[2] = wrap_angle(step[2])
+        return np.asarray(before[1] + fraction * step)
+
+    def _map_odom(self, now_ns: int) -> tuple[Float64 | None, str]:
+        """Return odom in map (3,), or None and why it is not known."""
+        told = self._localisation()
+        if told is None:
+            return None, "nobody publishes ~/localisation of the map's node"
+        if told.state != "tracking":
+            return None, told.reason or told.state
+        stamp = told.message.header.stamp
+        stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+        if now_ns - stamp_ns > STALE_NS:
+            return None, f"~/localisation is {(now_ns - stamp_ns) * 1e-9:.1f} s old"
+        if self._placed is None or self._placed[0] is not told:
+            pose = self._pose_at(stamp_ns)
+            if pose is None:
+                return None, "odometry does not go back to the stamp of ~/localisation"
+            self._placed = told, compose2(planar(told.T_map_base), inverse2(pose))
+        return self._placed[1], ""
+
+    def newest(self, now_ns: int, footprint: Footprint) -> Senses | None:
+        """Return what is known now, None before odometry came.
+
+        Parameters
+        ----------
+        now_ns
+            Of the node clock.
+        footprint
+            What the level laser sees within it is the robot itself.
+        """
+        if not self._poses:
+            return None
+        stamp_ns, pose = self._poses[-1]
+        map_odom, why_lost = self._map_odom(now_ns)
+        local = (self._scan - pose[:2]) @ _rotation(pose[2])
+        scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
+        return Senses(
+            now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan,
+            self._scan_ns * 1e-9 if self._scan_ns >= 0 else -np.inf, self._cuboids, self._cycle,
+        )  # fmt: skip
+
+    def start(self) -> None:
+        """Take messages from now on."""
+        self.intake.start()
+
+    def close(self) -> None:
+        """Take none any more."""
+        self.intake.close()
+
+
+def _rotation(yaw: float) -> Float64:
+    """Return what turns rows by -yaw from odom into the base."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s], [s, c]])

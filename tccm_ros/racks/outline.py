@@ -1,0 +1,43 @@
+"""The edges of a compartment as lines, for pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+
+ARROW = 0.16
+"""Length of the arrow into a compartment, m; chosen: it shows beside its edges."""
+
+TIP = 0.25
+"""Length and half the width of its tip, in lengths of the arrow; chosen."""
+
+
+def box_edges(front: Float64, insertion: Float64, depth: float, height: float) -> Float64:
+    """Return the edges of a compartment, and of an arrow into it through its front.
+
+    Parameters
+    ----------
+    front
+        float64 (2, 3), left and right end of the front edge, m.
+    insertion
+        float64 (3,), unit vector inward.
+    depth, height
+        m.
+
+    Returns
+    -------
+    float64 (15, 2, 3), start and end of each, m
+    """
+    up = np.array([0.0, 0.0, height])
+    low = np.concatenate([front, front[::-1] + depth * insertion])
+    high = low + up
+    along = np.roll(np.arange(4), -1)
+    edges = [np.stack([a, b], axis=1) for a, b in ((low, low[along]), (high, high[along]))]
+    tip = front.mean(axis=0)
+    aside = (front[1] - front[0]) / max(float(np.linalg.norm(front[1] - front[0])), 1e-9)
+    starts = tip - ARROW * np.array(
+        [insertion, TIP * (insertion + aside), TIP * (insertion - aside)]
+    )
+    arrow = np.stack([starts, np.broadcast_to(tip, (3, 3))], axis=1)
+    return np.concatenate([*edges, np.stack([low, high], axis=1), arrow])

@@ -1,0 +1,166 @@
+"""Whole approaches by the simulated base, in its own time."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from approach_world import (
+    ROBOT,
+    SimulatedBase,
+    a_goal,
+    circle,
+    piece,
+    rectangle,
+    run,
+    simple_flat,
+    surroundings,
+)
+from shapely import affinity
+
+from tccm_ros.approach.approach import Approach
+from tccm_ros.approach.outcome import Phase, Reason
+from tccm_ros.approach.retreat import Retreat
+from tccm_ros.approach.speeds import STOP
+
+
+def approach(flat, seed=0, **fields):
+    base = SimulatedBase(flat, np.random.default_rng(seed))
+    return Approach(ROBOT, a_goal(flat, **fields), surroundings(flat)), base
+
+
+def assert_is_there(base, gap=0.05):
+    true, yaw = base.true_figures()
+    assert true == pytest.approx(gap, abs=0.02)
+    assert abs(math.degrees(yaw)) < 1.5
+    assert base.contacts == 0
+
+
+def test_the_side_that_is_asked_for_is_taken_at_the_gap_that_is_asked_for():
+    flat = simple_flat()
+    machine, base = approach(flat, gap=0.1, side=math.pi / 2)
+    assert run(machine, base).reason == Reason.NONE
+    assert_is_there(base, 0.1)
+    assert base.truth[1] > 0.5
+
+
+def test_a_spot_moves_with_its_surface():
+    flat = simple_flat(None, (0.3, 0.2, 0.4))
+    machine, base = approach(flat, spot=np.array([0.5, 0.25]), max_distance=0.7)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.NONE
+    assert_is_there(base)
+    moved = affinity.translate(
+        affinity.rotate(shapely.Point(0.5, 0.25), 0.4, (0, 0), use_radians=True), 0.3, 0.2
+    )
+    true = moved.distance(shapely.Point(base.truth[:2]))
+    assert true <= 0.73
+    assert outcome.distance == pytest.approx(true, abs=0.04)
+
+
+def test_a_spot_that_is_too_far_from_every_place_is_said_without_a_motion():
+    flat = simple_flat(rectangle(2.0, 2.0))
+    machine, base = approach(flat, spot=np.zeros(2), max_distance=0.7)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.NO_PLACE
+    assert "within 0.7 m" in outcome.message
+    assert np.allclose(base.truth, flat.start)
+
+
+def test_a_surface_that_is_gone_is_said():
+    flat = simple_flat()
+    flat.target.top = affinity.translate(flat.target.top, 50.0, 0.0)
+    flat.target.legs = []
+    machine, base = approach(flat)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.GONE, outcome.message
+    assert base.contacts == 0
+
+
+def test_chairs_that_the_map_does_not_have_are_driven_around():
+    flat = simple_flat(circle(0.5), (0.0, 0.0, 0.0), (-2.2, 0.0, 0.0))
+    flat.others = [piece(affinity.translate(rectangle(0.42, 0.42), -0.85, 0.0), 0.45, 0.03)]
+    machine, base = approach(flat)
+    assert run(machine, base).reason == Reason.NONE
+    assert_is_there(base)
+
+
+def test_who_walks_in_the_way_is_waited_for():
+    flat = simple_flat()
+    # Across the way, at the time when the base is on it.
+    flat.person = (np.array([-1.2, -2.0]), np.array([0.0, 1.0]), 0.5, 0.25, 1.0)
+    machine, base = approach(flat)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.NONE
+    assert_is_there(base)
+
+
+def test_what_stays_in_every_way_ends_it_with_a_place():
+    flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
+    ring = [(-1.15, y) for y in np.linspace(-2.9, 2.9, 30)]
+    legs = [shapely.Point(p).buffer(0.05) for p in ring]
+    flat.others = [piece(shapely.box(5, 5, 6, 6), 0.7)]
+    flat.others[0].legs = legs
+    machine, base = approach(flat)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.BLOCKED, outcome.message
+    assert base.contacts == 0
+
+
+def test_a_table_that_is_pushed_while_the_base_closes_in_is_followed_or_said():
+    flat = simple_flat()
+    machine, base = approach(flat)
+
+    pushed = []
+
+    def once(base):
+        if machine.phase == Phase.CLOSING and not pushed:
+            pushed.append(base.t)
+            flat.target = flat.target.moved(0.15, 0.1, 0.15)
+
+    outcome = run(machine, base, on_tick=once)
+    assert pushed
+    assert base.contacts == 0
+    if outcome.reason == Reason.NONE:
+        assert_is_there(base)
+    else:
+        assert outcome.message
+
+
+def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
+    flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    base = SimulatedBase(flat, np.random.default_rng(0))
+    machine = Retreat(ROBOT, 0.5)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.NONE
+    assert outcome.distance == pytest.approx(0.5, abs=0.01)
+    assert base.truth[0] == pytest.approx(-1.5, abs=0.03)
+    machine = Retreat(ROBOT, 2.0)
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.BLOCKED
+    assert base.contacts == 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cancels_and_dropouts_at_any_time_end_in_no_motion(seed):
+    """A fuzz: an input falls silent, or the goal is cancelled, at a random time."""
+    rng = np.random.default_rng(seed)
+    flat = simple_flat(None, (0.2, 0.1, 0.3))
+    machine, base = approach(flat, seed)
+    at, what = rng.uniform(0.5, 20.0), rng.choice(["odom", "scan", "cycle", "map", "cancel"])
+    while machine.outcome is None and base.t < 150.0:
+        if base.t > at and what == "cancel":
+            base.tick(machine.cancel(base.senses()))
+            continue
+        if base.t > at:
+            base.mute.add(what)
+        base.tick(machine.step(base.senses()))
+    assert machine.outcome is not None
+    for _ in range(20):
+        base.tick(STOP)
+    place = base.truth.copy()
+    for _ in range(5):
+        base.tick(STOP)
+    assert np.allclose(place, base.truth, atol=1e-5)
+    assert base.contacts == 0
+    assert machine.outcome.message

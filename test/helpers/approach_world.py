@@ -1,0 +1,361 @@
+"""A room with furniture, a base with its own kinematics in it, and what its sensors measure.
+
+Independent of the code under test: rays are cast here, poses are integrated here, contacts are
+tested on the true polygons.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.random import Generator
+from shapely import Point, Polygon, affinity
+
+from tccm_ros.approach.footprint import Footprint
+from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.approach.settings import Goal, Robot, Surroundings
+from tccm_ros.approach.speeds import Limits, Speeds
+from tccm_ros.approach.target import Target
+from tccm_ros.geometry import between2, compose2, inverse2, transform2
+from tccm_ros.slam.occupancy import OccupancyGrid
+
+TICK_S = 0.05
+LATENCY_S, LAG_S, WHEEL_ERROR = 0.10, 0.05, 0.02
+"""Of the base: between a command and its motion, of the motors, and of each wheel's odometry."""
+
+LOW_M = 0.25
+"""Height of the level laser; robots are lower than `HEIGHT_M`."""
+
+LASER = np.array([0.10, 0.0, 1.25])
+"""The tilting laser in the base frame."""
+
+TILT, CYCLE_LINES, LINES_PER_TICK = (0.25, 1.25), 60, 2
+BEARINGS = np.linspace(-1.2, 1.2, 241)
+RANGE_SIGMA = 0.005
+HEIGHT_M = 1.3
+ROBOT = Robot(
+    Footprint.of([(0.25, 0.22), (-0.25, 0.22), (-0.25, -0.22), (0.25, -0.22)]),
+    Limits(0.25, 0.6, 0.3, 1.0), HEIGHT_M, LATENCY_S, 0.05, 8.0,
+)  # fmt: skip
+CELL_M = 0.05
+
+
+@dataclass
+class Piece:
+    """A top on legs, m."""
+
+    top: Polygon
+    height: float
+    legs: list[Polygon]
+
+    def moved(self, dx: float, dy: float, yaw: float) -> Piece:
+        about = self.top.centroid
+
+        def move(shape):
+            return affinity.translate(affinity.rotate(shape, yaw, about, use_radians=True), dx, dy)
+
+        return Piece(move(self.top), self.height, [move(leg) for leg in self.legs])
+
+
+def piece(outline: Polygon, height: float, inset: float = 0.06) -> Piece:
+    """Return a top with square legs near its corners; a round one has four."""
+    inner = outline.buffer(-inset, join_style="mitre").simplify(0.01)
+    corners = np.asarray(inner.exterior.coords)[:-1]
+    if len(corners) > 8:
+        corners = corners[:: len(corners) // 4][:4]
+    return Piece(outline, height, [Point(c).buffer(0.025, quad_segs=1) for c in corners])
+
+
+def rectangle(w: float, d: float) -> Polygon:
+    return shapely.box(-w / 2, -d / 2, w / 2, d / 2)
+
+
+def l_shape(w: float, d: float, depth: float) -> Polygon:
+    return Polygon([(0, 0), (w, 0), (w, depth), (depth, depth), (depth, d), (0, d)])
+
+
+def circle(radius: float) -> Polygon:
+    angles = np.arange(48) * 2 * np.pi / 48
+    return Polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+
+
+@dataclass
+class Flat:
+    """A room.
+
+    Attributes
+    ----------
+    room
+        Its inside.
+    target, mapped
+        The surface now, and as it was mapped.
+    others, mapped_others
+        Other furniture now, and as it was mapped.
+    person
+        (start, direction, speed, radius, begins) of someone who walks straight through, or None.
+    start
+        Planar pose of the base.
+    is_round
+        Whether the target is.
+    """
+
+    room: Polygon
+    target: Piece
+    mapped: Piece
+    others: list[Piece] = field(default_factory=list)
+    mapped_others: list[Piece] = field(default_factory=list)
+    person: tuple | None = None
+    start: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    is_round: bool = False
+
+    def pieces(self) -> list[Piece]:
+        return [self.target, *self.others]
+
+    def person_at(self, t: float) -> Polygon | None:
+        if self.person is None:
+            return None
+        start, way, speed, radius, begins = self.person
+        if t < begins:
+            return None
+        place = np.asarray(start) + max(t - begins, 0.0) * speed * np.asarray(way)
+        body = Point(place).buffer(radius)
+        return body if self.room.contains(Point(place)) else None
+
+    def grid(self) -> OccupancyGrid:
+        """Return the occupancy grid of the level laser as the flat was mapped."""
+        low = np.floor(np.array(self.room.bounds[:2]) / CELL_M) * CELL_M - 0.5
+        high = np.array(self.room.bounds[2:]) + 0.5
+        width, height = np.ceil((high - low) / CELL_M).astype(int)
+        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        x, y = x * CELL_M + low[0], y * CELL_M + low[1]
+        cells = np.where(shapely.contains_xy(self.room, x, y), 0, -1).astype(np.int8)
+        wall = shapely.distance(self.room.exterior, shapely.points(x, y)) < 0.6 * CELL_M
+        cells[wall] = 100
+        for leg in (leg for p in [self.mapped, *self.mapped_others] for leg in p.legs):
+            near = shapely.distance(leg, shapely.points(x, y)) < 0.5 * CELL_M
+            cells[near] = 100
+        return OccupancyGrid(cells, CELL_M, low)
+
+    def solids(self, t: float) -> list[Polygon]:
+        """Return what the base must not touch: tops are as high as the robot."""
+        found = [p.top for p in self.pieces()] + [leg for p in self.pieces() for leg in p.legs]
+        person = self.person_at(t)
+        return [*found, person] if person is not None else found
+
+
+class SimulatedBase:
+    """The base and its sensors; the odometry frame begins where the base starts."""
+
+    def __init__(self, flat: Flat, rng: Generator):
+        self.flat, self.rng = flat, rng
+        self.truth, self.odom, self.t = flat.start.copy(), np.zeros(3), 0.0
+        self._origin = flat.start.copy()
+        self._sent: deque = deque([(-1.0, Speeds())])
+        self._actual = np.zeros(2)
+        self.wheels = 1.0 + rng.uniform(-WHEEL_ERROR, WHEEL_ERROR, 2)
+        # Localisation is off by as much as level scans leave: 2 cm and 0.5 deg.
+        self._lost = np.array([*rng.normal(0, 0.015, 2), rng.normal(0, np.radians(0.4))])
+        self.map_odom = compose2(self._origin, self._lost)
+        self._line, self._direction = 0, 1
+        self._lines: list = []
+        self._cycle: TopCycle | None = None
+        self.contacts = 0
+        self.path = [self.truth.copy()]
+        self.mute: set[str] = set()
+        self._last: dict = {}
+
+    def tick(self, command: Speeds) -> None:
+        """Move on by a step of the control loop."""
+        self._sent.append((self.t + LATENCY_S, command))
+        for _ in range(5):
+            dt = TICK_S / 5
+            while len(self._sent) > 1 and self._sent[1][0] <= self.t + 1e-9:
+                self._sent.popleft()
+            wanted = (
+                np.array(self._sent[0][1]) if self._sent[0][0] <= self.t + 1e-9 else np.zeros(2)
+            )
+            self._actual += (wanted - self._actual) * min(dt / LAG_S, 1.0)
+            left, right = (self._actual[0] + s * 0.2 * self._actual[1] for s in (-1, 1))
+            self.odom = compose2(self.odom, self._arc(self._actual, dt))
+            left, right = left * self.wheels[0], right * self.wheels[1]
+            true = np.array([(left + right) / 2, (right - left) / 0.4])
+            self.truth = compose2(self.truth, self._arc(true, dt))
+            self.t += dt
+        self._look_down()
+        self.path.append(self.truth.copy())
+        body = Polygon(ROBOT.footprint.at(self.truth))
+        moves = np.abs(self._actual).max() > 0.02
+        if moves and any(body.intersects(solid) for solid in self.flat.solids(self.t)):
+            self.contacts += 1
+        if not self.flat.room.contains(body):
+            self.contacts += 1
+
+    @property
+    def speed(self) -> float:
+        return float(np.abs(self._actual).max())
+
+    @staticmethod
+    def _arc(speeds, dt):
+        v, w = speeds
+        return np.array([v * dt * np.cos(w * dt / 2), v * dt * np.sin(w * dt / 2), w * dt])
+
+    def level_scan(self) -> np.ndarray:
+        """Return the points (N, 2) that the level laser sees, in the base frame."""
+        bearings = np.linspace(-np.pi, np.pi, 361)[:-1]
+        shapes = [leg for p in self.flat.pieces() for leg in p.legs]
+        person = self.flat.person_at(self.t)
+        shapes += [person] if person is not None else []
+        corners = [np.asarray(self.flat.room.exterior.coords)]
+        corners += [np.asarray(s.exterior.coords) for s in shapes]
+        a = np.concatenate([c[:-1] for c in corners]) - self.truth[:2]
+        b = np.concatenate([c[1:] for c in corners]) - self.truth[:2]
+        angles = bearings + self.truth[2]
+        d = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        e = b - a
+        cross = d[:, None, 0] * e[None, :, 1] - d[:, None, 1] * e[None, :, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            r = (a[:, 0] * e[:, 1] - a[:, 1] * e[:, 0])[None] / cross
+            u = (a[None, :, 0] * d[:, None, 1] - a[None, :, 1] * d[:, None, 0]) / cross
+        r = np.where((u >= 0) & (u <= 1) & (r > 0), r, np.inf).min(axis=1)
+        r = r + self.rng.normal(0, RANGE_SIGMA, len(r))
+        seen = np.isfinite(r)
+        return (r[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1))[seen]
+
+    def _look_down(self) -> None:
+        """Cast the scan lines of this step; end the tilt cycle at the joint's turning points."""
+        for _ in range(LINES_PER_TICK):
+            tilt = np.interp(self._line / CYCLE_LINES, [0, 1], TILT)
+            self._lines.append(transform2_3(self.odom, self._scan_line(tilt)))
+            self._line += self._direction
+            if not 0 <= self._line <= CYCLE_LINES:
+                self._direction = -self._direction
+                # The joint never turns at the very same angle.
+                self._line += self._direction * (1 + self.rng.random())
+                stamp = self.t - 0.5 * len(self._lines) / LINES_PER_TICK * TICK_S
+                sensor = transform2_3(self.odom, LASER[None])[0]
+                self._cycle = TopCycle(stamp, np.concatenate(self._lines), sensor)
+                self._lines = []
+
+    def _scan_line(self, tilt: float) -> np.ndarray:
+        """Return the points (N, 3) on horizontal surfaces of one scan line, in the base frame."""
+        c, s = np.cos(BEARINGS), np.sin(BEARINGS)
+        d = np.stack([c * np.cos(tilt), s, -c * np.sin(tilt)], axis=1)
+        best = np.full(len(d), np.inf)
+        pieces = sorted(self.flat.pieces(), key=lambda p: -p.height)
+        tops = [(p.top, p.height) for p in pieces] + [(self.flat.room, 0.0)]
+        for top, height in tops:
+            r = (height - LASER[2]) / np.minimum(d[:, 2], -1e-6)
+            hit = LASER + r[:, None] * d
+            xy = transform2(self.truth, hit[:, :2])
+            ok = shapely.contains_xy(top, *xy.T) & (r < best) & (r < 6.0)
+            best[ok] = r[ok]
+        ok = np.isfinite(best)
+        r = best[ok] + self.rng.normal(0, RANGE_SIGMA, int(ok.sum()))
+        return LASER + r[:, None] * d[ok]
+
+    def senses(self) -> Senses:
+        """Return what the base knows; an input in `mute` says no more."""
+        now = {
+            "odom": (self.odom.copy(), self.t),
+            "scan": (transform2(self.odom, self.level_scan()), self.t),
+            "cycle": self._cycle,
+            "map": self.map_odom,
+        }
+        for name in now:
+            if name not in self.mute:
+                self._last[name] = now[name]
+        map_odom = None if "map" in self.mute else self.map_odom
+        (pose, pose_s), (scan, scan_s) = self._last["odom"], self._last["scan"]
+        cuboids = np.zeros((0, 3))
+        if self._last["cycle"] is not None:
+            cuboids = self._last["cycle"].points
+        return Senses(
+            self.t, pose, pose_s, map_odom, "it is lost", scan, scan_s, cuboids,
+            self._last["cycle"],
+        )  # fmt: skip
+
+    def true_figures(self) -> tuple[float, float]:
+        """Return the true gap, m, and the angle to the nearest edge's normal, rad."""
+        body = Polygon(ROBOT.footprint.at(self.truth))
+        gap = body.distance(self.flat.target.top)
+        origin = Point(self.truth[:2])
+        outline = self.flat.target.top.exterior
+        if self.flat.is_round:
+            middle = np.asarray(self.flat.target.top.centroid.coords)[0]
+            way = middle - self.truth[:2]
+            error = np.arctan2(way[1], way[0]) - self.truth[2]
+        else:
+            coords = np.asarray(outline.coords)
+            sides = [shapely.LineString(pair) for pair in pairwise(coords)]
+            ahead = transform2(self.truth, np.array([[ROBOT.footprint.front + gap, 0.0]]))[0]
+            k = int(np.argmin([side.distance(Point(ahead)) for side in sides]))
+            way = coords[k + 1] - coords[k]
+            error = np.arctan2(way[0], -way[1]) - self.truth[2]
+        assert not self.flat.target.top.contains(origin)
+        return gap, float((error + np.pi) % (2 * np.pi) - np.pi)
+
+
+def transform2_3(pose, points):
+    """Move points (N, 3) by a planar pose."""
+    return np.concatenate([transform2(pose, points[:, :2]), points[:, 2:]], axis=1)
+
+
+def mapped_target(flat: Flat, rng: Generator | None = None) -> Target:
+    """Return the surface as a map has it: with errors of 5 mm and 0.3 deg where `rng` is given."""
+    top = flat.mapped.top
+    if rng is not None:
+        dx, dy = rng.normal(0, 0.005, 2)
+        about = top.centroid
+        top = affinity.rotate(top, np.degrees(rng.normal(0, 0.005)), about)
+        top = affinity.translate(top, dx, dy)
+    outline = np.asarray(shapely.geometry.polygon.orient(top).exterior.coords)[:-1]
+    box = np.asarray(shapely.oriented_envelope(top).exterior.coords)
+    sides = np.diff(box[:3], axis=0)
+    long = sides[int(np.hypot(*sides.T).argmax())]
+    pose = np.array([*box[:4].mean(axis=0), np.arctan2(long[1], long[0])])
+    return Target(outline, pose, flat.mapped.height, flat.is_round)
+
+
+def surroundings(flat: Flat) -> Surroundings:
+    outlines = [np.asarray(p.top.exterior.coords)[:-1] for p in flat.mapped_others]
+    same = [
+        o for p, o in zip(flat.mapped_others, outlines)
+        if abs(p.height - flat.mapped.height) < 0.03
+    ]  # fmt: skip
+    return Surroundings(flat.grid(), outlines, same)
+
+
+def a_goal(flat: Flat, rng: Generator | None = None, **fields) -> Goal:
+    values = {"gap": 0.05, "staging": 0.4, "max_distance": 0.9} | fields
+    return Goal(mapped_target(flat, rng), **values)
+
+
+def simple_flat(top: Polygon | None = None, move=(0.0, 0.0, 0.0), start=(-1.8, 0.3, 0.2)) -> Flat:
+    """Return a table in the middle of an empty room of 6 m."""
+    mapped = piece(top if top is not None else rectangle(1.4, 0.8), 0.72)
+    is_round = top is not None and len(top.exterior.coords) > 20
+    room = shapely.box(-3.0, -3.0, 3.0, 3.0)
+    return Flat(room, mapped.moved(*move), mapped, start=np.array(start), is_round=is_round)
+
+
+def run(approach, base: SimulatedBase, seconds: float = 180.0, on_tick=lambda base: None):
+    """Run an approach to its end; return its outcome."""
+    while approach.outcome is None and base.t < seconds:
+        on_tick(base)
+        base.tick(approach.step(base.senses()))
+    for _ in range(20):
+        base.tick(Speeds())
+    return approach.outcome
+
+
+def relative(pose, other):
+    """Return a planar pose as seen from another."""
+    return between2(other, pose)
+
+
+def in_map(base: SimulatedBase, pose):
+    return compose2(inverse2(base.map_odom), pose)

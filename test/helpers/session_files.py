@@ -1,0 +1,39 @@
+"""Files that are made once in a test session, whichever worker needs them first."""
+
+import fcntl
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from tccm_ros.config import Config
+from tccm_ros.replay.replay import replay
+
+BAGS = Path(__file__).resolve().parents[2] / "bags"
+
+
+class SessionFiles:
+    """A folder that all workers of a session have in common.
+
+    Who changes what is in it takes a copy.
+    """
+
+    def __init__(self, root: Path):
+        self._root = root
+        root.mkdir(exist_ok=True)
+
+    def once(self, name: str, make: Callable[[Path], object]) -> Path:
+        """Return a path, after `make` has written it for the first who asks; others wait."""
+        path = self._root / name
+        with (self._root / f"{name}.lock").open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                with TemporaryDirectory(dir=self._root) as unfinished:
+                    make(Path(unfinished) / name)
+                    (Path(unfinished) / name).rename(path)
+        return path
+
+    def replayed(self, bag: str) -> Path:
+        """Return the results of a bundled bag with default parameters, without pictures."""
+        return self.once(
+            f"replayed_{bag}", lambda out: replay(BAGS / bag, out, Config(), pictures=False)
+        )

@@ -1,0 +1,206 @@
+"""approach_node over DDS, with a simulated base and the map of a flat."""
+
+import math
+
+import numpy as np
+import pytest
+from approach_world import circle, l_shape, simple_flat
+from live_robot import Listener, overrides
+from rclpy.action import ActionClient
+
+from tccm_ros.approach.outcome import Reason
+from tccm_ros.nodes.interfaces import has_interfaces
+
+pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
+
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+
+
+class Driver:
+    """approach_node, the base that it drives, and a client."""
+
+    def __init__(self, ros, flat, **values):
+        from approach_robot import ApproachRobot
+        from tccm_interfaces.action import ApproachSurface, Retreat
+
+        from tccm_ros.nodes.approach_node import ApproachNode
+
+        self.ros, self.robot = ros, ApproachRobot(ros, flat)
+        named = {"use_sim_time": True, "qos.reliability": "reliable"}
+        named |= {
+            "approach.footprint": [0.25, 0.22, -0.25, 0.22, -0.25, -0.22, 0.25, -0.22],
+            "approach.reach": 0.9,
+        }
+        named |= {k.replace("__", "."): v for k, v in values.items()}
+        self.node = ros.add(
+            ApproachNode(context=ros.another_context(), parameter_overrides=overrides(named))
+        )
+        viewer = Listener(ros, "client").node
+        self.kinds = ApproachSurface, Retreat
+        self.clients = [
+            ActionClient(viewer, kind, name)
+            for kind, name in zip(self.kinds, ("approach/approach_surface", "approach/retreat"))
+        ]
+        self.phases: list[int] = []
+        self.is_closed = False
+        ros.connect(self.robot.node, self.node, "/odom", "/scan", "/tccm/surfaces")
+        ros.connect(self.node, self.robot.node, "/cmd_vel")
+        ros.connect(self.robot.map_node, self.node, "/map", "/surface_slam/localisation")
+        ros.spin_until(lambda: all(c.server_is_ready() for c in self.clients), what="the actions")
+        ros.spin_until(lambda: self.node._client.surfaces and self.node._grid, what="the map")
+        ros.spin_until(
+            lambda: self.node._client._clients[next(iter(self.node._client._clients))]
+            .service_is_ready(), what="find_surfaces",
+        )  # fmt: skip
+        for _ in range(12):
+            self.robot.step()
+
+    def send(self, which=0, ids=(1,), **fields):
+        goal = self.kinds[which].Goal(**fields)
+        if which == 0:
+            goal.filter.ids = list(ids)
+        sent = self.clients[which].send_goal_async(
+            goal, lambda m: self.phases.append(getattr(m.feedback, "phase", -1))
+        )
+        self.robot.drive_until(sent.done)
+        return sent.result()
+
+    def result(self, handle, seconds=200.0):
+        done = handle.get_result_async()
+        self.robot.drive_until(done.done, seconds)
+        return done.result().status, done.result().result
+
+    def ask(self, *args, **fields):
+        return self.result(self.send(*args, **fields))
+
+    def stands(self) -> bool:
+        """Return whether the base comes to rest and stays there, with nothing sent to it."""
+        count = len(self.robot.commands)
+        for _ in range(15):
+            self.robot.step()
+        place = self.robot.base.truth.copy()
+        for _ in range(5):
+            self.robot.step()
+        is_quiet = len(self.robot.commands) == count
+        return is_quiet and bool(np.allclose(self.robot.base.truth, place, atol=1e-4))
+
+    def close(self):
+        for client in self.clients:
+            client.destroy()
+        if not self.is_closed:
+            self.node.close()
+
+
+@pytest.fixture
+def drive(ros):
+    made = []
+
+    def make(*args, **values):
+        made.append(Driver(ros, *args, **values))
+        return made[-1]
+
+    yield make
+    for driver in made:
+        driver.close()
+
+
+@pytest.mark.parametrize(
+    ("top", "move"),
+    [
+        (None, (0.3, -0.2, 0.5)),
+        (circle(0.5), (0.2, 0.3, 0.0)),
+        (l_shape(1.6, 1.4, 0.6), (0.1, -0.2, -0.4)),
+    ],
+    ids=["straight", "round", "L"],
+)
+def test_a_table_that_was_moved_is_approached(drive, top, move):
+    driver = drive(simple_flat(top, move))
+    status, result = driver.ask()
+    assert (status, result.success, result.reason) == (SUCCEEDED, True, 0), result.message
+    assert result.surface_id == 1
+    assert result.has_moved
+    gap, yaw = driver.robot.base.true_figures()
+    assert gap == pytest.approx(0.05, abs=0.02)
+    assert abs(math.degrees(yaw)) < 1.5
+    assert result.gap == pytest.approx(gap, abs=0.01)
+    assert driver.robot.base.contacts == 0
+    assert set(driver.phases) == {0, 1, 2, 3}
+    assert driver.stands()
+
+
+def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):
+    driver = drive(simple_flat())
+    for fields, reason, words in (
+        ({"ids": (77,)}, Reason.NO_SURFACE, "no surface of the map meets the conditions"),
+        ({"gap": math.nan}, Reason.BAD_GOAL, "gap is nan m; expected 0.02 to 1 m"),
+        ({"gap": 5.0}, Reason.BAD_GOAL, "gap is 5 m"),
+        ({"reach": -1.0}, Reason.BAD_GOAL, "reach is -1 m"),
+        ({"footprint": [0.1, 0.1]}, Reason.BAD_GOAL, "footprint has 2 numbers"),
+        ({"footprint": [1.0, 1.0, 2.0, 1.0, 2.0, 2.0]}, Reason.BAD_GOAL, "base's origin"),
+        ({"has_side": True, "side": math.inf}, Reason.BAD_GOAL, "side is inf"),
+    ):
+        status, result = driver.ask(**fields)
+        assert (status, result.reason) == (ABORTED, reason), result.message
+        assert words in result.message
+    assert not driver.robot.commands
+    status, result = driver.ask(1, distance=9.0)
+    assert (status, result.reason) == (ABORTED, Reason.BAD_GOAL)
+    assert not driver.robot.commands
+
+
+def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_second(drive):
+    driver = drive(simple_flat())
+    goal = driver.send()
+    driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
+    assert driver.ask()[1].reason == Reason.BUSY
+    cancelled = goal.cancel_goal_async()
+    driver.ros.spin_until(cancelled.done)
+    count = len(driver.robot.commands)
+    status, result = driver.result(goal)
+    assert (status, result.reason) == (CANCELED, Reason.CANCELLED)
+    # Two steps of 0.05 s, whatever was on its way.
+    assert all(speeds == (0.0, 0.0) for speeds in driver.robot.commands[count + 2 :])
+    assert driver.stands()
+
+
+@pytest.mark.parametrize(
+    ("lose", "reason"),
+    [
+        (lambda r: r.base.mute.add("odom"), Reason.LOST_POSE),
+        (lambda r: r.base.mute.add("scan"), Reason.LOST_SCANS),
+        (lambda r: setattr(r, "is_localised", False), Reason.LOST_POSE),
+    ],
+    ids=["odometry", "scans", "localisation"],
+)
+def test_what_is_lost_on_the_way_stops_the_base(drive, lose, reason):
+    driver = drive(simple_flat())
+    goal = driver.send()
+    driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
+    lose(driver.robot)
+    status, result = driver.result(goal, 5.0)
+    assert (status, result.reason) == (ABORTED, reason), result.message
+    assert driver.stands()
+    assert driver.robot.base.contacts == 0
+
+
+def test_the_base_backs_off(drive):
+    driver = drive(simple_flat())
+    before = driver.robot.base.truth.copy()
+    status, result = driver.ask(1, distance=0.3)
+    assert (status, result.success) == (SUCCEEDED, True), result.message
+    assert result.distance == pytest.approx(0.3, abs=0.01)
+    way = np.hypot(*(driver.robot.base.truth - before)[:2])
+    assert way == pytest.approx(0.3, abs=0.02)
+    assert driver.stands()
+
+
+def test_the_end_of_the_node_stops_the_base(drive):
+    driver = drive(simple_flat())
+    driver.send()
+    driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
+    driver.node.interrupt()
+    driver.ros.spin_until(lambda: driver.robot.commands[-1] == (0.0, 0.0))
+    driver.node.close()
+    driver.is_closed = True
+    driver.robot.step()
+    assert driver.robot.commands[-1] == (0.0, 0.0)

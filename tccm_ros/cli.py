@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tccm_ros import __version__
-from tccm_ros.errors import ConfigError, OutputError, TccmError, one_line
+from tccm_ros.errors import ConfigError, MissingExtraError, OutputError, TccmError, one_line
 from tccm_ros.extras import check_extra
 
 if TYPE_CHECKING:
@@ -325,7 +325,11 @@ def view(
 
 @app.command()
 def mcp(
-    map: Annotated[Path, typer.Argument(help="a saved map, or its folder")],
+    map: Annotated[Path | None, typer.Argument(help="a saved map, or its folder")] = None,
+    live: Annotated[bool, typer.Option("--live", help="the map of a running slam_node")] = False,
+    node: Annotated[
+        str, typer.Option("--node", help="name of that node, with its namespace")
+    ] = "surface_slam",
     config: ConfigOption = None,
     set: SetOption = [],  # noqa: B006
 ) -> None:
@@ -333,11 +337,26 @@ def mcp(
 
     Nothing is written and nothing moves. Needs the extra: pip install 'tccm_ros[agents]'.
     """
+    if live == (map is not None):
+        raise typer.BadParameter("give a saved map, or --live")
     check_extra("agents", "mcp")
-    from tccm_ros.agents.saved_source import SavedMapSource
     from tccm_ros.agents.server import make_server
+
+    if live:
+        check_extra("ros", "rclpy")
+        from tccm_ros.nodes.interfaces import missing_interfaces
+
+        if missing_interfaces():
+            raise MissingExtraError(f"the live map: {missing_interfaces()}")
+        from tccm_ros.nodes.live_map_source import live_source
+
+        with live_source(node) as source:
+            make_server(source).run()
+        return
+    from tccm_ros.agents.saved_source import SavedMapSource
     from tccm_ros.config.reader import read_config
 
+    assert map is not None
     make_server(SavedMapSource.load(map, read_config(config, set))).run()
 
 

@@ -1,4 +1,4 @@
-"""A saved map as agents ask it."""
+"""A saved map as a source for agents."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from tccm_ros.agents.facts import (
     PlacementFacts,
     PlacementQuestion,
     SurfaceFacts,
+    appearances,
+    newest_first,
 )
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -25,10 +27,10 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.tabletop.placements import PlacementRequest
 
 MAX_BASE_POSES = 3
-"""Of each placement, as the default of FindPlacements."""
+"""Maximum number of base poses per placement, the default of FindPlacements."""
 
 MAX_PLACEMENTS = 100
-"""Placements that are tried for a base pose, as in the services of slam_node."""
+"""Maximum number of placements tried for base poses, as in slam_node's services."""
 
 
 class SavedMapSource:
@@ -37,7 +39,7 @@ class SavedMapSource:
     Parameters
     ----------
     solution
-        Of the map.
+        Solution of the map.
     """
 
     def __init__(self, solution: SurfaceSolution):
@@ -67,13 +69,13 @@ class SavedMapSource:
         return _seconds(max(self._solution.stamp_ns, *seen, 0))
 
     def surfaces(self) -> Sequence[SurfaceFacts]:
-        """Return the surfaces but the floor, by id."""
+        """Return the surfaces except the floor, by id."""
         ground = self._solution.floor_z or 0.0
         known = (s for s in self._solution.surfaces if s.label != "floor")
         return [_surface(surface, ground) for surface in known]
 
     def objects(self) -> Sequence[ObjectFacts]:
-        """Return what stands on surfaces."""
+        """Return the objects on surfaces."""
         return [
             ObjectFacts(
                 item.id,
@@ -88,7 +90,7 @@ class SavedMapSource:
         ]
 
     def rooms(self) -> Sequence[str]:
-        """Return the names of the rooms that have one."""
+        """Return the names of the named rooms."""
         return sorted(room.name for room in self._solution.rooms if room.name)
 
     def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
@@ -97,7 +99,7 @@ class SavedMapSource:
         Raises
         ------
         MessageError
-            Where base poses are asked for, and the map has no free floor.
+            If base poses are requested and the map has no free floor.
         """
         with_base = question.reach_m > 0.0
         if with_base and self._floor is None:
@@ -125,23 +127,15 @@ class SavedMapSource:
         return [BasePoseFacts(round(p.x, 3), round(p.y, 3), round(p.yaw, 3)) for p in poses]
 
     def changes(self) -> tuple[list[ChangeFacts], str]:
-        """Return what came and what was carried elsewhere, the newest first."""
-        found = []
-        for surface in self._solution.surfaces:
-            if surface.label == "floor":
-                continue
-            ids, label = [surface.id], surface.label
-            first_s = _seconds(surface.first_seen_ns)
-            found.append(ChangeFacts("appeared", first_s, ids, -1, label))
-            if surface.previous_pose is not None:
-                placed_s = _seconds(surface.placed_ns)
-                found.append(ChangeFacts("moved", placed_s, ids, -1, label))
+        """Return which surfaces and objects appeared or were moved, the newest first."""
+        found = appearances(self.surfaces(), self.objects())
         found += [
-            ChangeFacts("object_appeared", o.first_seen_s, [o.surface_id], o.id, o.label)
-            for o in self.objects()
+            ChangeFacts("moved", _seconds(surface.placed_ns), [surface.id], -1, surface.label)
+            for surface in self._solution.surfaces
+            if surface.label != "floor" and surface.previous_pose is not None
         ]
-        found.sort(key=lambda change: -change.stamp_s)
-        return found, "a saved map does not tell what has gone; compare two maps: tccm compare"
+        note = "a saved map does not tell what has gone; compare two maps: tccm compare"
+        return newest_first(found), note
 
 
 def _surface(surface: Surface, ground: float) -> SurfaceFacts:

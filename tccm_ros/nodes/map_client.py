@@ -42,6 +42,7 @@ from tccm_ros.nodes.map_records import (
     event_of,
     found_objects_of,
     localisation_of,
+    nanoseconds,
     objects_of,
     placements_of,
     saved_map_of,
@@ -94,6 +95,8 @@ class SurfaceMapClient:
     ----------
     surfaces, objects, compartments, walls, signs
         Contents of the newest map received; empty before the first.
+    stamp_ns
+        Of the newest map, ns; None before the first.
     localisation
         Whether the robot is localised; None before the first message.
     """
@@ -107,6 +110,7 @@ class SurfaceMapClient:
         self.compartments: tuple[MapCompartment, ...] = ()
         self.walls: tuple[MapWall, ...] = ()
         self.signs: tuple[MapSign, ...] = ()
+        self.stamp_ns: int | None = None
         self.localisation: MapLocalisation | None = None
         self._clients = {
             kind: node.create_client(kind, f"{name}/{service}")
@@ -196,8 +200,7 @@ class SurfaceMapClient:
         max_count: int = ANYWHERE.max_count,
         max_base_poses: int = ANYWHERE.max_base_poses,
     ) -> Future:
-        """Find positions where an object can be put down; the future resolves to `Found` of
-        `MapPlacement`.
+        """Find placements of an object; the future resolves to `Found` of `MapPlacement`.
 
         Parameters
         ----------
@@ -406,6 +409,7 @@ class SurfaceMapClient:
         self.compartments = tuple(compartments_of(message.compartments))
         self.walls = tuple(walls_of(message.walls))
         self.signs = tuple(signs_of(message.signs))
+        self.stamp_ns = nanoseconds(message.header.stamp)
         for callback in self._on_map:
             callback()
 

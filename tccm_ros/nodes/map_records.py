@@ -106,6 +106,8 @@ class MapObject:
         float64 (4, 4), centre of its box.
     size
         float64 (3,), edge lengths of the box, m.
+    message
+        The whole message: tccm_interfaces/SurfaceObject.
     """
 
     id: int
@@ -114,6 +116,7 @@ class MapObject:
     confidence: float
     T_map_object: Float64
     size: Float64
+    message: Any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,6 +213,8 @@ class MapEvent:
         Label of the surface or the object.
     T_before, T_after
         float64 (4, 4), poses in map; None if there is none.
+    stamp_ns
+        Of the view that shows the change, ns.
     """
 
     kind: str
@@ -219,6 +224,7 @@ class MapEvent:
     label: str
     T_before: Float64 | None
     T_after: Float64 | None
+    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -341,7 +347,7 @@ def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
 def objects_of(messages: Iterable[Any]) -> list[MapObject]:
     """Return tccm_interfaces/SurfaceObject messages as plain objects."""
     return [
-        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size))
+        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size), m)
         for m in messages
     ]
 
@@ -417,6 +423,7 @@ def event_of(message: Any) -> MapEvent:
         message.label,
         before,
         after,
+        nanoseconds(message.header.stamp),
     )
 
 
@@ -428,12 +435,12 @@ def localisation_of(message: Any) -> MapLocalisation:
 
 def box_state_of(answer: Any) -> BoxState:
     """Return a response of tccm_interfaces/CheckBox as a plain object."""
-    return BoxState(BOX_STATES[answer.state], answer.cycle, _nanoseconds(answer.stamp))
+    return BoxState(BOX_STATES[answer.state], answer.cycle, nanoseconds(answer.stamp))
 
 
 def saved_map_of(message: Any) -> SavedMap:
     """Return a tccm_interfaces/MapInfo as a plain object."""
-    return SavedMap(message.name, _nanoseconds(message.saved), message)
+    return SavedMap(message.name, nanoseconds(message.saved), message)
 
 
 def _vector(message: Any) -> Float64:
@@ -445,5 +452,6 @@ def _pose(message: Any) -> Float64:
     return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
 
 
-def _nanoseconds(stamp: Any) -> int:
+def nanoseconds(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time, ns."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

@@ -215,7 +215,7 @@ class SurfaceQueries:
                 replace(p, yaw=_wrapped(p.yaw + yaw))
                 for size, yaw in sizes.items()
                 for p in space.insertions(size, hand, request.clearance)
-                if _is_in_reach(p, request)
+                if _is_within_arm(p, request)
             ]
             every.sort(key=lambda p: -p.clearance)
             found += without_overlaps(every, (x, y), request.clearance)
@@ -324,7 +324,7 @@ def _obstacle(item: SceneObject) -> Obstacle:
     return Obstacle(item.id, item.footprint, float(low), float(high))
 
 
-def _is_in_reach(placement: Placement, request: PlacementRequest) -> bool:
+def _is_within_arm(placement: Placement, request: PlacementRequest) -> bool:
     if request.reach_from is None or request.reach <= 0.0:
         return True
     return math.dist(placement.position[:2], request.reach_from) <= request.reach

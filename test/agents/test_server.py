@@ -172,3 +172,11 @@ def test_the_command_serves_on_standard_input(folder):
     answer = anyio.run(overview).structured_content
     surfaces = [s for s in content(folder, "surfaces")["surfaces"] if s["label"] != "floor"]
     assert answer["surfaces"] == len(surfaces)
+
+
+@pytest.mark.parametrize("arguments", [[], ["map", "--live"]])
+def test_the_command_wants_one_map(arguments):
+    command = [sys.executable, "-m", "tccm_ros.cli", "mcp", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "give a saved map, or --live" in done.stderr

@@ -1,6 +1,6 @@
-"""Types of NumPy arrays for annotations: one name for each kind of number.
+"""NumPy array types for annotations, one per number type.
 
-Shapes are given in docstrings, as NumPy has no type for them.
+Shapes are given in docstrings, because NumPy has no types for them.
 """
 
 import numpy as np

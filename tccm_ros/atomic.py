@@ -22,10 +22,10 @@ from pathlib import Path
 from tccm_ros.errors import OutputError, one_line
 
 READY = ".tccm-ready-"
-"""Prefix of the name of a folder within another, into which its files will be moved."""
+"""Prefix of a subfolder whose files will be moved into its parent."""
 
 UNFINISHED = ".tccm-new-"
-"""Part of the hidden name of a folder that is being written; random letters follow."""
+"""Part of the hidden name of a folder that is being written, before random letters."""
 
 
 @contextmanager
@@ -37,19 +37,19 @@ def output_file(path: Path | str) -> Iterator[Path]:
     Parameters
     ----------
     path
-        The file; neither it nor its folder needs to exist.
+        Output file; neither it nor its folder needs to exist.
 
     Raises
     ------
     OutputError
-        If it cannot be written; any OSError of the block is taken for that.
+        If it cannot be written; any OSError of the block counts as that.
     """
     path = Path(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield beside
-        _flush_entry(beside)  # a rename that outlives its content would leave an empty file
+        _flush_entry(beside)  # otherwise a crash after the rename could leave an empty file
         os.replace(beside, path)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
@@ -62,15 +62,15 @@ def output_file(path: Path | str) -> Iterator[Path]:
 def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Path]:
     """Yield a temporary folder beside `out`, and move its files to `out` at the end.
 
-    Files of the same name in `out` are replaced, other files there stay. After an error nothing
-    is moved and the temporary folder is removed.
+    Files of the same name in `out` are replaced, and other files there are kept. After an error
+    nothing is moved and the temporary folder is removed.
 
     Parameters
     ----------
     out
-        The folder; neither it nor its parent needs to exist.
+        Output folder; neither it nor its parent needs to exist.
     is_replaced
-        Whether other files in `out` are removed.
+        Whether to remove other files in `out`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Pat
 
 
 def finish_moves(out: Path) -> None:
-    """Complete moves into a folder that were interrupted when a process was killed.
+    """Complete moves into a folder that a killed process did not finish.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def finish_moves(out: Path) -> None:
     """
     with suppress(FileNotFoundError, NotADirectoryError):
         for name in sorted(name for name in os.listdir(out) if name.startswith(READY)):
-            # Another process may be moving them: wait for it, or do the rest.
+            # Another process may be moving them: wait for it, then move the rest.
             with suppress(FileNotFoundError):
                 lock = _lock(out / name)
                 try:
@@ -128,7 +128,7 @@ def remove_unfinished(home: Path, name: str = "") -> None:
     home
         Folder that contains them.
     name
-        Name of the folder that was being written; empty: any.
+        Name of the folder that was being written; empty for any.
     """
     for entry in os.listdir(home):
         written, mark, _ = entry.rpartition(UNFINISHED)
@@ -140,7 +140,7 @@ def remove_unfinished(home: Path, name: str = "") -> None:
 
 
 def _home(out: Path) -> Path:
-    """Return where the temporary folder is made: beside `out` or, if that is impossible, in it."""
+    """Return the parent of the temporary folder: beside `out` or, if that is impossible, in it."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out.name} is a file; give a folder")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def _home(out: Path) -> Path:
 
 
 def _make(home: Path, name: str) -> tuple[Path, int]:
-    """Return a new folder and its lock, which tells other processes that it is being written."""
+    """Return a new folder and its lock, which marks it as in use for other processes."""
     while True:
         made = Path(tempfile.mkdtemp(prefix=f".{name}{UNFINISHED}", dir=home))
         with suppress(FileNotFoundError):
@@ -177,7 +177,7 @@ def _lock(folder: Path, *, is_patient: bool = True) -> int:
 
 
 def _move(made: Path, ready: Path, out: Path) -> None:
-    """Move the entries of a folder; a new folder appears in one step."""
+    """Move the entries of a folder; a new folder appears atomically."""
     made.chmod(0o755)
     _flush(made)
     if not out.exists():
@@ -203,7 +203,7 @@ def _move_files(ready: Path, out: Path) -> None:
 
 
 def _remove_others(out: Path, names: Collection[str]) -> None:
-    """Remove the entries of a folder except those of these names."""
+    """Remove the entries of a folder except the given names."""
     for entry in out.iterdir():
         if entry.name not in names:
             if entry.is_dir():
@@ -213,7 +213,7 @@ def _remove_others(out: Path, names: Collection[str]) -> None:
 
 
 def _flush(folder: Path) -> None:
-    """Flush everything in a folder to the disk: a loss of power must not leave empty files."""
+    """Flush everything in a folder to disk, so that a power loss leaves no empty files."""
     for path, _, names in os.walk(folder):
         for name in names:
             _flush_entry(Path(path) / name)

@@ -1,7 +1,7 @@
-"""`SurfaceMapClient`: the surface map for Python nodes, as plain objects.
+"""`SurfaceMapClient`: client of the surface map for Python nodes, with plain objects as results.
 
-It needs `tccm_interfaces`, and the node that it is given spun by its owner. What knows ROS is in
-`tccm_ros.nodes.map_client`; this is the name under which programs import it.
+It needs `tccm_interfaces`, and its owner must spin the node passed to it. The implementation is in
+`tccm_ros.nodes.map_client`; import it from this module.
 """
 
 from tccm_ros.errors import QuestionError

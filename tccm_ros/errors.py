@@ -1,7 +1,7 @@
-"""The errors that a user can cause: one base class, one subclass per family.
+"""Errors caused by user input or the environment: a base class, and a subclass per family.
 
-A message is one line, lower case, and names the file, topic, frame, joint or field, what was
-found, what was expected and what to do. The command line prints it and exits with status 1.
+A message is one line, lower case, and names the file, topic, frame, joint or field, the value
+found, the expected one and a remedy. The command line prints it and exits with status 1.
 """
 
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 
 class TccmError(Exception):
-    """Base of all errors that a user can cause."""
+    """Base class of all errors of this package."""
 
 
 class ConfigError(TccmError):
@@ -41,11 +41,11 @@ class MapError(TccmError):
 
 
 class QuestionError(TccmError):
-    """A question about the map that was not answered; the message is that of the node."""
+    """A request about the map that was not answered; the message comes from the node."""
 
 
 class MotionError(TccmError):
-    """A joint that cannot be moved, or a robot that does not stand where it has to."""
+    """A joint that cannot be moved, or a robot that moves when it must stand still."""
 
 
 class OutputError(TccmError):
@@ -65,7 +65,7 @@ class PictureError(TccmError):
 
 
 class MissingExtraError(TccmError):
-    """A part that needs a package which is not installed."""
+    """A feature that needs a package which is not installed."""
 
 
 def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
@@ -74,11 +74,11 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
     Parameters
     ----------
     name
-        Name that is not known.
+        Unknown name.
     known
-        Names that are.
+        Known names.
     limit
-        Max number of names that are listed when none is similar.
+        Maximum number of names listed if none is similar.
 
     Returns
     -------
@@ -98,8 +98,8 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
 def one_line(error: BaseException, *, limit: int = 200) -> str:
     """Return the text of an error as one line of at most `limit` characters.
 
-    Of an error of the system only its meaning is returned ("no such file or directory"): the
-    message around it names the file.
+    For an OSError only its description is returned ("no such file or directory"), because the
+    surrounding message names the file.
     """
     text = str(error)
     if isinstance(error, OSError) and error.strerror:

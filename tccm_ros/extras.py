@@ -1,4 +1,4 @@
-"""Optional parts of the package: what each extra installs."""
+"""Checks of the optional dependencies (extras) of the package."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ def check_extra(extra: str, *modules: str) -> None:
     Parameters
     ----------
     extra
-        Its name in setup.py.
+        Name of the extra in setup.py.
     modules
-        Top-level names.
+        Top-level module names.
 
     Raises
     ------
     MissingExtraError
-        Where one cannot; the message says how to install it.
+        If one cannot be imported; the message says how to install the extra.
     """
     missing = [name for name in modules if find_spec(name) is None]
     if missing:

@@ -1,13 +1,14 @@
-"""Compiled kernels on disk, under a name that changes with all that they are made of.
+"""Disk cache of compiled kernels, with keys that change with all of their inputs.
 
-numba's own cache asks whether the file of a kernel has changed. What a kernel calls is compiled
-into it, so that after a change of a kernel in another file the old one runs on, silently. Here the
-name of a file is a hash of the bytecode of the kernel and of all kernels that it calls, of the
-constants that they use, of the types of its arguments, and of the versions of numba, NumPy and the
-processor: what has changed is not found, whatever the times of files say. Comments do not count.
+numba's own cache only checks whether the file of a kernel has changed. The functions that a kernel
+calls are compiled into it, so after a change of such a function in another file the old code would
+silently be used. Here the key is a hash of the bytecode of the kernel and of all kernels that it
+calls, of the constants that they use, of the argument types, and of the versions of numba, NumPy
+and the processor. So a changed kernel is never found in the cache, regardless of file times.
+Comments do not change the key.
 
-The folder is that of the user (`$XDG_CACHE_HOME/tccm_ros`), or `$NUMBA_CACHE_DIR/tccm_ros`, so that
-an installation that cannot be written is no hindrance, and processes and checkouts share it.
+The folder is the user's (`$XDG_CACHE_HOME/tccm_ros`), or `$NUMBA_CACHE_DIR/tccm_ros`, so that it
+works for a read-only installation, and processes and checkouts use it together.
 """
 
 from __future__ import annotations
@@ -32,19 +33,19 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
 OPTIONS = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "ENABLE_AVX")
-"""Settings of numba (environment variables `NUMBA_...`) that change the code that it makes."""
+"""numba settings (environment variables `NUMBA_...`) that change the generated code."""
 
 KEPT = 24
-"""Files that are kept of a kernel, the newest (chosen: some types of arguments, some versions)."""
+"""Number of files kept per kernel, the newest. Chosen: some argument types and versions."""
 
 
 class KernelCache(_Cache):
-    """Where the overloads of one kernel are kept.
+    """Cache of the overloads of one kernel.
 
     Parameters
     ----------
     function
-        The function that is compiled.
+        Python function of the kernel.
     """
 
     def __init__(self, function: FunctionType) -> None:
@@ -58,7 +59,7 @@ class KernelCache(_Cache):
         return str(cache_folder())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled kernel for some types of arguments, None if it is not there."""
+        """Return the compiled kernel for some argument types; None if it is not cached."""
         target_context.refresh()
         self._key = self._key_of(sig, target_context.codegen())
         if not self._is_enabled:
@@ -69,24 +70,24 @@ class KernelCache(_Cache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a kernel that was compiled after `load_overload` did not find it."""
+        """Save a kernel that was compiled after `load_overload` did not find it."""
         is_relocatable = not (data.lifted or data.library.has_dynamic_globals)
-        # A constant may have been replaced meanwhile: then nobody knows which one was compiled.
+        # A constant may have been replaced meanwhile, and it is unknown which one was compiled.
         if self._is_enabled and is_relocatable and self._key == self._key_of(sig, data.codegen):
             with suppress(OSError):
                 _write(self._path(self._key), dumps(data._reduce()))
                 self._remove_old()
 
     def enable(self) -> None:
-        """Use the cache."""
+        """Enable the cache."""
         self._is_enabled = True
 
     def disable(self) -> None:
-        """Do not use the cache."""
+        """Disable the cache."""
         self._is_enabled = False
 
     def flush(self) -> None:
-        """Remove what is kept of this kernel."""
+        """Remove the cached files of this kernel."""
         for path in self._files():
             path.unlink(missing_ok=True)
 
@@ -114,10 +115,10 @@ class KernelCache(_Cache):
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of the compiled kernels, made if it is missing.
+    """Return the folder of the compiled kernels, creating it if needed.
 
-    Where the user's folder cannot be written it is one of the temporary files. A file in it is run
-    as code, so that only a folder of this user is taken.
+    If the user's folder is not writable, it is one in the temporary folder. Files in it are run as
+    code, so only a folder owned by this user is accepted.
     """
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     root = os.environ.get("NUMBA_CACHE_DIR") or home
@@ -131,7 +132,7 @@ def cache_folder() -> Path:
 
 
 def source_digest(function: FunctionType) -> str:
-    """Return a hash of the bytecode of a kernel and of all that is compiled into it.
+    """Return a hash of the bytecode of a kernel and of everything compiled into it.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def source_digest(function: FunctionType) -> str:
     Returns
     -------
     str
-        The same for the same code and constants in any file, process or checkout.
+        Equal for equal code and constants in any file, process or checkout.
     """
     waiting, reached = [function], dict[int, FunctionType]()
     total = hashlib.sha256()
@@ -161,7 +162,7 @@ def source_digest(function: FunctionType) -> str:
 
 
 def _code(code: CodeType) -> tuple[Any, ...]:
-    """Return what a function does, without its text, lines and docstring."""
+    """Return the content of a function's code, without file name, line numbers and docstring."""
     constants = [
         _code(c) if isinstance(c, CodeType) else (type(c).__name__, c)
         for i, c in enumerate(code.co_consts)
@@ -171,7 +172,7 @@ def _code(code: CodeType) -> tuple[Any, ...]:
 
 
 def _globals(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of the module that a function uses (or that an attribute is named)."""
+    """Yield the module-level names and values that a function may use."""
     codes = [function.__code__]
     while codes:
         code = codes.pop()
@@ -184,7 +185,7 @@ def _globals(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def _constant(value: Any) -> str:
-    """Return a text that differs where a value that numba compiles into a kernel does."""
+    """Return a text that identifies a constant compiled into a kernel."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype.descr} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, (bool, int, float, complex, str, np.generic, np.dtype)):
@@ -198,7 +199,7 @@ def _constant(value: Any) -> str:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file that other processes see whole or not at all."""
+    """Write a file atomically."""
     number, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
     try:
         with os.fdopen(number, "wb") as stream:

@@ -1,4 +1,4 @@
-"""The decorator of kernels: functions that numba compiles, and that are kept on disk."""
+"""Decorator of kernels: functions compiled by numba and cached on disk."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ def kernel(**options: Any) -> Callable[[Function], Function]: ...
 
 
 def kernel(function: Function | None = None, **options: Any) -> Any:
-    """Compile a function for the types it is called with, and keep it on disk.
+    """Compile a function for the types of its arguments, and cache it on disk.
 
-    It runs without Python's global lock. With the environment variable `NUMBA_DISABLE_JIT` it stays
-    a Python function.
+    It runs without the global interpreter lock. If the environment variable `NUMBA_DISABLE_JIT` is
+    set, it remains a Python function.
 
     Parameters
     ----------
     function
-        Of numbers and arrays.
+        Function of numbers and arrays.
     options
-        Of `numba.njit`: ``inline``, ``error_model``.
+        Options of `numba.njit`: ``inline``, ``error_model``.
     """
     if function is None:
         return lambda undecorated: kernel(undecorated, **options)
     compiled = njit(nogil=True, **options)(function)
     if isinstance(compiled, Dispatcher):
-        # As its `enable_caching` does, with numba's own cache.
+        # As numba's `enable_caching` does with its own cache.
         vars(compiled)["_cache"] = KernelCache(compiled.py_func)
     return cast(Function, compiled)

@@ -21,19 +21,19 @@ from rich.text import Text
 
 
 class Bars(Protocol):
-    """Progress bars of long-running work, one after the other."""
+    """Progress bars of long-running work, one after another."""
 
     def start(self, name: str, total: float, unit: str = "") -> None:
-        """Begin a bar; a running one is finished first.
+        """Start a bar; a running one is finished first.
 
         Parameters
         ----------
         name
-            Shown before the bar.
+            Text before the bar.
         total
-            Amount at which the bar is full, in `unit`.
+            Amount of a full bar, in `unit`.
         unit
-            Of the rate that is shown; ``s`` for seconds of a recording.
+            Unit of the displayed rate; ``s`` for seconds of a recording.
         """
 
     def advance(self, amount: float) -> None:
@@ -41,7 +41,7 @@ class Bars(Protocol):
 
 
 class Silent:
-    """Bars that show nothing."""
+    """Progress bars without output."""
 
     def start(self, name: str, total: float, unit: str = "") -> None:
         """Show nothing, with the arguments of `Bars.start`.
@@ -57,14 +57,14 @@ class Silent:
 
 
 class FractionBar:
-    """A bar for work that reports the fraction that is done.
+    """A bar for work that reports its completed fraction.
 
     Parameters
     ----------
     bars
-        Where the bar is shown.
+        Progress bars.
     name
-        Shown before the bar.
+        Text before the bar.
     """
 
     def __init__(self, bars: Bars, name: str):
@@ -72,7 +72,7 @@ class FractionBar:
         bars.start(name, 100.0, "%")
 
     def __call__(self, fraction: float) -> None:
-        """Report the fraction that is done, 0 to 1."""
+        """Report the completed fraction, 0 to 1."""
         self._bars.advance(100.0 * (fraction - self._done))
         self._done = fraction
 
@@ -82,7 +82,7 @@ class _Rate(ProgressColumn):
         speed = task.finished_speed or task.speed
         if speed is None:
             return Text("")
-        if task.fields["unit"] == "s":  # seconds of a recording in a second
+        if task.fields["unit"] == "s":  # seconds of a recording per second
             return Text(f"{speed:.1f} x real time")
         if speed < 1.0 and task.fields["unit"] != "%":  # tasks that take longer than a second
             return Text(f"{60.0 * speed:.1f} {task.fields['unit']}/min")
@@ -128,5 +128,5 @@ def progress(quiet: bool = False) -> Iterator[Bars]:
         yield shown
         shown.finish()
     finally:
-        if bars.live.is_started:  # stopping what was never begun would print an empty line
+        if bars.live.is_started:  # stopping a bar that never started would print an empty line
             bars.stop()

@@ -1,6 +1,6 @@
-"""Stages that hang on the map, such as rooms and pictures: one that fails is left out and counted.
+"""Optional stages after the map, such as rooms and pictures, whose failure is counted.
 
-Where the environment variable `TCCM_STRICT` is set, as in tests and benchmarks, it raises instead.
+If the environment variable `TCCM_STRICT` is set, as in tests and benchmarks, a failure raises.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ Result = TypeVar("Result")
 
 
 class OptionalStages:
-    """Runs the stages that hang on a map.
+    """Runs optional stages and counts their failures.
 
     Attributes
     ----------
     failed
-        How often a stage failed, by its name and the error: ``rooms: GEOSException: ...``.
+        Number of failures by stage and error: ``rooms: GEOSException: ...``.
     """
 
     def __init__(self) -> None:
         self.failed: Counter[str] = Counter()
 
     def run(self, name: str, stage: Callable[[], Result]) -> Result | None:
-        """Return what a stage returns; None where it fails.
+        """Return the result of a stage; None if it fails.
 
         Parameters
         ----------
         name
-            Of the stage, for users.
+            Name of the stage, for users.
         stage
-            Does it.
+            The function to run.
         """
         try:
             return stage()

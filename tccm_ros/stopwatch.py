@@ -1,4 +1,4 @@
-"""Stopwatch: the seconds that each stage of a job takes."""
+"""Stopwatch for the stages of a job."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 
 class Stopwatch:
-    """Seconds spent in each stage, by name in order of first use.
+    """Seconds spent in each stage, by name, in order of first use.
 
     Parameters
     ----------
     now
-        Returns the time, s; benchmarks on a busy machine use the CPU time of the process.
+        Returns the time, s; benchmarks on a busy machine use the processor time of the process.
     """
 
     def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
@@ -21,7 +21,7 @@ class Stopwatch:
         self._stages: dict[str, _Stage] = {}
 
     def stage(self, name: str) -> _Stage:
-        """Add the time inside a `with` block to a stage; a stage is not entered twice at once."""
+        """Return a context that adds its time to a stage; a stage must not be nested in itself."""
         stage = self._stages.get(name)
         if stage is None:
             stage = self._stages[name] = _Stage(name, self.seconds, self._now)
@@ -29,7 +29,7 @@ class Stopwatch:
 
 
 class _Stage:
-    """A context that adds up its time; a class, as it is entered for every record of a bag."""
+    """A context that adds up its time; a class for speed, as it is entered for every record."""
 
     __slots__ = ("_name", "_now", "_seconds", "_start")
 

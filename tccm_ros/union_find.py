@@ -1,7 +1,7 @@
-"""Disjoint sets in kernels: a forest of parents in one array, which begins as ``arange(n)``.
+"""Disjoint sets for kernels: a forest of parents in one array, initially ``arange(n)``.
 
-scipy's `DisjointSet` cannot be used within a compiled loop, and `connected_components` needs the
-list of all links first; here links are found and sets merged in one pass.
+scipy's `DisjointSet` cannot be used in a compiled loop, and `connected_components` needs the list
+of all links in advance; here links are found and sets merged in one pass.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from tccm_ros.kernels import kernel
 
 @kernel
 def find_root(parent: Any, i: int) -> int:
-    """Return the root of element i, halving the path to it.
+    """Return the root of element i, halving its path.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The recording that `tccm demo` maps: it comes with the package, a checkout is not needed."""
+"""The recording for `tccm demo`, included in the package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models of cameras: the pinhole; a depth camera with its noise, flying pixels, missing returns."""
+"""Models of cameras: a pinhole, and a depth camera with noise, flying pixels and lost returns."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Pinhole:
     width, height, focal
         Size of the image and focal length, px; the principal point is the middle of the image.
     period
-        Between images, s.
+        Time between images, s.
     """
 
     width: int
@@ -64,11 +64,11 @@ class DepthCamera(Pinhole):
     disparity_scale
         Focal length times baseline of the sensor itself, m px.
     disparity_sigma, disparity_step
-        Noise and step of the disparity, px; a step of 0 keeps all digits.
+        Noise and quantisation step of the disparity, px; a step of 0 means no rounding.
     flying
-        Fraction of the pixels at a depth edge that return a depth in between.
+        Fraction of pixels at a depth edge that return a depth between its two sides.
     grazing
-        Min cosine of the angle of incidence that gives a return.
+        Minimum cosine of the angle of incidence for a return.
     lost
         Fraction of the other pixels without a return.
     """
@@ -83,7 +83,7 @@ class DepthCamera(Pinhole):
     lost: float = 0.0
 
     def sigma(self, depths: Float64) -> Float64:
-        """Return the standard deviation of depths, both in m: noise and step of the disparity."""
+        """Return the standard deviation of depths, m, from noise and step of the disparity."""
         error = np.hypot(self.disparity_sigma, self.disparity_step / np.sqrt(12.0))
         result: Float64 = depths**2 / self.disparity_scale * error
         return result
@@ -99,16 +99,16 @@ def measure_depths(
     camera
         The camera.
     exact
-        float64 (height, width), depth along the optical axis, m; +inf where there is nothing.
+        float64 (height, width), depth along the optical axis, m; +inf without a hit.
     cosines
         float64 (height, width), cosine of the angle of incidence, 0 to 1.
     random
-        Source of noise; the same number of draws is made whatever the depths are.
+        Random generator of noise; the number of draws does not depend on the depths.
 
     Returns
     -------
     uint16 (height, width)
-        16UC1: mm, 0 where there is no return.
+        16UC1: mm, 0 without a return.
     """
     noise = random.standard_normal(exact.shape, np.float32)
     chance, blend, failure = random.random((3, *exact.shape), np.float32)

@@ -1,6 +1,6 @@
-"""Import a CARMEN log: write a bag that replays without any setting.
+"""Import a CARMEN log: write a bag that replays with default settings.
 
-The order of lines is the true order of a log; its stamps may step back. The bag has strictly
+The order of lines in a log is the true order, but its stamps may step back. The bag has strictly
 increasing stamps as near to the logged ones as possible; ``stamps.csv`` has both for each scan.
 """
 
@@ -31,22 +31,22 @@ from tccm_sim.carmen_lines import SCAN_KINDS, CarmenLog, OdomLine, ScanLine, rea
 BASE, LASER, ODOM = "base_link", "laser", "odom"
 
 SICK_NO_RETURN_M = 81.8
-"""The SICK LMS codes of 8183 to 8191 cm mean no return or dazzle (manual of the LMS 2xx)."""
+"""Codes 8183 to 8191 cm of the SICK LMS mean no return or dazzle (manual of the LMS 2xx)."""
 
 SICK_RANGE_M = 80.0
-"""Max range of the SICK LMS, m (manual of the LMS 2xx): that of a log that has none."""
+"""Maximum range of the SICK LMS, m (manual of the LMS 2xx); used if a log has none."""
 RANGE_MIN_M = 0.02
-"""Min range where a log has none, m. Chosen."""
+"""Minimum range if a log has none, m. Chosen."""
 
 SENTINEL_FRACTION = 1e-3
 SENTINEL_RATIO = 20.0
-"""The largest reading means no return where at least this fraction of all readings equals it, and
-its number is this many times the median number of the values in the upper half (chosen: measured
-distances are noisy, or repeat as often as each other)."""
+"""The largest reading means no return if at least this fraction of all readings equals it, and its
+count is this multiple of the median count of values in the upper half. Chosen: measured distances
+are noisy, or repeat about equally often."""
 
 MAX_OFFSET_SPREAD = 0.005
-"""Max interquartile range of the laser's offset, m and rad; beyond it the poses are corrected ones,
-whose difference from the odometry is not the offset of the laser (chosen)."""
+"""Maximum interquartile range of the laser's offset, m and rad. Beyond it the poses are corrected
+ones, and their difference from odometry is not the laser's offset. Chosen."""
 
 CARMEN_OFFSET = "robot_frontlaser_offset"
 
@@ -58,19 +58,19 @@ class ImportedLog:
     Attributes
     ----------
     kind
-        The kind of lines that the scans are from.
+        Kind of the scan lines.
     scans, odometry
-        Messages written.
+        Numbers of messages written.
     damaged
-        Lines that could not be read, and scans whose stamp is far from those around.
+        Number of lines that could not be read, and of scans with an outlier stamp.
     steps_back
-        Scans logged with an earlier time than the scan before.
+        Number of scans logged with an earlier time than the previous one.
     moved_s
         Largest change of a stamp, s.
     laser
         Pose of the laser in the base (x, y, yaw).
     range_max
-        m.
+        Maximum range, m.
     """
 
     kind: str
@@ -101,18 +101,18 @@ def import_carmen(
     log
         A .clf or .log file, plain or compressed by bzip2 or gzip.
     out
-        A folder; stamps.csv is put into it too.
+        Output folder, also for stamps.csv.
     overwrite
-        Whether an existing `out` is replaced.
+        Whether to replace an existing `out`.
     bars
-        Where progress is shown.
+        Progress bars.
 
     Raises
     ------
     LogError
-        For a log that cannot be read or has no scans.
+        If the log cannot be read or has no scans.
     OutputError
-        Where `out` cannot be written.
+        If `out` cannot be written.
     """
     log, out = Path(log), Path(out)
     if out.suffix == ".mcap":
@@ -154,10 +154,9 @@ def import_carmen(
 
 
 def _clock(scans: list[ScanLine], log: CarmenLog) -> tuple[list[int], dict[int, int]]:
-    """Return a time of each scan, and that of each line by its number, by a clock that never
-    steps back.
+    """Return a monotonic time for each scan, and for each line by its number, ns.
 
-    Where the computers' clock is constant, the logger's is used.
+    If the computers' clock is constant, the logger's clock is used.
     """
     if len({scan.time_ns for scan in scans}) == 1 and len({s.logged_ns for s in scans}) > 1:
         times = without_resets([scan.logged_ns for scan in scans])
@@ -187,7 +186,7 @@ def _laser_offset(scans: list[ScanLine], log: CarmenLog) -> Float64:
 
 
 def _no_return(scans: list[ScanLine]) -> tuple[float, float]:
-    """Return the smallest reading that means no return, and the max valid range, m."""
+    """Return the smallest reading that means no return, and the maximum valid range, m."""
     stated = max(scan.range_max for scan in scans)
     if 0.0 < stated < SICK_NO_RETURN_M:
         return stated, stated
@@ -249,10 +248,9 @@ def _write_odometry(
     log: CarmenLog,
     clock: dict[int, int],
 ) -> int:
-    """Write ODOM lines where the scans have no odometry of their own; return how many there are.
+    """Write ODOM lines if the scans have no odometry of their own; return the number of poses.
 
-    A scan line repeats the odometry at its time, so that ODOM lines would repeat it at another
-    time.
+    A scan line repeats the odometry at its time, and ODOM lines would repeat it at another time.
     """
     paired = sum(scan.odometry is not None for scan in scans)
     if paired:

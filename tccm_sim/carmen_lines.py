@@ -1,6 +1,6 @@
 """Read the lines of CARMEN logs.
 
-Formats as the logs' own headers give them; angles in rad, distances in m, times in s::
+Formats as documented in the headers of logs; angles in rad, distances in m, times in s::
 
     FLASER n r1 .. rn  x y theta  odom_x odom_y odom_theta  ipc_time host logger_time
     ROBOTLASER1 type start fov resolution max accuracy remission n r1 .. rn  m v1 .. vm
@@ -10,8 +10,8 @@ Formats as the logs' own headers give them; angles in rad, distances in m, times
     ODOM x y theta tv rv accel  ipc_time host logger_time
     PARAM name value ..
 
-Some logs state one reading less than a FLASER line has; the poses then end where the host's name
-stands.
+In some logs the stated number of readings is one less than in the FLASER line; the poses then end
+at the position of the host name.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, one_line
 
 MAX_LINE = 2**20
-"""Max bytes of a line. Chosen: a longer one is damaged."""
+"""Maximum length of a line, bytes. Chosen: a longer one is damaged."""
 MAX_LOG = 2**33
-"""Max bytes of an unpacked log. Chosen: a larger one is a compression bomb."""
+"""Maximum size of a decompressed log, bytes. Chosen: a larger one is a compression bomb."""
 
 MAX_BEAMS = 20_000
-"""Max number of readings of a valid line. Chosen: far above that of any laser."""
+"""Maximum number of readings of a valid line. Chosen: far above that of any laser."""
 MAX_COORDINATE = 1e7
-"""Max coordinate of a valid line, m. Chosen: far above that of any log."""
+"""Maximum coordinate of a valid line, m. Chosen: far above that of any log."""
 
 MAX_TIME_S = 2**31 - 1
-"""Stamps of messages have 32 bits of seconds."""
+"""Maximum stamp, s: messages have 32 bits of seconds."""
 
 WIDE = {541: (-0.75 * math.pi, math.radians(0.5)), 1081: (-0.75 * math.pi, math.radians(0.25))}
-"""First bearing and step of lasers with 270 degrees, by number of beams; all others have 180."""
+"""First bearing and step of lasers with 270 degrees, by number of beams; others have 180."""
 
 SCAN_KINDS = ("FLASER", "ROBOTLASER1", "RAWLASER1")
-"""In the order of preference: a log that has several repeats the same scans."""
+"""Kinds of scan lines by preference; a log with several kinds repeats the same scans."""
 
 Pose2 = tuple[float, float, float]
 
@@ -59,21 +59,21 @@ class ScanLine:
     Attributes
     ----------
     index
-        Of the scan among those of its kind in the file, from 0, damaged ones included.
+        Index among the scans of its kind in the file, from 0, including damaged ones.
     line
-        Of the file, from 0.
+        Line number in the file, from 0.
     time_ns, logged_ns
-        ipc_time and logger_time, ns; the latter -1 where the line has none.
+        ipc_time and logger_time, ns; the latter is -1 if missing.
     stated
-        Number of readings by the line's own count.
+        Number of readings stated by the line.
     angle_min, angle_increment
-        rad.
+        First bearing and step, rad.
     range_max
-        As stated by the line, m; 0 where it is not.
+        Maximum range stated by the line, m; 0 if missing.
     ranges
         float64 (N,), m, as logged.
     laser, odometry
-        Poses of laser and base in the odometry frame (x, y, yaw), None where the line has none.
+        Poses of laser and base in the odometry frame (x, y, yaw); None if missing.
     """
 
     index: int
@@ -96,7 +96,7 @@ class OdomLine:
     Attributes
     ----------
     line
-        Of the file, from 0.
+        Line number in the file, from 0.
     time_ns
         ipc_time, ns.
     pose
@@ -139,7 +139,7 @@ def read_log(path: Path) -> CarmenLog:
     Raises
     ------
     LogError
-        Where the file cannot be read, is cut off within its compression, or is no text log.
+        If the file cannot be read, is truncated within its compression, or is not a text log.
     """
     log = CarmenLog()
     try:
@@ -155,7 +155,7 @@ def read_log(path: Path) -> CarmenLog:
 
 
 def _open(path: Path) -> IO[bytes]:
-    """Open by the first bytes, so that a wrong suffix does not matter."""
+    """Open a file according to its first bytes, regardless of its suffix."""
     with path.open("rb") as stream:
         head = stream.read(3)
     if head == b"BZh":
@@ -175,7 +175,7 @@ def _lines(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 def _take(log: CarmenLog, line: bytes, number: int) -> None:
-    """Add one line to the log."""
+    """Add a line to the log."""
     first = line[:64].split(None, 1)
     kind = first[0].decode("ascii", "replace") if first else ""
     if kind not in (*SCAN_KINDS, "ODOM", "PARAM"):
@@ -196,9 +196,9 @@ def _take(log: CarmenLog, line: bytes, number: int) -> None:
 
 
 def _drop_miscounted(log: CarmenLog) -> None:
-    """Drop lines whose number of readings is not the stated one, unless most lines are such.
+    """Drop lines whose number of readings differs from the stated one, unless most lines do.
 
-    A single such line has a reading that was split in two, with wrong bearings after it.
+    In a single such line, a reading was split in two, and the bearings after it are wrong.
     """
     for kind, scans in log.scans.items():
         counted = [scan for scan in scans if len(scan.ranges) == scan.stated]
@@ -230,7 +230,7 @@ def _flaser(words: list[str], index: int, number: int) -> ScanLine:
 
 
 def _new_laser(words: list[str], index: int, number: int) -> ScanLine:
-    """Read ROBOTLASER1 and RAWLASER1, which differ in the poses."""
+    """Read ROBOTLASER1 and RAWLASER1, of which only the first has poses."""
     start, _, step, range_max = _numbers(words[2:6])
     ranges, after = _readings(words, 8)
     _, after = _readings(words, after)
@@ -254,7 +254,7 @@ def _new_laser(words: list[str], index: int, number: int) -> ScanLine:
 
 
 def _readings(words: list[str], at: int) -> tuple[Float64, int]:
-    """Return the readings whose number is words[at], and where they end."""
+    """Return the readings, whose number is words[at], and the index of the next word."""
     count = int(words[at])
     end = at + 1 + count
     if not 0 <= count <= MAX_BEAMS or end > len(words):
@@ -263,7 +263,7 @@ def _readings(words: list[str], at: int) -> tuple[Float64, int]:
 
 
 def _bearings(beams: int) -> tuple[float, float]:
-    """Return first bearing and step of a FLASER scan: 180 and 360 beams end one step early."""
+    """Return first bearing and step of a FLASER scan; 180 and 360 beams end one step early."""
     if beams < 2:
         raise ValueError("a scan of less than two beams")
     if beams in WIDE:
@@ -292,7 +292,7 @@ def _is_number(word: str) -> bool:
 
 
 def _logged_ns(words: list[str]) -> int:
-    """Return the logger's time, if there is one, else -1."""
+    """Return the logger's time, ns, or -1 if missing."""
     try:
         return _time_ns(words[0])
     except (ValueError, IndexError):
@@ -300,7 +300,7 @@ def _logged_ns(words: list[str]) -> int:
 
 
 def _time_ns(word: str) -> int:
-    """Return a time in s as ns, exactly: a float64 has 0.1 us left at today's epoch."""
+    """Return a time in s as exact ns; a float64 resolves only 0.1 us at the current epoch."""
     whole, _, part = word.partition(".")
     if not (whole.isdigit() and (part.isdigit() or not part)) or int(whole) > MAX_TIME_S:
         raise ValueError(f"no time: {word}")

@@ -17,16 +17,16 @@ WALL = -2.6  # m, x of the wall between the rooms
 DOOR = 0.7  # m, half the width of the opening in it
 PAUSE = 12.6  # s, of each stop: three tilt cycles
 CYCLE = 4.0  # s
-STEP = 0.01  # s, in which furniture jumps
+STEP = 0.01  # s, duration of a jump of furniture
 
 
 def changing(options: Options) -> World:
     """Return two rooms that the robot visits in turn; the laser scans while it stands.
 
-    Before the third stop a table with a cup is moved through its room, a stool is carried out, a
-    crate comes, and a desk is carried to the other room. Before the fifth, a side table is moved by
-    0.3 m, and a bench is lowered by 4 cm. Another cup comes during the third stop; the first has
-    left before the fifth.
+    Before the third stop a table with a cup is moved within its room, a stool is removed, a crate
+    is added, and a desk is moved to the other room. Before the fifth, a side table is moved by 0.3
+    m, and a bench is lowered by 4 cm. Another cup appears during the third stop; the first is
+    removed before the fifth.
     """
     first, second = Waypoint(0.0, 0.0, 0.0, PAUSE), Waypoint(-5.0, 0.0, pi, PAUSE)
     route = [first, second, Waypoint(0.05, -0.1, 0.0, PAUSE), second, first]
@@ -47,7 +47,7 @@ def _rooms(scene: Scene) -> None:
 
 
 def _room_with_tables(scene: Scene, early: float, late: float, third: float) -> None:
-    """Add what stands before the robot at its first stop; times in s."""
+    """Add the furniture in front of the robot at its first stop; times in s."""
     scene.table("table", (0.7, 1.0), 0.70, (1.8, -0.3), motion=_jump(early, 0.5, 0.7, yaw=0.2))
     scene.table("stool", (0.45, 0.45), 0.48, (1.2, 1.2), span=(-np.inf, early))
     crate = (1.6, -1.1, 0.2)
@@ -63,5 +63,5 @@ def _room_with_tables(scene: Scene, early: float, late: float, third: float) -> 
 
 
 def _jump(time: float, x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Motion:
-    """Return a motion to another place, m and rad, at a time at which nobody looks."""
+    """Return a jump to another pose, m and rad, at a time at which it is out of sight."""
     return Motion.through([(time, 0.0, 0.0, 0.0, 0.0), (time + STEP, x, y, z, yaw)])

@@ -1,8 +1,8 @@
-"""Model of a colour camera: what it sees of a world, motion blur, exposure and noise.
+"""Model of a colour camera: rendering of a world, motion blur, exposure and noise.
 
-Rays at the middle of the exposure tell which face each pixel sees. At some times of the exposure
-the pixel's ray, shifted within the pixel, is cut with that face again, and the colours there are
-averaged: that gives motion blur and smooth edges of what is drawn on walls.
+Rays at the middle of the exposure determine the face seen by each pixel. At several times of the
+exposure the pixel's ray, shifted within the pixel, is intersected with that face again, and the
+colours there are averaged, which gives motion blur and anti-aliasing of pictures on walls.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from tccm_sim.scene import FrozenScene
 
 FAR = 60.0  # m, the longest ray
 SKY = (196.0, 208.0, 218.0)
-"""Colour where nothing is hit."""
+"""Colour without a hit."""
 
 COLORS = {
     "floor": (112.0, 116.0, 122.0), "ceiling": (214.0, 214.0, 208.0), "wall": (190.0, 184.0, 168.0),
     "furniture": (142.0, 112.0, 82.0), "object": (92.0, 124.0, 140.0),
     "person": (70.0, 76.0, 110.0),
 }  # fmt: skip
-"""Mean colour of solids by role; chosen."""
+"""Mean colour of solids by role. Chosen."""
 
 GRAIN = {"floor": 0.08, "wall": 0.03, "furniture": 0.10}
-"""Amplitude of the texture of solids by role; chosen."""
+"""Amplitude of the texture of solids by role. Chosen."""
 
 GRAIN_PIXELS, GRAIN_METRES = 512, 1.6
-"""Size of the texture, which repeats."""
+"""Size of the periodic texture."""
 
 JITTER = ((-0.3, -0.1), (0.1, 0.3), (-0.1, -0.3), (0.3, 0.1))
-"""Shifts of the rays of an exposure within a pixel."""
+"""Shifts of an exposure's rays within a pixel."""
 
-ON_PANEL = 0.02  # m, from a panel to the face that it hangs on
+ON_PANEL = 0.02  # m, maximum distance of a panel from its face
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class ColourCamera(Pinhole):
     Attributes
     ----------
     exposure
-        Time in which a picture is taken, s; its stamp is the middle.
+        Duration of the exposure, s; the stamp is its middle.
     sigma
-        Noise of a value of 0 to 255.
+        Standard deviation of the noise, for values from 0 to 255.
     gain
-        Spread of the exposure from picture to picture, as a fraction.
+        Relative variation of the exposure between pictures.
     quality
-        Of the JPEG files, 1 to 95.
+        Quality of the JPEG files, 1 to 95.
     """
 
     exposure: float = 0.008
@@ -65,14 +65,15 @@ class ColourCamera(Pinhole):
     quality: int = 80
 
     def exposure_times(self, time: float) -> Float64:
-        """Return the times at which a picture of a time, s, is sampled; float64 (S,)."""
+        """Return the sampling times of a picture at a time, s; float64 (S,)."""
         n = len(JITTER)
         return time + self.exposure * ((np.arange(n) + 0.5) / n - 0.5)
 
 
 def grain_texture() -> Float32:
-    """Return a texture without seams, float32 (`GRAIN_PIXELS`, `GRAIN_PIXELS`), of mean 0 and
-    deviation 1.
+    """Return a seamless texture of mean 0 and standard deviation 1.
+
+    float32 (`GRAIN_PIXELS`, `GRAIN_PIXELS`).
     """
     random = np.random.default_rng(20)
     frequency = np.hypot(*np.meshgrid(*(np.fft.fftfreq(GRAIN_PIXELS),) * 2))
@@ -89,7 +90,7 @@ class ColourRenderer:
     scene
         The solids.
     panels
-        What hangs on them.
+        Pictures on them.
     """
 
     def __init__(self, scene: FrozenScene, panels: PanelArrays) -> None:
@@ -112,7 +113,7 @@ class ColourRenderer:
         T_world_camera
             float64 (S, 4, 4), poses of the optical frame at `ColourCamera.exposure_times`.
         time
-            Of the middle of the exposure, s: solids are where they are then.
+            Time of the middle of the exposure, s, which determines the poses of moving solids.
         """
         middle = T_world_camera[len(T_world_camera) // 2]
         directions = camera.rays @ middle[:3, :3].T
@@ -136,7 +137,7 @@ class ColourRenderer:
 
 
 def exposed(camera: ColourCamera, picture: Float32, random: Generator) -> UInt8:
-    """Return a picture as the camera gives it: vignetting, exposure, noise; uint8.
+    """Return a picture with vignetting, exposure and noise, uint8.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def exposed(camera: ColourCamera, picture: Float32, random: Generator) -> UInt8:
     picture
         float32 (height, width, 3), 0 to 255, without noise.
     random
-        Source of noise.
+        Random generator of noise.
     """
     gain = 1.0 + camera.gain * random.standard_normal()
     z = camera.rays[:, 2].reshape(camera.height, camera.width, 1)
@@ -170,7 +171,7 @@ def jpeg(pixels: UInt8, quality: int) -> UInt8:
 
 
 def _light(points: Float64, normals: Float64) -> Float64:
-    """Return how bright points are: lamps every 2.4 m, walls of two directions, far rooms."""
+    """Return the brightness of points: lamps every 2.4 m, walls of two directions, far rooms."""
     lamps = 0.10 * np.cos(2.0 * np.pi / 2.4 * points[:, 0]) * np.cos(0.9 * points[:, 1])
     facing = 0.08 * np.abs(normals[:, 0]) - 0.06 * np.abs(normals[:, 1])
     light: Float64 = 0.88 + lamps + facing + 0.05 * (points[:, 2] - 1.2)
@@ -184,7 +185,7 @@ def _shade(
     T_panel_world: Float64, half: Float64, levels: Int64, first: Int64, pixels: UInt8,
     out: Float32,
 ) -> None:  # fmt: skip
-    """Average what each pixel sees over the times of the exposure (`ColourRenderer.render`)."""
+    """Average the colours of each pixel over the exposure (`ColourRenderer.render`)."""
     d, p, q = np.empty(3), np.empty(3), np.empty(3)
     for b in range(len(rays)):
         total = np.zeros(3)
@@ -242,7 +243,7 @@ def _grain_at(grain: Float32, u: float, v: float) -> float:
 def _texel(
     pixels: UInt8, start: int, rows: int, columns: int, across: float, down: float, i: int
 ) -> float:
-    """Return one of the three values of a picture between four of its pixels."""
+    """Return a colour value of a picture, interpolated between four pixels."""
     across = min(max(across, 0.0), columns - 1.0)
     down = min(max(down, 0.0), rows - 1.0)
     x, y = int(across), int(down)

@@ -1,4 +1,4 @@
-"""Drawn plates at the doors of a world: number, words, colours, bolts."""
+"""Drawings of door plates: number, words, colours, bolts."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from tccm_ros.arrays import UInt8
 from tccm_sim.sign_pictures import Color, font
 
 PLATE_PIXELS = 480
-"""Width of a drawn plate, pixels; chosen: 2.4 in a millimetre of a plate of 20 cm."""
+"""Width of a drawn plate, pixels. Chosen: 2.4 per mm for a plate of 20 cm."""
 
 
 class Style(NamedTuple):
-    """How the plates of a building look.
+    """Appearance of the plates of a building.
 
     Attributes
     ----------
     face, ink
-        Colours of the plate, and of what is written on it.
+        Colours of the plate and of its text.
     band
-        Colour of the part with the words.
+        Colour of the band with the words.
     typeface
         One of `sign_pictures.FONTS`.
     aspect
-        Height of the plate in its widths.
+        Height of the plate relative to its width.
     digits
-        Height of the number in the plate's widths.
+        Height of the number relative to the plate's width.
     bolts
-        Whether screws hold the corners.
+        Whether there are screws at the corners.
     """
 
     face: Color
@@ -48,7 +48,7 @@ STYLES = (
     Style((176, 178, 180), (30, 30, 30), (176, 178, 180), "DejaVuSans-Bold", 0.6, 0.26, True),
     Style((74, 52, 40), (236, 222, 186), (74, 52, 40), "DejaVuSerif-Bold", 0.7, 0.25, True),
 )
-"""Styles of plates; chosen to differ in colours, fonts, layout and bolts."""
+"""Styles of plates. Chosen to differ in colours, fonts, layout and bolts."""
 
 
 class DoorPlate(NamedTuple):
@@ -59,7 +59,7 @@ class DoorPlate(NamedTuple):
     pixels
         uint8 (h, w, 3).
     anchor
-        Middle of the number, in widths of the plate right of and above the plate's middle.
+        Offset of the number's centre from the plate's, right and up, in widths of the plate.
     """
 
     pixels: UInt8
@@ -72,9 +72,9 @@ def door_plate(number: str, words: str, style: Style) -> DoorPlate:
     Parameters
     ----------
     number, words
-        What is written on it; words may be empty.
+        Text of the plate; words may be empty.
     style
-        How it looks.
+        Its style.
     """
     width, height = PLATE_PIXELS, round(PLATE_PIXELS * style.aspect)
     plate = Image.new("RGB", (width, height), style.face)
@@ -99,7 +99,7 @@ def door_plate(number: str, words: str, style: Style) -> DoorPlate:
 
 
 def _size_of_digits(style: Style) -> float:
-    """Return the size of a font whose digits are as high as the style says, pixels."""
+    """Return the font size that gives the style's height of digits, pixels."""
     trial = 200
     _, top, _, bottom = font(style.typeface, trial).getbbox("0")
     return trial * style.digits * PLATE_PIXELS / (bottom - top)
@@ -117,14 +117,14 @@ def _darker(color: Color) -> Color:
 
 
 def notice(text: str, face: Color, ink: Color, size: tuple[int, int] = (400, 160)) -> UInt8:
-    """Return a board with one line of text: a way out, an arrow, a date.
+    """Return a board with one line of text, such as an exit sign, an arrow or a date.
 
     Parameters
     ----------
     text
         The line.
     face, ink
-        Colours.
+        Colours of the board and its text.
     size
         Width and height, pixels.
     """

@@ -1,4 +1,4 @@
-"""Run a world: yield the messages of its robot in the order in which they arrive."""
+"""Run a world: yield the messages of its robot in order of arrival."""
 
 from __future__ import annotations
 
@@ -59,32 +59,32 @@ EPOCH_NS = 1_600_000_000_000_000_000
 """Stamp of the world's time 0."""
 
 JOINT_PERIOD_NS, ODOMETRY_PERIOD_NS = 10_000_000, 20_000_000
-"""Periods of the messages (chosen: 100 and 50 Hz)."""
+"""Periods of the messages. Chosen: 100 and 50 Hz."""
 
 JOINT_DELAY_NS, ODOMETRY_DELAY_NS, SCAN_DELAY_NS = 1_000_000, 3_000_000, 2_000_000
-"""Delays of messages after their measurements (chosen); an IMU's is that of joints."""
+"""Delays of messages after their measurements. Chosen; an IMU has the delay of joints."""
 
 INFO_DELAY_NS, IMAGE_DELAY_NS = 4_000_000, 30_000_000
-"""Delays of a camera's calibration and of its images (chosen: images are computed)."""
+"""Delays of a camera's calibration and of its images. Chosen: images are computed."""
 
 BLOCK = 500
-"""Samples of joints or odometry that are computed together."""
+"""Number of joint or odometry samples computed at once."""
 
 MARGIN_NS = 40_000_000
-"""Time of joints and odometry before the first scan and after the last."""
+"""Duration of joints and odometry before the first scan and after the last."""
 
 
 class Message(NamedTuple):
-    """One message of the robot.
+    """A message of the robot.
 
     Attributes
     ----------
     log_ns
-        When it is published.
+        Time of publication, ns.
     topic
-        Its topic.
+        Name of the topic.
     records
-        Its record; several on ``/tf``.
+        Its records; ``/tf`` may have several.
     """
 
     log_ns: int
@@ -99,7 +99,7 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True)
 class _Mount:
-    """A laser with its frame, its topic, and the times in which it publishes."""
+    """A laser with its frame, its topic, and the times at which it publishes."""
 
     laser: Laser
     frame: str
@@ -115,9 +115,9 @@ class Simulation:
     world
         The world.
     seed
-        Seed of all noise: the same seed gives the same records.
+        Seed of all noise; the same seed gives the same records.
     options
-        Variations.
+        Variations of the world.
     """
 
     def __init__(self, world: World, seed: int = 0, options: Options | None = None) -> None:
@@ -157,7 +157,7 @@ class Simulation:
         return round(self.world.duration * 1e9)
 
     def run(self) -> Iterator[Message]:
-        """Yield the messages in the order of their time of publication."""
+        """Yield the messages in order of publication."""
         rig, topics = self.rig, self.rig.topics
         always = np.array([[-np.inf, np.inf]])
         level = _Mount(rig.level, rig.level_frame, topics.scan, always)
@@ -208,7 +208,7 @@ class Simulation:
         yield Message(log_ns, "/tf_static", fixed)
 
     def _joints(self) -> Iterator[Message]:
-        """Yield the joint states with the resolution of the encoders."""
+        """Yield the joint states, quantised by the encoders."""
         options, rig = self.options, self.rig
         names = (*rig.moving, *rig.wheels)
         late_ns = round(options.joint_time_offset * 1e9)
@@ -261,7 +261,7 @@ class Simulation:
     def _imu(
         self, gyro: Gyro, accelerometer: Accelerometer, *random: Generator
     ) -> Iterator[Message]:
-        """Yield the samples of the IMU: the mean rates over a period around each, and the force."""
+        """Yield the samples of the IMU: mean rates over its period, and specific forces."""
         rig, period_ns = self.rig, round(gyro.period * 1e9)
         for times_ns in _blocks(self.duration_ns, period_ns):
             edges = np.append(times_ns - period_ns // 2, times_ns[-1] + period_ns // 2)
@@ -324,14 +324,14 @@ class Simulation:
         Returns
         -------
         float64 (height, width), twice
-            Depth along the optical axis, m, +inf where there is nothing, and cosine.
+            Depth along the optical axis, m, +inf without a hit, and cosine.
         """
         ranges, cosines = self._cast(self.rig.camera_frame, camera.rays, np.array([time]), 100.0)
         shape = camera.height, camera.width
         return (ranges * camera.rays[:, 2]).reshape(shape), cosines.reshape(shape)
 
     def _pictures(self, camera: ColourCamera, random: Generator) -> Iterator[Message]:
-        """Yield the pictures of the colour camera, JPEG, and its calibration before each."""
+        """Yield the JPEG pictures of the colour camera, and its calibration before each."""
         rig, topics = self.rig, self.rig.topics
         renderer = ColourRenderer(self.scene, panel_arrays(self.world.panels))
         for start_ns in self._starts(camera.period):
@@ -346,7 +346,7 @@ class Simulation:
             yield Message(stamp_ns + IMAGE_DELAY_NS, topics.colour, (image,))
 
     def _clouds(self, lidar: SpinningLidar, random: Generator) -> Iterator[Message]:
-        """Yield the clouds of the lidar, one of each revolution."""
+        """Yield the clouds of the lidar, one per revolution."""
         offsets = lidar.laser.offsets
         for start_ns in self._starts(lidar.laser.period):
             times = start_ns * 1e-9 + offsets
@@ -369,18 +369,18 @@ class Simulation:
         Parameters
         ----------
         frame
-            Of the sensor.
+            Frame of the sensor.
         rays
             float64 (B, 3), unit vectors in the frame.
         times
-            float64 (T,), s, rising; each is that of B / T rays in a row.
+            float64 (T,), s, ascending; each is the time of B / T successive rays.
         max_range
-            m.
+            Maximum range, m.
 
         Returns
         -------
         float64 (B,), twice
-            Distances, m, and cosines of the angle of incidence on what the world has there.
+            Distances, m, and cosines of the angle of incidence at the hits.
         """
         T_base_sensor = self._link_poses(frame, times)
         T_world_sensor = self.true_poses(times) @ T_base_sensor
@@ -424,7 +424,7 @@ def _limits(laser: Laser) -> tuple[float, float, float, float, float]:
 
 
 def _frozen_bodies(rig: Rig) -> dict[str, FrozenScene]:
-    """Return the robot's own boxes for rays, by link, in the link's frame."""
+    """Return the robot's own boxes for ray casting, by link, in the link's frame."""
     scenes: dict[str, Scene] = {}
     for body in rig.bodies:
         scenes.setdefault(body.link, Scene()).box(body.link, body.size, body.center)
@@ -432,7 +432,7 @@ def _frozen_bodies(rig: Rig) -> dict[str, FrozenScene]:
 
 
 def _blocks(duration_ns: int, period_ns: int) -> Iterator[Int64]:
-    """Yield the times of periodic samples, ns, a block at a time."""
+    """Yield the times of periodic samples, ns, in blocks."""
     span_ns = BLOCK * period_ns
     for start_ns in range(0, duration_ns + 1, span_ns):
         yield np.arange(start_ns, min(start_ns + span_ns, duration_ns + 1), period_ns)

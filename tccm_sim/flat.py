@@ -1,4 +1,4 @@
-"""A flat: a kitchen and a living room with furniture, driven through by the Segway robot."""
+"""A flat: a kitchen and a living room with furniture, and a drive of the Segway robot."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ KITCHEN_ROUTE = (
 
 
 def flat(options: Options) -> World:
-    """Return the flat; `laps` drives the route again and again."""
+    """Return the flat; `laps` is the number of times the route is driven."""
     route = [*ROUTE, *(ROUTE[1:] * (options.laps - 1))]
     scene = flat_scene()
     if options.people:
-        # Passes the sideboard while the robot scans the living room for the first time.
+        # Passes the sideboard during the first scan of the living room.
         scene.person("person", [(42.0, 5.2, 1.0), (47.5, 7.7, 1.1)])
     return stop_and_scan("flat", scene, route, options, pans=PANS)
 
@@ -72,9 +72,9 @@ def stop_and_scan(
     speed: float = 0.5,
     pans: Sequence[float] = (),
 ) -> World:
-    """Return a world in which the Segway scans with one tilt cycle or more at each stop.
+    """Return a world in which the Segway scans one or more tilt cycles at each stop.
 
-    A robot with a head looks around instead: it nods once in a tilt cycle and pans twice.
+    A robot with a head looks around instead, with one nod and two pans per tilt cycle.
 
     Parameters
     ----------
@@ -83,13 +83,13 @@ def stop_and_scan(
     scene
         Its solids.
     route
-        Way points; the robot scans where they have a pause.
+        Waypoints; the robot scans at those with a pause.
     options
-        Variations.
+        Variations of the world.
     speed
-        Max speed, m/s.
+        Maximum speed, m/s.
     pans
-        Positions of the pan joint at the first stops, rad; it is at 0 at the others.
+        Positions of the pan joint at the first stops, rad; 0 at the others.
     """
     path = drive(route, options.base_tilt, speed)
     period = options.cycle_period or CYCLE_TIME
@@ -108,7 +108,7 @@ def stop_and_scan(
 
 
 def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
-    """Return the moves of the pan joint, which end before the stops."""
+    """Return the moves of the pan joint, which end before each stop."""
     moves, here = [], 0.0
     for number, start in enumerate(starts):
         there = pans[number] if number < len(pans) else 0.0
@@ -120,7 +120,7 @@ def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
 
 
 def rgbd_kitchen(options: Options) -> World:
-    """Return the kitchen of the flat, in which a robot with a depth camera on its head stops."""
+    """Return the kitchen of the flat, with a robot that has a depth camera on its head."""
     scene = Scene()
     scene.floor_and_ceiling((-0.2, MIDDLE + 0.2), (-0.2, 6.2), WALL_HEIGHT)
     corners = [(0.0, 0.0), (MIDDLE, 0.0), (MIDDLE, 6.0), (0.0, 6.0), (0.0, 0.0)]
@@ -187,7 +187,7 @@ def _living_room(scene: Scene) -> None:
 
 
 def _sofa(scene: Scene) -> None:
-    """A sofa against the east wall; its arm rests are no surfaces to put objects on."""
+    """Add a sofa against the east wall; its arm rests do not count as surfaces."""
     low, high = 2.1, 3.9
     scene.block("sofa seat", (8.05, 8.75), (low, high), (0.05, 0.44), surface="sofa seat")
     scene.block(
@@ -198,7 +198,7 @@ def _sofa(scene: Scene) -> None:
 
 
 def _full_of_objects(scene: Scene, x: Span, y: Span, top: float) -> None:
-    """A dozen objects that hide much of a sideboard."""
+    """Add a dozen objects that hide much of a sideboard."""
     sizes = ((0.10, 0.16), (0.14, 0.10), (0.08, 0.24), (0.12, 0.12), (0.16, 0.08), (0.09, 0.20))
     for i in range(12):
         size, height = sizes[i % 6]
@@ -217,13 +217,13 @@ def chair(scene: Scene, name: str, center: tuple[float, float], yaw: float) -> N
     Parameters
     ----------
     scene
-        Where it is added.
+        Scene to extend.
     name
         Name of its solids and its surface.
     center
         x, y of the seat, m.
     yaw
-        Direction in which a person on it looks, rad.
+        Viewing direction of a person on it, rad.
     """
     scene.table(name, (0.44, 0.44), 0.46, center, yaw, board=0.04)
     x, y = center[0] - 0.21 * np.cos(yaw), center[1] - 0.21 * np.sin(yaw)
@@ -238,15 +238,15 @@ def shelves(
     Parameters
     ----------
     scene
-        Where it is added.
+        Scene to extend.
     name
-        Name of its solids; its surfaces are ``<name> 1`` and on.
+        Name of its solids; its surfaces are ``<name> 1`` and so on.
     x, y
         Limits of the boards, m.
     heights
-        Tops of the boards, rising, m.
+        Tops of the boards, ascending, m.
     sides
-        (1, 0) where the sides are at the ends of x, (0, 1) at the ends of y.
+        (1, 0) for sides at the ends of x, (0, 1) for sides at the ends of y.
     """
     board = 0.02
     for number, height in enumerate(heights, 1):

@@ -1,4 +1,4 @@
-"""A gyroscope that is fixed to the base: rates with bias and noise."""
+"""A gyroscope fixed to the base: rates with bias and noise."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tccm_ros.arrays import Float64
 
 @dataclass(frozen=True)
 class Gyro:
-    """An IMU's gyroscope, its axes those of the base.
+    """An IMU's gyroscope, with the axes of the base.
 
     Attributes
     ----------
     period
-        Between samples, s.
+        Time between samples, s.
     bias
-        What it measures at rest, rad/s about x, y and z.
+        Rates measured at rest, rad/s about x, y and z.
     sigma
         Standard deviation of a sample, rad/s.
     """
@@ -35,9 +35,9 @@ def angular_velocities(T_world_base: Float64, seconds: float) -> Float64:
     Parameters
     ----------
     T_world_base
-        float64 (N, 4, 4), one after each `seconds`: the base rotates little between two.
+        float64 (N, 4, 4), at intervals of `seconds`, with little rotation between two poses.
     seconds
-        s.
+        Interval, s.
     """
     R = T_world_base[:, :3, :3]
     turned = np.swapaxes(R[:-1], 1, 2) @ R[1:]
@@ -46,5 +46,5 @@ def angular_velocities(T_world_base: Float64, seconds: float) -> Float64:
 
 
 def measure_rates(gyro: Gyro, exact: Float64, random: Generator) -> Float64:
-    """Return what a gyroscope measures of angular velocities (N, 3), float64 (N, 3), rad/s."""
+    """Return measurements of angular velocities (N, 3), float64 (N, 3), rad/s."""
     return exact + np.array(gyro.bias) + gyro.sigma * random.standard_normal(exact.shape)

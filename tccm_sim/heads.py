@@ -1,7 +1,7 @@
 """Robots with a depth camera on a pan-tilt head: names, axes and offsets of their published URDFs.
 
-Joints of lifts rest and are fixed here. Bodies are boxes of about the robot's size; Fetch and TIAGo
-hold an arm into the view of their camera.
+Joints of lifts are fixed. Bodies are boxes of about the robot's size; Fetch and TIAGo hold an arm
+in the view of their camera.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tccm_sim.robots import SMALL_270, UTM_30LX, wheel_joints
 _Y, _Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 LIMITS, PAN = (0.35, 0.75), (-0.6, 0.6)
-"""Tilt down and pan of a head that looks around, rad (chosen)."""
+"""Tilt (down) and pan ranges of a head that looks around, rad. Chosen."""
 
 OPTICAL = (-pi / 2, 0.0, -pi / 2)
 """Roll, pitch, yaw of an optical frame (z forward, y down) in a body frame (REP-103)."""
@@ -192,8 +192,8 @@ HSR = Rig(
     ),
 )  # fmt: skip
 
-# stretch_ros2, stretch_description/urdf/stretch_main.xacro and stretch_d435i.xacro: the camera
-# stands on its side, and the mast is a little askew.
+# stretch_ros2, stretch_description/urdf/stretch_main.xacro and stretch_d435i.xacro: the camera is
+# mounted sideways, and the mast is slightly askew.
 STRETCH = Rig(
     name="stretch",
     base="base_link",
@@ -235,12 +235,12 @@ ROBOTS = {rig.name: rig for rig in (FETCH, HSR, STRETCH, TIAGO)}
 
 
 def robot(name: str) -> Rig:
-    """Return the robot of a name.
+    """Return the robot with a name.
 
     Raises
     ------
     ConfigError
-        For a name that no robot has.
+        If there is no robot of that name.
     """
     if name not in ROBOTS:
         raise ConfigError(f"no robot '{name}'{suggest(name, ROBOTS)}")
@@ -248,7 +248,7 @@ def robot(name: str) -> Rig:
 
 
 def tilt_sign(rig: Rig) -> float:
-    """Return 1.0 where a positive tilt turns the camera of a head down, and -1.0 where up."""
+    """Return 1.0 if a positive tilt turns the head's camera down, and -1.0 if up."""
     tilts = {rig.tilt_joint: np.array([-0.1, 0.1])}
     up, down = rig.laser_poses(rig.camera_frame, tilts, 2)[:, 2, 2]
     return 1.0 if down < up else -1.0
@@ -257,16 +257,16 @@ def tilt_sign(rig: Rig) -> float:
 def look_around(
     rig: Rig, windows: Float64, period: float, limits: tuple[float, float] | None = None
 ) -> dict[str, Profile]:
-    """Return the moves of a head that looks around: it nods once in a period and pans twice.
+    """Return the moves of a head that looks around: one nod and two pans per period.
 
     Parameters
     ----------
     rig
         A robot with a head.
     windows
-        float64 (W, 2), start and end of the times in which it does, s.
+        float64 (W, 2), start and end of the times of looking around, s.
     period
-        s.
+        Period, s.
     limits
         Tilt at both ends, rad, down; None for `LIMITS`.
     """
@@ -279,7 +279,7 @@ def look_around(
 
 
 def with_depth_camera(rig: Rig) -> Rig:
-    """Return a rig with a depth camera that is fixed to its base and looks ahead and down."""
+    """Return a rig with a depth camera fixed to its base, looking ahead and down."""
     joints = (
         Joint("depth_camera_joint", rig.base, "depth_camera",
               (0.16, 0.0, 1.12 - rig.base_height), (0.0, 0.6, 0.0)),
@@ -291,7 +291,7 @@ def with_depth_camera(rig: Rig) -> Rig:
 
 
 def with_colour_camera(rig: Rig) -> Rig:
-    """Return a rig with a colour camera on a mast that looks ahead and to the left."""
+    """Return a rig with a colour camera on a mast, looking ahead and to the left."""
     joints = (
         Joint("camera_joint", rig.base, "camera",
               (0.05, 0.10, 1.40 - rig.base_height), (0.0, 0.0, radians(60.0))),
@@ -303,6 +303,6 @@ def with_colour_camera(rig: Rig) -> Rig:
 
 
 def with_lidar(rig: Rig) -> Rig:
-    """Return a rig with a spinning lidar on a mast, pitched ahead."""
+    """Return a rig with a spinning lidar on a mast, pitched forward."""
     joint = Joint("lidar_joint", rig.base, "lidar", (0.0, 0.0, 1.6 - rig.base_height), (0, 0.45, 0))
     return replace(rig, joints=(*rig.joints, joint), lidar=VLP_16, lidar_frame="lidar")

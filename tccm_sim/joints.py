@@ -41,7 +41,7 @@ class Profile:
 
 
 def _eased(fraction: Float64, ramp: float) -> Float64:
-    """Return the fraction of the way after a fraction of the time."""
+    """Return the fraction of the distance covered after a fraction of the time."""
     if ramp <= 0.0:
         return fraction
     speed = 1.0 / (1.0 - ramp)
@@ -62,7 +62,7 @@ def oscillation(
     Parameters
     ----------
     windows
-        (start, end) in s; each holds the largest possible number of whole half periods.
+        (start, end) in s; each contains as many whole half periods as fit.
     period
         Time of a move from one limit to the other, s.
     limits

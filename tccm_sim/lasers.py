@@ -10,32 +10,32 @@ from numpy.random import Generator
 from tccm_ros.arrays import Float32, Float64
 
 EDGE = 0.05
-"""A beam is on an edge where its centre and its rim differ by more, m (chosen: lasers return one
-echo for less)."""
+"""Minimum difference of ranges at the beam's centre and rim on an edge, m. Chosen: lasers return
+one echo for less."""
 
 
 @dataclass(frozen=True)
 class Laser:
-    """A scanning range finder as its data sheet has it.
+    """Parameters of a scanning range finder, as in its data sheet.
 
     Attributes
     ----------
     beams, angle_min, angle_max
-        Number of beams, bearings of the first and the last, rad.
+        Number of beams, and bearings of the first and the last, rad.
     period
-        From the first beam of a scan to that of the next, s.
+        Time from the first beam of a scan to that of the next, s.
     time_increment
-        Between beams, s.
+        Time between beams, s.
     range_min, range_max
-        Limits, m.
+        Limits of the range, m.
     sigma, quantum
-        Standard deviation and step of a range, m; a step of 0 keeps all digits.
+        Standard deviation and quantisation step of a range, m; a step of 0 means no rounding.
     divergence
         Half angle of the beam, rad.
     mixed
-        Fraction of the beams on an edge that return a range in between.
+        Fraction of beams on an edge that return a range between its two sides.
     lost, invalid
-        Fractions of the beams that have no return (+inf) and an invalid one (nan or 0).
+        Fractions of beams with no return (+inf) and with an invalid one (nan or 0).
     """
 
     beams: int
@@ -54,22 +54,22 @@ class Laser:
 
     @property
     def angle_increment(self) -> float:
-        """Between beams, rad."""
+        """Angle between beams, rad."""
         return (self.angle_max - self.angle_min) / (self.beams - 1)
 
     @property
     def bearings(self) -> Float64:
-        """Of all beams, float64 (beams,), rad."""
+        """Bearings of all beams, float64 (beams,), rad."""
         return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
     @property
     def offsets(self) -> Float64:
-        """Time of each beam after the first, float64 (beams,), s."""
+        """Time of each beam relative to the first, float64 (beams,), s."""
         return self.time_increment * np.arange(self.beams, dtype=np.float64)
 
 
 def rim_directions(bearings: Float64, divergence: float, random: Generator) -> Float64:
-    """Return a direction at the rim of each beam; a second ray there shows whether it hits an edge.
+    """Return a direction at the rim of each beam; a second ray there detects edges.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def rim_directions(bearings: Float64, divergence: float, random: Generator) -> F
     divergence
         Half angle of the beam, rad.
     random
-        Source of the angle around the beam.
+        Random generator of the angle around the beam.
 
     Returns
     -------
@@ -102,11 +102,11 @@ def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator
     laser
         The laser.
     exact
-        float64 (B,), distance along the beam's centre, m; +inf where there is nothing.
+        float64 (B,), distance along the beam's centre, m; +inf without a hit.
     rim
-        float64 (B,), distance along a ray at the beam's rim, or None without mixed pixels.
+        float64 (B,), distance along a ray at the beam's rim; None without mixed pixels.
     random
-        Source of noise; the same number of draws is made whatever the ranges are.
+        Random generator of noise; the number of draws does not depend on the ranges.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Model of a spinning lidar: rings of lasers that turn about an axis, each shot at its own time."""
+"""Model of a spinning lidar: rings of lasers rotating about an axis, each shot at its own time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tccm_sim.lasers import Laser, measure
 
 @dataclass(frozen=True)
 class SpinningLidar:
-    """Lasers one above the other that turn together.
+    """Lasers stacked vertically that rotate together.
 
     Attributes
     ----------
     laser
-        Of all rings: bearings and times of one revolution, limits and noise.
+        Model of all rings: bearings and times of one revolution, limits and noise.
     elevations
-        Of the rings, rad.
+        Elevations of the rings, rad.
     """
 
     laser: Laser
@@ -29,7 +29,7 @@ class SpinningLidar:
 
     @cached_property
     def rays(self) -> Float64:
-        """Unit vectors, float64 (beams * rings, 3): all rings of a bearing, then the next one."""
+        """Unit vectors, float64 (beams * rings, 3): all rings of a bearing, then of the next."""
         elevations = np.array(self.elevations)
         azimuths = np.repeat(self.laser.bearings, len(elevations))
         elevations = np.tile(elevations, self.laser.beams)
@@ -42,16 +42,16 @@ class SpinningLidar:
 def measure_points(
     lidar: SpinningLidar, exact: Float64, random: Generator
 ) -> tuple[Float32, Int64]:
-    """Return the points that a lidar reports: those with a return, in order of time.
+    """Return the measured points, those with a return, in order of time.
 
     Parameters
     ----------
     lidar
         The lidar.
     exact
-        float64 (beams * rings,), distance along each of the rays, m; +inf where there is nothing.
+        float64 (beams * rings,), distance along each of the rays, m; +inf without a hit.
     random
-        Source of noise; the same number of draws is made whatever the ranges are.
+        Random generator of noise; the number of draws does not depend on the ranges.
 
     Returns
     -------

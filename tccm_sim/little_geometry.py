@@ -1,7 +1,7 @@
-"""Worlds where geometry says little: what a level laser sees does not determine the motion.
+"""Worlds with little geometry, in which the level scans do not determine the motion.
 
-Walls go on beyond the level laser's range, so that no end of a wall is in sight. The robot stands
-for some seconds before it drives.
+Walls continue beyond the level laser's range, so that no end of a wall is in sight. The robot
+stands still for some seconds before it drives.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from tccm_sim.scene import Scene
 from tccm_sim.world import World
 
 # All chosen; m and s.
-FAR = 45.0  # beyond the range of the level laser, 30 m
+FAR = 45.0  # m, beyond the level laser's range of 30 m
 HEIGHT = 2.6
 HALF = 1.0  # half the width of a corridor
 STAND, SPEED = 5.4, 0.6
-STANDING_TIME = 20.0  # of a robot that stands all the time
-FRONT = 1.28  # x of the front: 1 m before the level laser
+STANDING_TIME = 20.0  # of a robot that never moves
+FRONT = 1.28  # x of the front: 1 m ahead of the level laser
 CORRIDOR, WALL = 25.0, 12.0  # length of the drive
 HALL_RADIUS, HALL_SIDES = 6.0, 120  # a side is 2 mm inside its circle
 PANE, FRAME = 1.5, 0.05  # width of a pane and of the frames between panes
@@ -33,7 +33,7 @@ RIDE = 8.0  # duration of a ride
 
 
 def front(options: Options) -> World:
-    """Return a robot that stands before a flat front, `translation[0]` further than 1 m."""
+    """Return a robot standing in front of a flat wall, `translation[0]` further than 1 m."""
     scene = _open_ground(FAR)
     x = FRONT + options.translation[0]
     scene.wall("front", (x, FAR), (x, -FAR), HEIGHT)
@@ -41,7 +41,7 @@ def front(options: Options) -> World:
 
 
 def corridor(options: Options) -> World:
-    """Return a corridor of plain walls along which the robot drives."""
+    """Return a corridor with plain walls, along which the robot drives."""
     scene = _open_ground(CORRIDOR + FAR)
     _two_walls(scene, CORRIDOR + FAR)
     return _driving("corridor", scene, [Waypoint(CORRIDOR, 0.0)], options)
@@ -55,14 +55,14 @@ def single_wall(options: Options) -> World:
 
 
 def pole(options: Options) -> World:
-    """Return a robot that stands in the open, with one pole in range."""
+    """Return a robot standing in the open, with a single pole in range."""
     scene = _open_ground(FAR)
     scene.cylinder("pole", 0.15, HEIGHT, (2.5, 0.8, HEIGHT / 2.0))
     return _standing("pole", scene, options)
 
 
 def round_hall(options: Options) -> World:
-    """Return a round hall, in which the robot turns away from the middle and drives across."""
+    """Return a round hall, in which the robot turns away from the centre and drives across."""
     scene = _open_ground(HALL_RADIUS + 1.0)
     angles = np.linspace(0.0, 2.0 * np.pi, HALL_SIDES + 1)
     corners = HALL_RADIUS * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -73,7 +73,7 @@ def round_hall(options: Options) -> World:
 
 
 def glass_corridor(options: Options) -> World:
-    """Return a corridor of panes in narrow frames, with plain walls a room's depth behind them."""
+    """Return a corridor of glass panes in narrow frames, with plain walls a room's depth behind."""
     length = CORRIDOR + FAR
     scene = _open_ground(length)
     _two_walls(scene, length, 4.0 * HALF)
@@ -102,7 +102,7 @@ def lift(options: Options) -> World:
     closed = (start + 0.5, end - 0.5)
     scene.block("door", (door, low), (-CABIN, CABIN), (0.0, HEIGHT), span=closed)
     before, after = (-np.inf, middle), (middle, np.inf)
-    # First floor: a corridor straight to the door. Second floor: one along the front of the lift.
+    # First floor: a corridor straight to the door. Second floor: a corridor along the lift's front.
     for y in (-1.0, 1.0):
         _block_wall(scene, (-9.0, door), (1.0, 1.1), y, before)
     scene.block("wall", (-9.1, -9.0), (-1.1, 1.1), (0.0, HEIGHT), span=before)
@@ -117,7 +117,7 @@ def lift(options: Options) -> World:
 
 
 def turning(options: Options) -> World:
-    """Return a robot that turns round twice on the spot in a plain corridor."""
+    """Return a robot that turns twice on the spot in a plain corridor."""
     scene = _open_ground(FAR)
     _two_walls(scene, FAR)
     headings = np.linspace(0.0, 4.0 * np.pi, 9)[1:]
@@ -132,7 +132,7 @@ def _open_ground(end: float) -> Scene:
 
 
 def _two_walls(scene: Scene, end: float, half: float = HALF) -> None:
-    """Add the walls of a corridor along x, up to `end` and as far behind the robot."""
+    """Add the walls of a corridor along x, up to `end` and equally far behind the robot."""
     scene.wall("wall", (end, half), (-FAR, half), HEIGHT)
     scene.wall("wall", (-FAR, -half), (end, -half), HEIGHT)
 
@@ -144,7 +144,7 @@ def _block_wall(
     side: float,
     span: tuple[float, float],
 ) -> None:
-    """Add a wall with limits `y` on a side of the x axis, which exists for a time."""
+    """Add a wall with limits `y` on one side of the x axis, existing for a span of time."""
     low, high = sorted((side * y[0], side * y[1]))
     scene.block("wall", x, (low, high), (0.0, HEIGHT), span=span)
 

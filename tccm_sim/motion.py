@@ -1,4 +1,4 @@
-"""Motion of the base: a differential drive along way points, roll and pitch, wheel odometry."""
+"""Motion of the base: a differential drive along waypoints, roll and pitch, wheel odometry."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from tccm_ros.kernels import kernel
 STEP = 0.01  # s, between the samples of a drive
 SPEED, ACCELERATION = 0.5, 0.4  # m/s, m/s2
 MAX_YAW_RATE, YAW_ACCELERATION = 0.9, 1.8  # rad/s, rad/s2
-SETTLING_TIME = 1.0  # s between standing and a stop, in which the tilt of braking decays
+SETTLING_TIME = 1.0  # s, before a stop, in which the tilt from braking decays
 TILT_TIME = 0.15  # s, time constant of the base's tilt
 TILT_PER_ACCELERATION = 0.012  # rad per m/s2
-STOP_TILT_TIME = 0.8  # s, in which the base's tilt at a stop comes and goes
+STOP_TILT_TIME = 0.8  # s, in which the base's tilt at a stop builds up or decays
 TILT_OF_FLOOR = 0.0012  # rad, amplitude of roll and pitch on an uneven floor
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A position to pass, or to stop at.
+    """A position to pass or to stop at.
 
     Attributes
     ----------
     x, y
-        In the world, m.
+        Position in the world, m.
     heading
-        Yaw of the robot during a stop, rad; None for the yaw with which it arrives.
+        Yaw of the robot during a stop, rad; None for the yaw on arrival.
     pause
         Duration of the stop, s; 0 for none.
     """
@@ -50,13 +50,13 @@ class OdometryErrors:
     Attributes
     ----------
     scale, yaw_scale
-        Factors of distances and of changes of yaw.
+        Factors of distances and of yaw changes.
     drift
-        Change of yaw with the distance, rad/m.
+        Yaw error per distance, rad/m.
     noise
-        m per square root of m.
+        Position noise, m per square root of m.
     yaw_noise
-        rad per square root of m and of rad.
+        Yaw noise, rad per square root of m and of rad.
     """
 
     scale: float = 1.01
@@ -103,7 +103,7 @@ class Drive:
 
 
 def stand(duration: float) -> Drive:
-    """Return the drive of a base that stands at the origin for a time in s."""
+    """Return the drive of a base standing at the origin for a time, s."""
     times = np.array([0.0, duration])
     return Drive(times, np.zeros((2, 5)), np.array([[0.0, duration]]))
 
@@ -114,11 +114,11 @@ def drive(route: Sequence[Waypoint], base_tilt: float = 1.0, speed: float = SPEE
     Parameters
     ----------
     route
-        The first way point is the start (with its heading); there are two or more.
+        Two or more waypoints; the first is the start, with its heading.
     base_tilt
-        Factor of roll and pitch, from acceleration and from the floor.
+        Factor of roll and pitch caused by acceleration and by the floor.
     speed
-        Max speed, m/s.
+        Maximum speed, m/s.
 
     Returns
     -------
@@ -134,19 +134,19 @@ def drive(route: Sequence[Waypoint], base_tilt: float = 1.0, speed: float = SPEE
 
 
 def tilted_at_stops(drive: Drive, sigma: float, random: Generator) -> Drive:
-    """Return a drive whose base has another roll and pitch at each stop.
+    """Return a drive with different roll and pitch of the base at each stop.
 
-    A wheel stands on a door sill, or an arm is stretched out. Both come while the base stands, in
-    `STOP_TILT_TIME` before a stop, and go in the same time after it.
+    They stand for a wheel on a door sill or an outstretched arm. They build up while the base
+    stands, in `STOP_TILT_TIME` before a stop, and decay in the same time after it.
 
     Parameters
     ----------
     drive
         The drive.
     sigma
-        Standard deviation of what is added to roll and pitch, rad.
+        Standard deviation of the added roll and pitch, rad.
     random
-        Source of them.
+        Random generator.
     """
     if sigma == 0.0:
         return drive
@@ -184,9 +184,9 @@ def wheel_odometry(
     errors
         Errors of the odometry.
     start
-        x, y, yaw of the odometry at the first sample, m and rad.
+        Initial x, y, yaw of the odometry, m and rad.
     random
-        Source of noise.
+        Random generator of noise.
 
     Returns
     -------
@@ -226,16 +226,16 @@ def _wrap(angle: float) -> float:
 
 @kernel
 def _towards(value: float, wanted: float, limit: float) -> float:
-    """Move a speed towards the wanted one by at most `limit`."""
+    """Return the speed moved towards the desired one by at most `limit`."""
     return value + min(max(wanted - value, -limit), limit)
 
 
 @kernel
 def _follow(goals: Float64, top_speed: float) -> tuple[Float64, Float64, Float64]:
-    """Follow way points (x, y, heading or nan, pause): states (T, 3), speeds (T, 2), stops (S, 2).
+    """Follow waypoints (x, y, heading or nan, pause): states (T, 3), speeds (T, 2), stops (S, 2).
 
-    The robot rotates on the spot where the direction to the point differs much from its yaw, else
-    it steers while it drives; before a stop it brakes. At a stop it rotates to the heading.
+    The robot rotates on the spot if the direction to the waypoint differs much from its yaw;
+    otherwise it steers while driving. Before a stop it brakes. At a stop it rotates to the heading.
     """
     x, y = goals[0, 0], goals[0, 1]
     yaw = 0.0 if np.isnan(goals[0, 2]) else goals[0, 2]

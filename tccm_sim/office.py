@@ -1,4 +1,4 @@
-"""An office: ten rooms on a corridor, with door signs, and posters and notices that are none."""
+"""An office: ten rooms on a corridor, with door signs, and posters and notices as distractors."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from tccm_sim.world import Room, World
 ROOMS_PER_SIDE = 5
 WIDTH, DEPTH, HALF_CORRIDOR = 3.2, 3.6, 1.0  # m, of a room; half of the corridor
 HEIGHT, THICKNESS = 2.5, 0.12  # m, of walls
-DOOR_AT, DOOR_WIDTH = 1.0, 0.9  # m, middle of a door from its room's left as one enters; width
+DOOR_AT, DOOR_WIDTH = 1.0, 0.9  # m, middle of a door from its room's left, seen from outside; width
 PLATE_HEIGHT, PLATE_WIDTH, PLATE_BESIDE = 1.5, 0.18, 0.25  # m; beside the door's edge
 FIRST_NUMBER = 201
 LENGTH = ROOMS_PER_SIDE * WIDTH
-SPEED, GLANCE, SCAN = 0.6, 0.3, 5.4  # m/s; s, of a stop to look into a room, and of one to scan
+SPEED, GLANCE, SCAN = 0.6, 0.3, 5.4  # m/s; s, of a stop to look into a room, and of a scan
 WORDS = ("Robotics", "Workshop", "J. Moreau", "Archive", "Meeting Room", "Vision", "A. Sato",
          "Electronics", "Students", "Printer")  # fmt: skip
 
@@ -38,9 +38,9 @@ class Door(NamedTuple):
     Attributes
     ----------
     number
-        Of the room.
+        Number of the room.
     x
-        Of its middle, m.
+        Position of its middle, m.
     side
         1.0 on the left of the corridor (y > 0), -1.0 on the right.
     """
@@ -51,11 +51,11 @@ class Door(NamedTuple):
 
 
 def doors() -> list[Door]:
-    """Return the doors, along the corridor, left and right in turn."""
+    """Return the doors along the corridor, alternately left and right."""
     found: list[Door] = []
     for k in range(ROOMS_PER_SIDE):
         for side in (1.0, -1.0):
-            # Seen from the corridor the door is at the same place of each room.
+            # Seen from the corridor, each room has its door at the same position.
             along = DOOR_AT if side > 0.0 else WIDTH - DOOR_AT
             number = str(FIRST_NUMBER + len(found))
             found.append(Door(number, k * WIDTH + along, side))
@@ -68,7 +68,7 @@ def office_scene(*, alike: bool = False) -> Scene:
     Parameters
     ----------
     alike
-        Whether all rooms are furnished alike, so that only signs distinguish them.
+        Whether all rooms have the same furniture, so that only signs distinguish them.
     """
     scene = Scene()
     far = HALF_CORRIDOR + THICKNESS + DEPTH
@@ -96,7 +96,7 @@ def _furnish(scene: Scene, door: Door, kind: int) -> None:
     """Add a desk with a chair and a cupboard to the room of a door; kinds differ in size."""
 
     def place(right: float, ahead: float) -> tuple[float, float]:
-        """Return a position so far right of the door and ahead of who enters."""
+        """Return a position to the right of the door and ahead, as seen when entering, m."""
         return door.x + door.side * right, door.side * (HALF_CORRIDOR + THICKNESS + ahead)
 
     yaw = 0.0 if door.side > 0.0 else pi
@@ -111,17 +111,17 @@ def _furnish(scene: Scene, door: Door, kind: int) -> None:
 
 
 def office_panels(style: int = 0) -> tuple[Panel, ...]:
-    """Return the door signs of the office, and what else hangs on the walls of its corridor.
+    """Return the door signs of the office, and other panels on the walls of its corridor.
 
     Parameters
     ----------
     style
-        Of the plates, an index of `STYLES`.
+        Style of the plates, an index of `STYLES`.
     """
     panels = []
     for door, words in zip(doors(), WORDS):
         plate = door_plate(door.number, words, STYLES[style])
-        # On the right of the door as one enters.
+        # To the right of the door, seen from outside.
         x = door.x + door.side * (DOOR_WIDTH / 2 + PLATE_BESIDE)
         T = on_wall((x, door.side * HALF_CORRIDOR), PLATE_HEIGHT, (0.0, -door.side))
         anchor = plate.anchor[0] * PLATE_WIDTH, plate.anchor[1] * PLATE_WIDTH
@@ -130,7 +130,7 @@ def office_panels(style: int = 0) -> tuple[Panel, ...]:
 
 
 def _traps() -> list[Panel]:
-    """Return posters, notices and lists, some with numbers, that are no door signs."""
+    """Return posters, notices and lists, some with numbers, that are not door signs."""
     random = np.random.default_rng(9)
     white, red, green = (246, 246, 242), (176, 30, 34), (18, 120, 70)
     boards = [
@@ -169,7 +169,7 @@ def _rectangle(x: tuple[float, float], y: tuple[float, float]) -> Float64:
 
 
 def _route(laps: int, visited: int) -> list[Waypoint]:
-    """Return the way along the corridor and back, into some rooms; it scans in two of them."""
+    """Return the route along the corridor and back, through some rooms, with two scans."""
     start, end = Waypoint(0.6, 0.0, 0.0, 0.5), Waypoint(LENGTH - 0.6, 0.0)
     route = [start]
     for lap in range(laps):
@@ -189,10 +189,10 @@ def _route(laps: int, visited: int) -> list[Waypoint]:
 
 
 def office_signs(options: Options) -> World:
-    """Return the office, seen by a robot with a level laser, a tilting laser and a camera.
+    """Return the office with a robot that has a level laser, a tilting laser and a camera.
 
-    The camera looks to the left: on the way back it sees the other side of the corridor. With
-    `alike` all rooms are furnished alike.
+    The camera looks to the left, so on the way back it sees the other side of the corridor. With
+    `alike` all rooms have the same furniture.
     """
     scene = office_scene(alike=options.alike)
     route = _route(options.laps, visited=0 if options.alike else ROOMS_PER_SIDE)

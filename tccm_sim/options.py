@@ -13,7 +13,7 @@ Vector = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 
 RENAMED = {"sweep_period": "cycle_period", "sweep_limits": "tilt_limits", "lean": "base_tilt"}
-"""Options of release 0.1 that have another name; release 0.2 reads both and warns."""
+"""Options renamed after release 0.1; release 0.2 reads both names and warns."""
 
 LOG = logging.getLogger(__name__)
 

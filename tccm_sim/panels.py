@@ -1,4 +1,4 @@
-"""What hangs flat on the walls of a world: door plates, posters, notices."""
+"""Flat panels on the walls of a world: door plates, posters, notices."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from PIL import Image
 from tccm_ros.arrays import Float64, Int64, UInt8
 
 MIN_TEXELS = 4
-"""Width and height of the smallest picture of a pyramid."""
+"""Width and height of the smallest picture of an image pyramid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,15 +22,15 @@ class Panel:
     Attributes
     ----------
     pixels
-        uint8 (h, w, 3), red, green, blue, seen from the front.
+        uint8 (h, w, 3), red, green, blue, from the front.
     T_world_panel
-        float64 (4, 4), of its middle: x to the right of who looks at it, y up, z out of the wall.
+        float64 (4, 4), pose of its centre: x to the right of a viewer, y up, z out of the wall.
     width
-        m; the height follows from the picture.
+        Width, m; the height follows from the picture.
     number
-        What a door sign says of the room behind it; empty for what is no door sign.
+        Room number on a door sign; empty for other panels.
     anchor
-        Position of the middle of the number (of the panel, where it has none) in the panel, m.
+        Position of the number's centre in the panel (the panel's centre without a number), m.
     """
 
     pixels: UInt8
@@ -41,7 +41,7 @@ class Panel:
 
     @property
     def height(self) -> float:
-        """Its height, m."""
+        """Height, m."""
         return self.width * self.pixels.shape[0] / self.pixels.shape[1]
 
     @property
@@ -52,20 +52,20 @@ class Panel:
 
     @property
     def normal(self) -> Float64:
-        """Unit vector out of the wall in the world, float64 (3,)."""
+        """Unit normal of the wall, outwards, in the world, float64 (3,)."""
         normal: Float64 = self.T_world_panel[:3, 2]
         return normal
 
 
 class PanelArrays(NamedTuple):
-    """Panels as arrays, each with pictures of half, a quarter, ... of its size.
+    """Panels as arrays, each with an image pyramid of half, a quarter, ... of its size.
 
     Attributes
     ----------
     T_panel_world
         float64 (P, 3, 4).
     half
-        float64 (P, 2), half the width and height, m.
+        float64 (P, 2), half width and height, m.
     levels
         int64 (L, 3): first pixel, height and width of each picture.
     first
@@ -82,7 +82,7 @@ class PanelArrays(NamedTuple):
 
 
 def panel_arrays(panels: Sequence[Panel]) -> PanelArrays:
-    """Return panels as the renderer takes them."""
+    """Return panels as arrays for the renderer."""
     levels, first, pixels, count = [], [0], [], 0
     for panel in panels:
         picture = Image.fromarray(panel.pixels)
@@ -106,16 +106,16 @@ def panel_arrays(panels: Sequence[Panel]) -> PanelArrays:
 def on_wall(
     at: tuple[float, float], height: float, outward: tuple[float, float]
 ) -> Float64:  # fmt: skip
-    """Return T_world_panel of what hangs on a vertical wall.
+    """Return T_world_panel of a panel on a vertical wall.
 
     Parameters
     ----------
     at
-        x, y of its middle, on the wall's face, m.
+        x, y of its centre, on the wall's face, m.
     height
-        z of its middle, m.
+        z of its centre, m.
     outward
-        Unit vector out of the wall.
+        Unit normal out of the wall.
     """
     z = np.array([*outward, 0.0])
     up = np.array([0.0, 0.0, 1.0])

@@ -1,7 +1,7 @@
 """Exact distances along rays to boxes and cylinders.
 
 A scene consists of arrays of all solids (`Solids`) and a grid over x, y with the solids of each
-cell (`Grid`). Solids are hit from outside only: a ray that starts inside one leaves it.
+cell (`Grid`). Solids are hit from outside only; a ray that starts inside one leaves it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ ABSENT, BOX, CYLINDER = -1, 0, 1
 FACES = 6
 """Codes of faces: 2 * axis + (1 on the positive side); a cylinder's side is 0, its caps 4 and 5."""
 
-NEAREST = 1e-6  # m; a hit closer than this is the ray's own start
+NEAREST = 1e-6  # m; a closer hit is the ray's own start
 
 GLASS_COSINE = 0.978
-"""Cosine of the angle to its normal up to which a pane of glass returns a beam: 12 deg (chosen,
-in the range that is reported of lasers indoors)."""
+"""Cosine of the maximum angle of incidence at which glass returns a beam: 12 deg. Chosen, in the
+range reported for lasers indoors."""
 
 
 class Solids(NamedTuple):
@@ -41,7 +41,7 @@ class Solids(NamedTuple):
     radius
         float64 (N,), of a bounding sphere, m.
     glass
-        bool (N,), whether beams pass that do not hit it nearly at a right angle.
+        bool (N,), whether only beams near normal incidence are returned.
     """
 
     kind: NDArray[np.int8]
@@ -59,15 +59,15 @@ class Grid(NamedTuple):
     Attributes
     ----------
     origin
-        float64 (2,), its corner in the world, m.
+        float64 (2,), corner in the world, m.
     cell
-        Edge of a cell, m.
+        Edge length of a cell, m.
     nx, ny
         Number of cells.
     start, items
         int64; cell (i, j) holds `items[start[i * ny + j] : start[i * ny + j + 1]]`.
     everywhere
-        int64, solids that every ray tests: large ones and moving ones.
+        int64, solids tested for every ray: large and moving ones.
     """
 
     origin: Float64
@@ -81,7 +81,7 @@ class Grid(NamedTuple):
 
 @kernel
 def _hit_box(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
-    """Return (distance, face) where a ray in the box's frame enters it; (-1, 0) if it misses."""
+    """Return (distance, face) at which a ray in the box's frame enters it; (-1, 0) if it misses."""
     near, far, face = -np.inf, np.inf, 0
     for k in range(3):
         if abs(d[k]) < 1e-12:
@@ -100,7 +100,7 @@ def _hit_box(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
 
 @kernel
 def _hit_cylinder(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
-    """Return (distance, face) where a ray in the cylinder's frame enters it; (-1, 0) if not."""
+    """Return (distance, face) at which a ray enters the cylinder, in its frame; (-1, 0) if not."""
     radius, height = half[0], half[2]
     if abs(d[2]) > 1e-12:
         sign = 1.0 if d[2] > 0.0 else -1.0
@@ -234,14 +234,14 @@ def cast(
     origins, directions
         float64 (B, 3) in the world, m; unit directions.
     times
-        float64 (B,), s, since the time of the solids' centres.
+        float64 (B,), s, relative to the time of the solids' centres.
     max_range
-        Max distance of a hit, m.
+        Maximum distance of a hit, m.
 
     Returns
     -------
     ranges
-        float64 (B,), m; +inf where nothing is hit.
+        float64 (B,), m; +inf without a hit.
     codes
         int64 (B,): FACES * solid + face, or -1.
     """

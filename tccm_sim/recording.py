@@ -1,4 +1,4 @@
-"""Write the messages of a simulation to a bag, and the ground truth beside it."""
+"""Write the messages of a simulation to a bag, with the ground truth beside it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from tccm_sim.worlds import build_world
 Progress = Callable[[float], None]
 
 SENSOR = Qos(reliable=False, depth=5)
-"""QoS of scans: sensor data, as drivers offer it."""
+"""QoS of scans, the sensor data profile of drivers."""
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
@@ -54,14 +54,14 @@ WRITERS: dict[type, tuple[str, Callable[..., Any]]] = {
     DepthImage: (COMPRESSED, compressed_depth_message),
     PointCloud: ("sensor_msgs/msg/PointCloud2", point_cloud_message),
 }
-"""Type and writer of each kind of record."""
+"""Message type and writer by type of record."""
 
 TRANSPORTS = {DepthImage: "/compressedDepth", CameraImage: "/compressed"}
-"""What image_transport appends to the topics of images that are compressed."""
+"""Topic suffixes of image_transport for compressed images."""
 
 
 def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[Message]:
-    """Yield the messages of the robot of a world, in order, without a bag.
+    """Yield the messages of a world's robot in order, without a bag.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator
     Raises
     ------
     ConfigError
-        For a name that no world has.
+        If there is no world of that name.
     """
     yield from Simulation(build_world(name, options), seed, options).run()
 
@@ -89,7 +89,7 @@ def simulate(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Simulate a world and write a bag with its truth; the same seed gives the same bytes.
+    """Simulate a world and write a bag with its truth, byte-identical for the same seed.
 
     Parameters
     ----------
@@ -103,9 +103,9 @@ def simulate(
     options
         Variations of the world.
     overwrite
-        Whether an existing bag is replaced.
+        Whether to replace an existing bag.
     progress
-        Called with the fraction that is done, 0 to 1.
+        Called with the completed fraction, 0 to 1.
 
     Returns
     -------
@@ -115,9 +115,9 @@ def simulate(
     Raises
     ------
     ConfigError
-        For a name that no world has.
+        If there is no world of that name.
     OutputError
-        Where `out` exists already or cannot be written.
+        If `out` exists already or cannot be written.
     """
     simulation = Simulation(build_world(name, options), seed, options)
     return record(simulation, out, overwrite=overwrite, progress=progress)
@@ -136,11 +136,11 @@ def record(
     Parameters
     ----------
     simulation
-        What is recorded.
+        Simulation to record.
     out, overwrite, progress
-        As for `simulate`.
+        As in `simulate`.
     messages
-        What is written instead of the simulation's own messages, say with faults.
+        Messages to write instead of the simulation's own, for example with faults.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def record(
     Raises
     ------
     OutputError
-        Where `out` exists already or cannot be written.
+        If `out` exists already or cannot be written.
     """
     types = TypestoreMessages()
     with BagWriter(out, overwrite=overwrite, typestore=types) as bag:
@@ -168,7 +168,7 @@ def record(
 
 
 def _sensor_topics(simulation: Simulation) -> Iterator[tuple[str, str]]:
-    """Yield topics and types of the messages of sensors."""
+    """Yield topics and types of the sensor messages."""
     rig, topics = simulation.rig, simulation.rig.topics
     if rig.tilt is not None:
         yield topics.tilt_scan, "sensor_msgs/msg/LaserScan"

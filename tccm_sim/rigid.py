@@ -1,6 +1,6 @@
 """Rigid transforms of the simulator.
 
-They are independent of `tccm_ros.geometry`, so that an error of sign in one of the two shows in the
+They are independent of `tccm_ros.geometry`, so that a sign error in one of the two is found by the
 tests. ``T_a_b`` maps coordinates in b to a.
 """
 
@@ -57,7 +57,7 @@ def invert(T_a_b: Float64) -> Float64:
 def quaternion_xyzw(T_a_b: Float64) -> Float64:
     """Return the rotation as a unit quaternion, float64 (4,), w >= 0 (for angles below pi)."""
     R = T_a_b[:3, :3]
-    # The column with the largest norm of the 4 x 4 outer product q q^T is the stable one.
+    # Use the column of the 4 x 4 outer product q q^T with the largest norm, for stability.
     K = np.empty((4, 4))
     K[:3, :3] = R + R.T + (1.0 - np.trace(R)) * np.eye(3)
     K[:3, 3] = K[3, :3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
@@ -73,9 +73,9 @@ def chain_poses(origins: Float64, axes: Float64, slides: Bool, positions: Float6
     Parameters
     ----------
     origins
-        float64 (J, 4, 4), each joint's frame in the frame of the joint before it, at zero.
+        float64 (J, 4, 4), each joint's frame in the frame of the previous joint, at zero.
     axes
-        float64 (J, 3), unit axis of motion in the joint's frame; zero where it is fixed.
+        float64 (J, 3), unit axis of motion in the joint's frame; zero for a fixed joint.
     slides
         bool (J,), whether a joint moves along its axis instead of rotating about it.
     positions

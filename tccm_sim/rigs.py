@@ -61,7 +61,7 @@ class Body:
     link
         Name of the link.
     size, center
-        Its edges and its centre in the link's frame, m.
+        Edge lengths and centre in the link's frame, m.
     """
 
     link: str
@@ -71,14 +71,14 @@ class Body:
 
 @dataclass(frozen=True)
 class Topics:
-    """Names of the topics that a robot publishes.
+    """Names of the topics of a robot.
 
     Attributes
     ----------
     tilt_scan, scan
         Scans of the tilting and of the level laser.
     joint_states, odom, imu
-        Joint samples, wheel odometry, and rates of a gyroscope.
+        Joint samples, wheel odometry, and gyroscope rates.
     depth, points
         Depth images, with ``camera_info`` beside them, and points of a lidar.
     colour
@@ -118,7 +118,7 @@ class Rig:
     tilt, tilt_frame
         The tilting laser, if there is one, and its frame.
     tilt_joint, pan_joint
-        The joint that tilts it, or that tilts a head with a depth camera, and the head's pan joint.
+        Joint that tilts it, or a head with a depth camera, and the head's pan joint.
     level, level_frame
         The level laser and its frame.
     camera, camera_frame
@@ -134,9 +134,9 @@ class Rig:
     wheels
         Joints of the left and the right wheel.
     wheel_radius, wheel_distance
-        m.
+        Radius and distance of the wheels, m.
     encoder
-        Resolution of the joints' encoders, rad (m where a joint slides).
+        Resolution of the joints' encoders, rad (m for a sliding joint).
     odom_frame, odom_start
         Odometry frame, and the first pose in it (x, y, yaw), m and rad.
     """
@@ -171,7 +171,7 @@ class Rig:
 
     @cached_property
     def moving(self) -> tuple[str, ...]:
-        """Names of the joints that move, without the wheels."""
+        """Names of the moving joints, without the wheels."""
         return tuple(j.name for j in self.joints if j.moves and j.name not in self.wheels)
 
     def chain(self, frame: str) -> tuple[Joint, ...]:
@@ -191,7 +191,7 @@ class Rig:
         frame
             Frame of the laser.
         positions
-            float64 (count,), rad or m, by name of the joint; the others are at zero.
+            float64 (count,), rad or m, by joint name; other joints are at zero.
         count
             Number of poses.
         """
@@ -204,14 +204,14 @@ class Rig:
         return chain_poses(origins, axes, slides, moved)
 
     def mounted(self, joint_name: str, xyz: Vector, rpy: Vector) -> Rig:
-        """Return the rig with an error of a mount.
+        """Return the rig with a mounting error.
 
         Parameters
         ----------
         joint_name
-            The joint whose origin changes.
+            Joint whose origin changes.
         xyz, rpy
-            Added to its origin, m and rad.
+            Offset of its origin, m and rad.
         """
         joints = tuple(
             replace(

@@ -1,4 +1,4 @@
-"""A ring of corridors, 100 m around, for loop closures with a drift of the heading."""
+"""A ring of corridors, 100 m long, for loop closures with heading drift."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HEADING_DRIFT = 0.012  # rad/m
 SPEED = 0.8  # m/s
 PAUSE = 5.4  # s
 
-# Niches of the outer wall per side: (from, to, depth), m along the side. No two sides are alike.
+# Niches of the outer wall per side: (from, to, depth), m along the side. All sides differ.
 NICHES: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((5.0, 6.2, 0.3), (9.0, 11.5, 1.0), (21.0, 22.0, 0.25), (26.5, 28.0, 0.8)),
     ((4.0, 5.0, 0.25), (12.0, 15.0, 1.2)),
@@ -59,24 +59,24 @@ LAP = (
     Waypoint(0.0, 1.0),
     Waypoint(1.0, 0.0),
 )
-"""Once round from the start."""
+"""Waypoints of one lap from the start."""
 
 
 def ring(options: Options) -> World:
-    """Return the ring; the robot goes round (`laps` times) and 8 m further, with six stops."""
+    """Return the ring; the robot drives `laps` laps and 8 m more, with six stops."""
     route = [START, *(LAP * options.laps), replace(START, x=3.0), LAP[0], replace(LAP[0], x=10.0)]
     return ring_world(route, options)
 
 
 def ring_world(route: Sequence[Waypoint], options: Options) -> World:
-    """Return the ring with a robot that drives another route.
+    """Return the ring with another route of the robot.
 
     Parameters
     ----------
     route
-        Way points along the middle of the corridors.
+        Waypoints along the middle of the corridors.
     options
-        Variations.
+        Variations of the world.
     """
     scene = Scene()
     scene.floor_and_ceiling((-3.0, LENGTH + 3.0), (-3.0, WIDTH + 3.0), HEIGHT)
@@ -101,7 +101,7 @@ def _outer_walls(scene: Scene) -> None:
 def _with_niches(
     start: Point, end: Point, niches: Sequence[tuple[float, float, float]]
 ) -> list[Point]:
-    """Return the corners of a wall from start to end whose niches lie to the right."""
+    """Return the corners of a wall from start to end with niches on its right."""
     length = float(np.hypot(end[0] - start[0], end[1] - start[1]))
     ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
     corners = [start]
@@ -113,7 +113,7 @@ def _with_niches(
 
 
 def _inner_walls(scene: Scene) -> None:
-    """Add the walls of the block in the middle, clockwise, with a few pilasters."""
+    """Add the walls of the central block, clockwise, with a few pilasters."""
     right, top = LENGTH - HALF, WIDTH - HALF
     corners = [
         (HALF, HALF),

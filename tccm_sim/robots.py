@@ -1,4 +1,4 @@
-"""Robots with a tilting laser: joints, lasers, names and errors."""
+"""Robots with a tilting laser: joints, lasers, names and odometry errors."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from tccm_sim.rigs import Body, Joint, Rig, Topics
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
-# SICK LMS 291 at 0.5 deg over 180 deg: a revolution of the mirror takes 13.3 ms, half of it is
-# measured; the beam diverges by 0.7 deg.
+# SICK LMS 291 at 0.5 deg over 180 deg: a revolution of the mirror takes 13.3 ms, of which half is
+# measured; the beam divergence is 0.7 deg.
 LMS_291 = Laser(
     beams=361, angle_min=-pi / 2, angle_max=pi / 2, period=0.080,
     time_increment=0.01333 / 2 / 360, range_min=0.05, range_max=30.0,
@@ -43,18 +43,18 @@ SMALL_270 = Laser(
 def wheel_joints(
     base: str, names: tuple[str, str], radius: float, distance: float, height: float
 ) -> tuple[Joint, ...]:
-    """Return the joints of two wheels whose axle is over the base's origin.
+    """Return the joints of two wheels with their axle above the base's origin.
 
     Parameters
     ----------
     base
-        Frame of the base.
+        Names of the left and the right joint.
     names
-        Of the joints, left and right.
+        Radius of the wheels, and distance between them, m.
     radius, distance
-        Radius of a wheel, and from one wheel to the other, m.
+        Height of the base frame above the floor, m.
     height
-        Of the base frame over the floor, m.
+        Height of the base frame above the floor, m.
     """
     z = radius - height
     return tuple(
@@ -146,7 +146,7 @@ HUMANOID_WITH_ARM = replace(
         Body("arm_7", (0.14, 0.09, 0.04), (0.07, 0.0, 0.0)),
     ),
 )
-"""The robot of the TCCM paper with an arm of seven joints, stretched ahead when all are zero."""
+"""The robot of the TCCM paper with an arm of seven joints, stretched forward at zero."""
 
 SEGWAY_WITH_GRIPPER = replace(
     SEGWAY,
@@ -158,7 +158,7 @@ SEGWAY_WITH_GRIPPER = replace(
     ),
     bodies=(*SEGWAY.bodies, Body("gripper", (0.22, 0.16, 0.06), (0.12, 0.0, 0.0))),
 )
-"""The robot of the surface mapping paper with its gripper, which the vertical actuator moves."""
+"""The robot of the surface mapping paper with its gripper, moved by the vertical actuator."""
 
 UPSIDE_DOWN = Rig(
     name="gantry",
@@ -188,4 +188,4 @@ UPSIDE_DOWN = Rig(
     odom_frame="wheel_odom",
     odom_start=(2.0, -1.0, 0.7),
 )
-"""Another robot: its tilting laser hangs upside down, its joint rotates the other way."""
+"""Another robot, with its tilting laser upside down and an inverted tilt joint."""

@@ -1,4 +1,4 @@
-"""Rooms: for the upside-down robot, for calibration, with furniture that moves, for load tests."""
+"""Rooms: for an upside-down laser, for calibration, with moving furniture, and for load tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Point = tuple[float, float]
 
 CEILING = 2.6  # m, its height
 RAMP = radians(4.0)  # slope of the ramp of `room`
-ROOM_SPEED = 0.5  # m/s, of the robot in the room to calibrate in
+ROOM_SPEED = 0.5  # m/s, of the robot in the calibration room
 LOOK_UP, LOOK_DOWN = 0.25, -1.0  # rad; positive is up on this robot
 
 
@@ -32,11 +32,11 @@ def box_room(scene: Scene, x: Point, y: Point, height: float = CEILING) -> None:
     Parameters
     ----------
     scene
-        Where they are added.
+        Scene to extend.
     x, y
         Limits between the walls, m.
     height
-        Of the ceiling, m.
+        Height of the ceiling, m.
     """
     scene.floor_and_ceiling((x[0] - 0.2, x[1] + 0.2), (y[0] - 0.2, y[1] + 0.2), height)
     corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
@@ -45,7 +45,7 @@ def box_room(scene: Scene, x: Point, y: Point, height: float = CEILING) -> None:
 
 
 def upside_down(options: Options) -> World:
-    """Return a small room with a table; the robot scans all the time with a laser that hangs."""
+    """Return a small room with a table, scanned continuously by a laser mounted upside down."""
     scene = Scene()
     box_room(scene, (-1.5, 3.8), (-2.0, 2.2))
     scene.table("table", (0.8, 1.4), 0.72, (2.0, 0.1), 0.15)
@@ -65,7 +65,7 @@ def upside_down(options: Options) -> World:
 
 
 def room(options: Options) -> World:
-    """Return a room with floor, ceiling and walls to calibrate in, with clutter and a ramp."""
+    """Return a room with floor, ceiling and walls for calibration, with clutter and a ramp."""
     scene = Scene()
     box_room(scene, (-3.0, 5.0), (-3.0, 3.0))
     scene.table("table", (0.8, 1.2), 0.74, (2.6, 1.2), 0.2)
@@ -94,7 +94,7 @@ def room(options: Options) -> World:
 
 
 def _before(route: Sequence[Waypoint], stops: Float64) -> list[tuple[float, ...]]:
-    """Return (time, x, y) of a person who walks past before the robot at each of its stops."""
+    """Return (time, x, y) of a person who walks past in front of the robot at each stop."""
     keys: list[tuple[float, ...]] = []
     for stop, (start, end) in zip(route, stops.tolist(), strict=True):
         heading = stop.heading or 0.0
@@ -105,7 +105,7 @@ def _before(route: Sequence[Waypoint], stops: Float64) -> list[tuple[float, ...]
 
 
 def _clutter(scene: Scene, count: int) -> None:
-    """Add boxes of 0.1 to 0.5 m about the room, at positions that the golden angle spreads."""
+    """Add boxes of 0.1 to 0.5 m at positions distributed by the golden angle."""
     for i in range(count):
         radius, angle = 1.3 + 1.6 * ((i * 0.618034) % 1.0), 2.399963 * i
         size = 0.1 + 0.4 * ((i * 0.7548777) % 1.0)
@@ -114,9 +114,9 @@ def _clutter(scene: Scene, count: int) -> None:
 
 
 def moved(options: Options) -> World:
-    """Return a room that is seen twice: a table moves, a stool goes, a crate comes in between.
+    """Return a room that is scanned twice, with changes of its furniture in between.
 
-    The robot stops before the furniture, turns its back, and stops there again; a person then
+    The robot stops in front of the furniture, turns away, and stops there again. A person then
     hides the cupboard.
     """
     front, back = Waypoint(0.0, 0.0, 0.0, 5.4), Waypoint(-1.2, 0.1, pi, 5.4)
@@ -149,7 +149,7 @@ def load(options: Options) -> World:
 
 
 def _repeated(route: Sequence[Waypoint], laps: int) -> list[Waypoint]:
-    """Return a route that is driven a number of times."""
+    """Return a route repeated for a number of laps."""
     return [*route, *(list(route[1:]) * (laps - 1))]
 
 

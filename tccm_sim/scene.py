@@ -17,8 +17,8 @@ from tccm_sim.rigid import rigid, rotation_rpy
 Vector = tuple[float, float, float]
 
 CELL = 0.5  # m, of the grid over x, y (chosen)
-FEW = 32  # solids; with fewer a grid costs more than it saves (chosen)
-LARGE = 0.25  # of the cells; larger solids are tested by every ray (chosen)
+FEW = 32  # solids; below this number a grid does not pay (chosen)
+LARGE = 0.25  # fraction of the cells; larger solids are tested for every ray (chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Motion:
     offsets: Float64
 
     def at(self, time: float) -> Float64:
-        """Return the offset (x, y, z, yaw) at a time, float64 (4,); it rests outside the keys."""
+        """Return the offset (x, y, z, yaw) at a time, float64 (4,), constant outside the keys."""
         return np.array([np.interp(time, self.times, column) for column in self.offsets.T])
 
     @staticmethod
@@ -50,27 +50,27 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """One box or cylinder.
+    """A box or cylinder.
 
     Attributes
     ----------
     shape
         ``box`` or ``cylinder`` (axis z).
     T_world_solid
-        float64 (4, 4), of its centre.
+        float64 (4, 4), pose of its centre.
     half
         Half edges, or (radius, radius, half height), m.
     name
-        Name of the object or furniture that it is a part of.
+        Name of its object or furniture.
     surface
-        The horizontal surface that its top belongs to by design, or empty. Tops of one name make
-        one surface.
+        Name of the designed horizontal surface that its top is part of, or empty. Tops of equal
+        name form one surface.
     role
         ``floor``, ``wall``, ``ceiling``, ``furniture``, ``object`` or ``person``.
     motion, span
-        How it moves, and start and end of the time in which it exists, s.
+        Its motion, and start and end of the time in which it exists, s.
     glass
-        Whether it is a box of glass: beams pass that do not hit it nearly at a right angle.
+        Whether it is a box of glass, which only returns beams near normal incidence.
     """
 
     shape: Literal["box", "cylinder"]
@@ -118,17 +118,16 @@ class Traits(TypedDict, total=False):
 
 @dataclass
 class Scene:
-    """A list of solids, and methods that add to it.
+    """A list of solids with methods that add to it.
 
-    Lengths are in m, angles in rad; keyword arguments after those of the shape are those of
-    `Solid`.
+    Lengths are in m, angles in rad; further keyword arguments are those of `Solid`.
 
     Attributes
     ----------
     solids
         All solids.
     wall_faces
-        (start, end) of each face of a wall, the free side on the left.
+        (start, end) of each face of a wall, with the free side on the left.
     """
 
     solids: list[Solid] = field(default_factory=list)
@@ -149,7 +148,7 @@ class Scene:
         name
             As in `Solid`.
         size
-            Edges along its own x, y, z.
+            Edge lengths along its own x, y, z.
         center, rpy
             Its pose in the world.
         """
@@ -167,7 +166,7 @@ class Scene:
         name
             As in `Solid`.
         x, y, z
-            Its limits.
+            Limits of the box.
         """
         low, high = np.array([x, y, z], float).T
         self.box(name, high - low, (low + high) / 2.0, **traits)
@@ -205,7 +204,7 @@ class Scene:
         x, y
             Limits of both.
         height
-            Of the ceiling; None for no ceiling.
+            Height of the ceiling; None for no ceiling.
         """
         self.block("floor", x, y, (-0.1, 0.0), role="floor")
         if height is not None:
@@ -227,7 +226,7 @@ class Scene:
         name
             As in `Solid`.
         start, end
-            x, y of the ends of its face; the body is on the right of the line from start to end.
+            x, y of the ends of its face; the body is on the right, looking from start to end.
         height, thickness
             Its size.
         two_sided
@@ -266,13 +265,13 @@ class Scene:
         name
             Name of the solids and, by default, of the surface.
         size
-            Edges of the board.
+            Edge lengths of the top.
         height
-            Of the top.
+            Height of the top.
         center, yaw
-            Pose of the board from above.
+            Planar pose of the top.
         board
-            Its thickness.
+            Thickness of the top.
         """
         R = rotation_rpy(0.0, 0.0, yaw)[:2, :2]
         place = (*center, height - board / 2.0)
@@ -285,7 +284,7 @@ class Scene:
             self.box(name, (0.05, 0.05, leg), (x, y, leg / 2.0), (0.0, 0.0, yaw), **traits)
 
     def person(self, name: str, keys: Sequence[Sequence[float]]) -> None:
-        """Add a person, two cylinders, who exists from the first to the last (time, x, y)."""
+        """Add a person, two cylinders, existing from the first to the last (time, x, y)."""
         motion = Motion.through([(t, x, y, 0.0) for t, x, y in keys])
         span = (float(keys[0][0]), float(keys[-1][0]))
         for radius, low, high in ((0.12, 0.0, 0.85), (0.2, 0.85, 1.75)):
@@ -295,12 +294,12 @@ class Scene:
             )  # fmt: skip
 
     def freeze(self) -> FrozenScene:
-        """Return the scene with the arrays that rays need."""
+        """Return the scene with arrays for ray casting."""
         return FrozenScene(tuple(self.solids))
 
 
 class FrozenScene:
-    """A scene with the arrays that rays need.
+    """A scene with arrays for ray casting.
 
     Attributes
     ----------
@@ -331,16 +330,16 @@ class FrozenScene:
     ) -> tuple[Float64, Int64]:
         """Return exact ranges and codes of rays, each at its own time.
 
-        Solids move in straight lines from the first of the times to the last.
+        Solids move in straight lines from the first to the last of the times.
 
         Parameters
         ----------
         origins, directions
             float64 (B, 3) in the world, m; unit directions.
         times
-            float64 (B,), s on the world's clock.
+            float64 (B,), s in the world's time.
         max_range
-            m.
+            Maximum range, m.
 
         Returns
         -------
@@ -361,7 +360,7 @@ class FrozenScene:
         origins, directions
             As in `cast`.
         ranges, codes
-            What `cast` returned; where nothing was hit the cosine is 1.
+            Results of `cast`; the cosine is 1 without a hit.
         """
         normals = self.normals(origins, directions, ranges, codes)
         cosines = np.abs(np.einsum("bi,bi->b", normals, directions))
@@ -370,12 +369,12 @@ class FrozenScene:
     def normals(
         self, origins: Float64, directions: Float64, ranges: Float64, codes: Int64
     ) -> Float64:
-        """Return unit normals of what the last rays hit, float64 (B, 3), of either sign.
+        """Return unit normals at the hits of the last rays, float64 (B, 3), of either sign.
 
         Parameters
         ----------
         origins, directions, ranges, codes
-            As in `cosines`; where nothing was hit the normal is any.
+            As in `cosines`; the normal is arbitrary without a hit.
         """
         arrays, solid, axis = self._arrays, codes // raycast.FACES, codes % raycast.FACES // 2
         normals = arrays.R_solid_world[solid, axis]
@@ -405,7 +404,7 @@ class FrozenScene:
 
 
 def _grid(solids: tuple[Solid, ...]) -> Grid:
-    """Sort the static solids into cells; every ray tests large and moving ones."""
+    """Sort the static solids into cells; large and moving ones are tested for every ray."""
     boxes = np.array([(s.T_world_solid[:2, 3], s.half_extent[:2]) for s in solids])
     low, high = boxes[:, 0] - boxes[:, 1], boxes[:, 0] + boxes[:, 1]
     origin, span = low.min(axis=0) - 1e-3, high.max(axis=0) - low.min(axis=0) + 2e-3

@@ -1,6 +1,6 @@
-"""Posters, directories and papers of the office, drawn with the fonts that matplotlib brings along.
+"""Posters, directories and papers of the office, drawn with the fonts included in matplotlib.
 
-The same seed gives the same picture anywhere.
+The same seed gives the same picture on any machine.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ FONTS = (
     "cmss10",
     "cmss10",
 )
-"""Fonts of texts; one that stands twice is drawn twice as often."""
+"""Fonts of texts; one listed twice is used twice as often."""
 
 
 def font(name: str, size: float) -> ImageFont.FreeTypeFont:
-    """Return one of the fonts of matplotlib, its size in pixels."""
+    """Return a matplotlib font with a size in pixels."""
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / f"{name}.ttf"
     return ImageFont.truetype(str(path), max(int(size), 4))
 
 
 def random_words(rng: np.random.Generator, max_words: int) -> str:
-    """Return one to `max_words` words of random letters, as long as those of a language."""
+    """Return one to `max_words` words of random letters with natural lengths."""
     words = []
     for _ in range(rng.integers(1, max_words + 1)):
         word = "".join(rng.choice(list(ascii_letters), rng.integers(2, 10))).lower()
@@ -65,13 +65,13 @@ def draw_lines(
 
 
 def random_color(rng: np.random.Generator) -> Color:
-    """Return any colour."""
+    """Return a random colour."""
     red, green, blue = rng.integers(0, 256, 3)
     return int(red), int(green), int(blue)
 
 
 def contrasting_colors(rng: np.random.Generator) -> tuple[Color, Color]:
-    """Return colours of a face and of what is written on it, as plates have them."""
+    """Return colours of a face and its text with the contrast of a plate."""
     weight = np.array([0.3, 0.59, 0.11])
     while True:
         base = rng.integers(0, 256, 2)
@@ -102,7 +102,7 @@ def poster(rng: np.random.Generator) -> Image.Image:
 
 
 def directory(rng: np.random.Generator) -> Image.Image:
-    """Return a list of the rooms of a floor."""
+    """Return a directory of the rooms of a floor."""
     width, height = 400, int(rng.uniform(400, 640))
     face, ink = contrasting_colors(rng)
     board = Image.new("RGB", (width, height), face)

@@ -1,6 +1,6 @@
-"""Situations A to D: a table or a shelf before a robot that stands at the origin.
+"""Situations A to D: a table or a shelf in front of a robot that stands at the origin.
 
-Floor and back wall (2.6 m ahead) are in all; the laser tilts from 5 to 65 degrees down.
+All have a floor and a back wall 2.6 m ahead; the laser tilts from 5 to 65 degrees down.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Vector = tuple[float, float, float]
 
 SITUATIONS = ("a", "b", "c", "d")
 
-# Chosen, where nothing else is said; the paper names the situations and not their sizes.
+# Chosen, unless noted otherwise; the paper names the situations but not their sizes.
 TILT_LOW, TILT_HIGH = radians(5.0), radians(65.0)
 CYCLE_TIME = 1.575  # s, of a tilt cycle
 WALL_X = 2.6  # m
@@ -44,9 +44,9 @@ def situation_scene(
     name
         One of `SITUATIONS`.
     yaw, pitch, translation
-        Pose of the subject relative to its usual one, rad and m.
+        Pose of the subject relative to its default, rad and m.
     room
-        Whether there are side walls, a rear wall and a ceiling.
+        Whether to add side walls, a rear wall and a ceiling.
     """
     if name not in SITUATIONS:
         raise ValueError(f"no situation '{name}'; there are {', '.join(SITUATIONS)}")
@@ -75,7 +75,7 @@ def situation_scene(
 
 
 def _table(scene: Scene, with_objects: bool) -> None:
-    """A table, 1.2 m wide; in C with three boxes on it."""
+    """Add a table 1.2 m wide, in C with three boxes on it."""
     center = (TABLE_EDGE + TABLE[0] / 2.0, 0.0)
     scene.table("subject", (TABLE[0], TABLE[1]), TABLE_TOP, center, board=TABLE[2], surface="table")
     if not with_objects:
@@ -90,7 +90,7 @@ def _table(scene: Scene, with_objects: bool) -> None:
 
 
 def _arm(scene: Scene) -> None:
-    """Two cylinders that swing over the table: a forearm and an upper arm."""
+    """Add two cylinders that swing over the table: a forearm and an upper arm."""
     keys = [(k * ARM_PERIOD / 2.0, 0.0, 0.25 * (-1.0) ** k, 0.0) for k in range(200)]
     motion = Motion.through(keys)
     pitch = radians(80.0)
@@ -99,16 +99,16 @@ def _arm(scene: Scene) -> None:
 
 
 def _shelf(scene: Scene, is_open: bool) -> None:
-    """A shelf of four drawers; in D the third is open, and the others have knobs."""
+    """Add a shelf of four drawers; in D the third is open, and the others have knobs."""
     depth, width, height = SHELF
     front = SHELF_FRONT
     if not is_open:
         body = (front + depth / 2.0, 0.0, height / 2.0)
         scene.box("subject", (depth, width, height), body, surface="shelf")
         return
-    third = (height / 4.0, height / 2.0)  # counted from above
+    third = (height / 4.0, height / 2.0)  # counted from the top
     half = width / 2.0
-    # One front face: the body around the drawer's opening is three boxes of one plane.
+    # One front face: the body around the open drawer is three coplanar boxes.
     across = (-half, half)
     scene.block("subject", (front, front + depth), across, (third[1], height), surface="shelf")
     scene.block("subject", (front, front + depth), across, (0.0, third[0]))
@@ -123,10 +123,10 @@ def _shelf(scene: Scene, is_open: bool) -> None:
 
 
 def _drawer(scene: Scene, front: float, limits: tuple[float, float]) -> None:
-    """A drawer, whose front board starts at x = `front`, with two objects in it."""
+    """Add a drawer with its front board at x = `front`, with two objects in it."""
     depth, half = SHELF[0] - BOARD, SHELF[1] / 2.0 - BOARD - 0.005
     low, high = limits[0] + 0.005, limits[1] - 0.005
-    top = high - 0.06  # sides are lower than the front
+    top = high - 0.06  # the sides are lower than the front
     scene.block("drawer", (front, front + BOARD), (-half, half), (low, high))
     bottom = (low, low + BOARD)
     scene.block("drawer", (front, front + depth), (-half, half), bottom, surface="drawer")

@@ -26,7 +26,7 @@ from tccm_sim.world import World
 
 CYCLES = 8  # tilt cycles of a recording without a given duration
 NECK_TILT = radians(30.0)  # in both directions, as in the TCCM paper
-LOOK_TIME = 5.0  # s, in which a head looks around
+LOOK_TIME = 5.0  # s, of one look around by a head
 START = 0.1  # s, of the first tilt cycle
 
 ARM_MOTION = {
@@ -38,10 +38,10 @@ ARM_MOTION = {
     "arm_6_joint": (1.7, -0.20, 0.20),
     "arm_7_joint": (2.3, -1.00, 1.00),
 }
-"""Time of a move (s) and both ends (rad) of each joint: the arm reaches over the table (chosen)."""
+"""Duration of a move (s) and both ends (rad) by joint; the arm moves over the table. Chosen."""
 
 GRIPPER_MOTION = (2.6, 0.25, 0.50)
-"""The same of the gripper, m: it goes up and down over the table's edge (chosen)."""
+"""The same for the gripper, m; it moves up and down over the table's edge. Chosen."""
 
 
 def situation(name: str) -> Callable[[Options], World]:
@@ -55,7 +55,7 @@ def situation(name: str) -> Callable[[Options], World]:
 
 
 def walkthrough(options: Options) -> World:
-    """Return situation A with a person who walks past, objects that come and go, and a stool.
+    """Return situation A with a person walking past, objects that come and go, and a stool.
 
     A box leaves the table, another appears on it, and a stool is carried away.
     """
@@ -77,7 +77,7 @@ def walkthrough(options: Options) -> World:
 
 
 def _stationary(name: str, scene: Scene, options: Options, count: int) -> World:
-    """Return a world whose robot stands and tilts its laser between 5 and 65 degrees down.
+    """Return a world whose robot stands still and tilts its laser between 5 and 65 degrees down.
 
     A robot with a head looks around instead.
     """
@@ -99,7 +99,7 @@ def _nodding(
     duration: float,
     moves: dict[str, tuple[float, float, float]],
 ) -> World:
-    """Return a world whose robot stands, tilts its laser and moves other joints back and forth."""
+    """Return a world whose robot stands still, tilts its laser and oscillates other joints."""
     limits = options.tilt_limits or (TILT_LOW, TILT_HIGH)
     window, period = [(START, duration)], options.cycle_period or CYCLE_TIME
     joints = {rig.tilt_joint: oscillation(window, period, limits)}
@@ -109,14 +109,14 @@ def _nodding(
 
 
 def arm(options: Options) -> World:
-    """Return situation A, where the robot moves an arm of seven joints over the table."""
+    """Return situation A with a robot that moves an arm of seven joints over the table."""
     scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
     duration = options.duration or CYCLES * CYCLE_TIME + 2.0 * START
     return _nodding("arm", scene, HUMANOID_WITH_ARM, options, duration, ARM_MOTION)
 
 
 def gripper(options: Options) -> World:
-    """Return situation A, where the robot moves its gripper up and down before its laser."""
+    """Return situation A with a robot that moves its gripper up and down in front of its laser."""
     scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
     duration = options.duration or CYCLES * CYCLE_TIME + 2.0 * START
     moves = {"gripper_lift_joint": GRIPPER_MOTION}

@@ -1,4 +1,4 @@
-"""Ground truth of a world: surfaces, objects, walls and the trajectory, as files have them."""
+"""Ground truth of a world: surfaces, objects, walls and the trajectory, in the formats of files."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tccm_sim.scene import Solid
 from tccm_sim.world import World
 
 POSE_PERIOD = 0.02  # s, of the true trajectory
-SMALLEST = 0.01  # m2, min area of a surface (chosen)
-CONTACT = 0.005  # m, max distance of what stands on a surface to it (chosen)
-CAP_CORNERS = 64  # of the polygon of a cylinder's top
+SMALLEST = 0.01  # m2, minimum area of a surface (chosen)
+CONTACT = 0.005  # m, maximum distance of an object from the surface below it (chosen)
+CAP_CORNERS = 64  # number of corners of the polygon of a cylinder's top
 GRID = 1e-6  # m, of the coordinates of polygons
 
 
@@ -45,10 +45,10 @@ def trajectory(simulation: Simulation) -> Iterator[str]:
 def surfaces(simulation: Simulation) -> dict[str, Any]:
     """Return truth.json: surfaces at the end of the recording, with the keys of surfaces.json.
 
-    `surfaces` are those that are named in the scene, `gone` those that vanished before the end, and
-    `others` all other horizontal tops of at least 0.01 m2; objects that stand on a surface are in
-    `objects`. The floor is not listed; `floor_z` is its height. Where the world has rooms, `signs`
-    are the door signs and `rooms` the boundaries of the rooms.
+    `surfaces` are those named in the scene, `gone` those that vanished before the end, and `others`
+    all other horizontal tops of at least 0.01 m2; objects on surfaces are in `objects`. The floor
+    is not listed; `floor_z` is its height. If the world has rooms, `signs` are the door signs and
+    `rooms` the boundaries of the rooms.
     """
     T_map_world = map_from_world(simulation)
     end = simulation.world.duration
@@ -72,7 +72,7 @@ def surfaces(simulation: Simulation) -> dict[str, Any]:
 
 
 def _signs_and_rooms(world: World, T_map_world: Float64) -> dict[str, Any]:
-    """Return door signs and rooms of a world that has some."""
+    """Return the door signs and rooms of a world, if it has any."""
     if not world.rooms:
         return {}
     R, t = T_map_world[:3, :3], T_map_world[:3, 3]
@@ -129,7 +129,7 @@ def _by_name(solids: list[Solid]) -> list[tuple[str, list[Solid]]]:
 def _surfaces(
     groups: list[tuple[str, list[Solid]]], present: list[Solid], T_map_world: Float64
 ) -> list[dict[str, Any]]:
-    """Return a row per polygon of the tops of each group, without what stands on them."""
+    """Return a row per polygon of the tops of each group, without the areas under objects."""
     rows: list[dict[str, Any]] = []
     for name, group in groups:
         height = _top(group[0])
@@ -187,13 +187,13 @@ def _top(solid: Solid) -> float:
 
 
 def _on(solid: Solid, height: float) -> bool:
-    """Return whether a solid hides a surface at this height: it stands on it or intersects it."""
+    """Return whether a solid covers a surface at a height: it stands on it or intersects it."""
     low, high = solid.T_world_solid[2, 3] - solid.half_extent[2], _top(solid)
     return bool(low < height + CONTACT and high > height + CONTACT)
 
 
 def _outline(solid: Solid) -> BaseGeometry:
-    """Return the outline from above of a solid whose axis is vertical."""
+    """Return the outline from above of a solid with a vertical axis."""
     x, y, _ = solid.half
     if solid.shape == "cylinder":
         angles = np.arange(CAP_CORNERS) * 2.0 * np.pi / CAP_CORNERS
@@ -205,7 +205,7 @@ def _outline(solid: Solid) -> BaseGeometry:
 
 
 def _polygons(region: BaseGeometry) -> list[Polygon]:
-    region = region.normalize().simplify(GRID)  # seams of joined tops leave no corners
+    region = region.normalize().simplify(GRID)  # remove the corners at seams of joined tops
     parts = getattr(region, "geoms", [region])
     return [p for p in parts if isinstance(p, Polygon) and p.area >= SMALLEST]
 

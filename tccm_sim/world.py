@@ -27,7 +27,7 @@ class Room:
     Attributes
     ----------
     name
-        What its door sign says, or another name.
+        Number on its door sign, or another name.
     boundary
         float64 (N, 2), open ring of its walls' faces in the world, m.
     """
@@ -43,21 +43,21 @@ class World:
     Attributes
     ----------
     name
-        As on the command line.
+        Name on the command line.
     scene
         Its solids.
     rig
-        The robot as its description has it.
+        The robot as in its description.
     drive
         Its true motion.
     joints
-        True positions over time by name of the joint; the others rest at zero.
+        True positions over time by joint name; the other joints rest at zero.
     tilt_windows
         float64 (W, 2), start and end of the times in which the tilting laser publishes, s.
     panels
-        What hangs on its walls.
+        Pictures on its walls.
     rooms
-        Its rooms, where they are told.
+        Its rooms, if defined.
     """
 
     name: str
@@ -79,7 +79,7 @@ Builder = Callable[[Options], World]
 
 
 def with_options(rig: Rig, options: Options) -> Rig:
-    """Return the rig with the options that concern its sensors and its odometry."""
+    """Return the rig with the options for its sensors and its odometry."""
     if options.depth_camera:
         rig = with_depth_camera(rig)
     if options.colour_camera and rig.colour_camera is None:

@@ -49,7 +49,7 @@ WORLDS: dict[str, tuple[Builder, str]] = {
     "turning": (turning, "turning on the spot in a plain corridor"),
     "load": (load, "20 s of 1,081 beams at 40 Hz, while driving"),
 }
-"""The builder and the description of each world."""
+"""Builder and description of each world."""
 
 
 def build_world(name: str, options: Options | None = None) -> World:
@@ -58,7 +58,7 @@ def build_world(name: str, options: Options | None = None) -> World:
     Raises
     ------
     ConfigError
-        For a name that no world has.
+        If there is no world of that name.
     """
     if name not in WORLDS:
         raise ConfigError(f"no world '{name}'{suggest(name, WORLDS)}")

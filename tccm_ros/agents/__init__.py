@@ -1,1 +1,1 @@
-"""The map for language agents: a few typed questions over the Model Context Protocol."""
+"""The map for language agents: a few typed tools over the Model Context Protocol."""

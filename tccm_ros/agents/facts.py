@@ -1,4 +1,4 @@
-"""What agents are told: plain values, with the unit in each name, in the map frame."""
+"""Plain values for agents, in the map frame, with the unit in each name."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ class SurfaceFacts:
     Attributes
     ----------
     id, label, room
-        What it is, and where; the room is empty where it is not known.
+        Id, label and room; the room is empty if unknown.
     near_signs
         Texts of the door signs near it, the nearest first.
     height_m
-        Over the floor.
+        Height above the floor.
     length_m, width_m
-        Of the smallest rectangle around it.
+        Edges of the smallest rectangle around it.
     area_m2
-        Of its outline.
+        Area of its outline.
     center_m
-        (x, y, z) of the rectangle's middle.
+        Centre (x, y, z) of the rectangle.
     first_seen_s, last_seen_s
         Stamps of the first and the last view that measured it.
     """
@@ -49,13 +49,13 @@ class ObjectFacts:
     Attributes
     ----------
     id
-        Of the object.
+        Id of the object.
     label
-        Class that a detector gave it; empty where none did.
+        Class assigned by a detector; empty if there is none.
     surface_id
-        What it stands on.
+        Id of the surface below it.
     center_m, size_m
-        Of its box.
+        Centre and size of its box.
     first_seen_s, last_seen_s
         Stamps of the first and the last view that measured it.
     """
@@ -71,7 +71,7 @@ class ObjectFacts:
 
 @dataclass(frozen=True, slots=True)
 class BasePoseFacts:
-    """Where the base can stand: x and y in m, yaw in rad, facing the place."""
+    """A pose of the base: x and y in m, yaw in rad, facing the placement."""
 
     x_m: float
     y_m: float
@@ -80,18 +80,18 @@ class BasePoseFacts:
 
 @dataclass(frozen=True, slots=True)
 class PlacementFacts:
-    """Where something can be put down.
+    """A position where an object can be put down.
 
     Attributes
     ----------
     surface_id
-        Of the surface.
+        Id of the surface.
     position_m, yaw_rad
-        Middle of the object's lower side, and its yaw.
+        Centre of the object's bottom face, and its yaw.
     clearance_m
         Distance to the nearest edge or object.
     base_poses
-        Where the base can stand, the nearest first; empty unless they were asked for.
+        Possible poses of the base, the nearest first; empty unless requested.
     """
 
     surface_id: int
@@ -111,11 +111,11 @@ class ChangeFacts:
         ``appeared``, ``moved``, ``merged``, ``split``, ``gone``, ``object_appeared`` or
         ``object_left``.
     stamp_s
-        Of the view that shows it.
+        Stamp of the view that shows it.
     surface_ids, object_id
-        What it concerns; -1 where it is about surfaces alone.
+        Ids concerned; the object's is -1 if only surfaces are.
     label
-        Of the surface or the object.
+        Label of the surface or the object.
     """
 
     kind: str
@@ -127,20 +127,20 @@ class ChangeFacts:
 
 @dataclass(frozen=True, slots=True)
 class PlacementQuestion:
-    """What is to be put down: sizes in m, on which surfaces, and from where it is reached.
+    """Request for placements: object size in m, surfaces, and range of the arm.
 
     Attributes
     ----------
     size_m
         Length, width and height.
     surface_ids
-        Where.
+        Candidate surfaces.
     clearance_m
-        Free around and above it.
+        Free distance around and above the object.
     limit
-        Placements at most.
+        Maximum number of placements.
     reach_m, robot_radius_m
-        Of the arm and the base; 0 where the base is not asked for.
+        Range of the arm and radius of the base; 0 without base poses.
     """
 
     size_m: tuple[float, float, float]
@@ -152,27 +152,27 @@ class PlacementQuestion:
 
 
 class MapSource(Protocol):
-    """A map that can be asked: a saved one, or that of a running node."""
+    """A map to query: a saved one, or that of a running node."""
 
     def stamp_s(self) -> float:
         """Return the stamp of the map, s."""
 
     def surfaces(self) -> Sequence[SurfaceFacts]:
-        """Return the surfaces but the floor, by id."""
+        """Return the surfaces except the floor, by id."""
 
     def objects(self) -> Sequence[ObjectFacts]:
-        """Return what stands on surfaces."""
+        """Return the objects on surfaces."""
 
     def rooms(self) -> Sequence[str]:
-        """Return the names of the rooms that have one."""
+        """Return the names of the named rooms."""
 
     def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
-        """Return placements, the best first, and a sentence: how many, or why none.
+        """Return placements, the best first, and a sentence about their number or absence.
 
         Raises
         ------
         TccmError
-            If the question cannot be answered.
+            If the request cannot be answered.
         """
 
     def changes(self) -> tuple[list[ChangeFacts], str]:

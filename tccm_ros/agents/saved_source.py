@@ -1,4 +1,4 @@
-"""A saved map as agents ask it."""
+"""A saved map as a source for agents."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.tabletop.placements import PlacementRequest
 
 MAX_BASE_POSES = 3
-"""Of each placement, as the default of FindPlacements."""
+"""Maximum number of base poses per placement, the default of FindPlacements."""
 
 MAX_PLACEMENTS = 100
-"""Placements that are tried for a base pose, as in the services of slam_node."""
+"""Maximum number of placements tried for base poses, as in slam_node's services."""
 
 
 class SavedMapSource:
@@ -39,7 +39,7 @@ class SavedMapSource:
     Parameters
     ----------
     solution
-        Of the map.
+        Solution of the map.
     """
 
     def __init__(self, solution: SurfaceSolution):
@@ -69,13 +69,13 @@ class SavedMapSource:
         return _seconds(max(self._solution.stamp_ns, *seen, 0))
 
     def surfaces(self) -> Sequence[SurfaceFacts]:
-        """Return the surfaces but the floor, by id."""
+        """Return the surfaces except the floor, by id."""
         ground = self._solution.floor_z or 0.0
         known = (s for s in self._solution.surfaces if s.label != "floor")
         return [_surface(surface, ground) for surface in known]
 
     def objects(self) -> Sequence[ObjectFacts]:
-        """Return what stands on surfaces."""
+        """Return the objects on surfaces."""
         return [
             ObjectFacts(
                 item.id,
@@ -90,7 +90,7 @@ class SavedMapSource:
         ]
 
     def rooms(self) -> Sequence[str]:
-        """Return the names of the rooms that have one."""
+        """Return the names of the named rooms."""
         return sorted(room.name for room in self._solution.rooms if room.name)
 
     def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
@@ -99,7 +99,7 @@ class SavedMapSource:
         Raises
         ------
         MessageError
-            Where base poses are asked for, and the map has no free floor.
+            If base poses are requested and the map has no free floor.
         """
         with_base = question.reach_m > 0.0
         if with_base and self._floor is None:

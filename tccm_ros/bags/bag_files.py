@@ -15,8 +15,8 @@ from tccm_ros.errors import BagError
 
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 MAX_EXPANSION, SMALL = 1000, 2**26
-"""A compressed file that grows by a larger factor, and beyond `SMALL` bytes, is refused
-(chosen)."""
+"""A compressed file that expands by a larger factor, and to more than `SMALL` bytes, is refused.
+Chosen."""
 
 
 def storage_paths(path: Path, *, listed: bool = True) -> list[Path]:
@@ -27,12 +27,12 @@ def storage_paths(path: Path, *, listed: bool = True) -> list[Path]:
     path
         A folder or a file.
     listed
-        Whether the folder's metadata.yaml says which files there are; without it all are taken.
+        Whether to take only the files listed in the folder's metadata.yaml, if it exists.
 
     Raises
     ------
     BagError
-        Where nothing is there, a split is missing, or metadata.yaml cannot be read.
+        If there is no bag, a split is missing, or metadata.yaml cannot be read.
     """
     with reading(path):
         if not path.exists():
@@ -48,7 +48,7 @@ def storage_paths(path: Path, *, listed: bool = True) -> list[Path]:
 
 
 def _listed(metadata: Path) -> list[Path]:
-    """Return the files that metadata.yaml names; none where it is not there."""
+    """Return the files listed in metadata.yaml; none if it does not exist."""
     if not metadata.exists():
         return []
     advice = "; without this file the bag is read from its storage files alone"
@@ -67,19 +67,19 @@ def _listed(metadata: Path) -> list[Path]:
 
 @contextmanager
 def unpacked(path: Path, *, partly: bool = False) -> Iterator[Path]:
-    """Yield a storage file, unpacked in a temporary folder if it is compressed as a whole.
+    """Yield a storage file, decompressed into a temporary folder if it is compressed as a whole.
 
     Parameters
     ----------
     path
         The file.
     partly
-        Whether a file with damage is unpacked up to the damage.
+        Whether to decompress a damaged file up to the damage.
 
     Raises
     ------
     BagError
-        Where it is damaged, or is larger than `MAX_EXPANSION` and `SMALL` allow.
+        If it is damaged, or expands beyond `MAX_EXPANSION` and `SMALL`.
     """
     with reading(path), path.open("rb") as stream:
         is_compressed = stream.read(4) == ZSTD_MAGIC

@@ -1,4 +1,4 @@
-"""Which topics of a bag are depth images, what calibrates them, and what is no depth image."""
+"""Find depth image topics in a bag and their calibrations; explain unusable ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tccm_ros.sensors.depth_messages import (
 IMAGE, PACKED = IMAGE_READER.message_type, COMPRESSED_READER.message_type
 INFO, CLOUD = CAMERA_INFO_READER.message_type, CLOUD_READER.message_type
 READERS = {r.message_type: r for r in (IMAGE_READER, COMPRESSED_READER, CLOUD_READER)}
-"""Readers by the type of the messages."""
+"""Readers by message type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class DepthTopic:
     Attributes
     ----------
     topic, frame_id
-        Its name, and the frame of the first image.
+        Name of the topic, and the frame of its first image.
     size
-        Width and height, pixels; None where the images are compressed.
+        Width and height, pixels; None if the images are compressed.
     is_compressed
         Whether they are CompressedImage messages.
     """
@@ -70,13 +70,13 @@ def depth_topics(reader: BagReader) -> list[DepthTopic]:
 
 
 def _preference(image: DepthTopic) -> int:
-    """Return a number that is smaller for the better of two topics of one image."""
+    """Return the rank of a topic among those of one image; the smallest is preferred."""
     last = image.topic.rsplit("/", 1)[-1]
     return COMPRESSED.index(last) + 1 if last in COMPRESSED else 0
 
 
 def first_messages(reader: BagReader, *msgtypes: str) -> Iterator[tuple[TopicInfo, Any]]:
-    """Yield the topics of some types whose first message can be decoded, and that message."""
+    """Yield the topics of some types with their first message, if it can be decoded."""
     for topic in reader.topics():
         if topic.msgtype in msgtypes:
             message = first_message(reader, topic.name, topic.msgtype)
@@ -85,7 +85,7 @@ def first_messages(reader: BagReader, *msgtypes: str) -> Iterator[tuple[TopicInf
 
 
 def first_message(reader: BagReader, topic: str, msgtype: str) -> Any | None:
-    """Return the first message of a topic and type, None where there is none to decode."""
+    """Return the first message of a topic and type; None if it cannot be decoded."""
     types = TypestoreMessages()
     for message in reader.messages([topic], msgtype):
         with suppress(MessageError):
@@ -95,9 +95,9 @@ def first_message(reader: BagReader, topic: str, msgtype: str) -> Any | None:
 
 
 def calibration_topic(reader: BagReader, image: DepthTopic) -> str | None:
-    """Return the topic of the calibration of depth images, None where none can be told.
+    """Return the camera_info topic of depth images, or None if it is ambiguous.
 
-    It stands beside the images, or is the only one of their frame and size.
+    It is the topic next to the images, or the only one with their frame and size.
     """
     infos = [t.name for t in reader.topics() if t.count and not t.why_not_read(INFO)]
     beside = camera_info_topic(image.topic)
@@ -117,14 +117,14 @@ def _fits(reader: BagReader, info: str, image: DepthTopic) -> bool:
 
 
 def unreadable_topics(reader: BagReader, named: set[str]) -> list[str]:
-    """Return a line for each topic of depths or points that cannot be read, with the reason.
+    """Return a line for each topic of depth images or points that cannot be read, with the reason.
 
     Parameters
     ----------
     reader
         The bag.
     named
-        Topics that are named as those of depth images: another image is no depth image.
+        Topics that the configuration or the user names as depth images; other images are ignored.
     """
     notes = []
     for topic, message in first_messages(reader, IMAGE, PACKED, CLOUD):

@@ -1,4 +1,4 @@
-"""The times of a log as increasing stamps: its lines are in true order, its clock may not be."""
+"""Increasing stamps from the times of a log, whose lines are in order but whose clock may jump."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 MIN_STEP_NS = 1_000
-"""Min time between two stamps, ns. Chosen: message stamps have to increase."""
+"""Minimum time between two stamps, ns. Chosen: message stamps have to increase."""
 
 OUTLIER_NS = 10_000_000_000
-"""A stamp this far, ns, from the median of its four neighbours and itself is a damaged line.
-Chosen."""
+"""A stamp this far, ns, from the median of five neighbouring stamps is a damaged line. Chosen."""
 
 RESET_NS = 10_000_000_000
-"""A clock that is this much earlier, ns, than on the line before was set back. Chosen: logs of
-several hosts step back by a second at most."""
+"""A step back by more than this, ns, means that the clock was reset. Chosen: logs of several hosts
+step back by a second at most."""
 
 
 class _Timed(Protocol):
@@ -31,7 +30,7 @@ Line = TypeVar("Line", bound=_Timed)
 
 
 def without_outliers(lines: list[Line]) -> list[Line]:
-    """Drop lines whose time is far from those around: one of them would drag hundreds along."""
+    """Drop lines whose time is far from its neighbours; each would shift hundreds of others."""
     times = np.array([line.time_ns for line in lines], np.int64)
     if len(times) < 5:
         return lines
@@ -43,7 +42,7 @@ def without_outliers(lines: list[Line]) -> list[Line]:
 
 
 def without_resets(times_ns: Sequence[int]) -> list[int]:
-    """Return times of a clock that goes on where it was set back.
+    """Return times without the backward steps of clock resets.
 
     Parameters
     ----------
@@ -61,16 +60,16 @@ def without_resets(times_ns: Sequence[int]) -> list[int]:
 
 
 def increasing_stamps(times_ns: Sequence[int], step_ns: int = MIN_STEP_NS) -> list[int]:
-    """Return the increasing stamps that are nearest to some times by least squares.
+    """Return the increasing stamps nearest to some times by least squares.
 
-    Pool-adjacent-violators on integers: exact, and times that increase already stay as they are.
+    Pool-adjacent-violators on integers: exact, and times that already increase are unchanged.
 
     Parameters
     ----------
     times_ns
         Times in the true order, ns.
     step_ns
-        Least difference between two stamps, ns.
+        Minimum difference between two stamps, ns.
     """
     sums: list[int] = []
     counts: list[int] = []

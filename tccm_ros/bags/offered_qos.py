@@ -15,19 +15,19 @@ LATCHED = ("robot_description", "tf_static")
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 MAX_DEPTH = 10_000
-"""Max depth that is taken from a bag (chosen: memory)."""
+"""Maximum queue depth taken from a bag. Chosen: it bounds the memory."""
 
 
 @dataclass(frozen=True)
 class Qos:
-    """Quality of service of a topic's publisher; players publish with it.
+    """Quality of service of a topic's publisher; players offer the same.
 
     Attributes
     ----------
     reliable, latched
         Whether it is reliable (else best effort), and transient local (else volatile).
     depth
-        Messages in its queue.
+        Queue depth, messages.
     """
 
     reliable: bool = True
@@ -50,7 +50,7 @@ class Qos:
 
 
 def default_qos(topic: str) -> Qos:
-    """Return the quality of service of a topic without publishers in the metadata."""
+    """Return the default quality of service of a topic without publishers in the metadata."""
     if topic.rsplit("/", 1)[-1] in LATCHED:
         return Qos(latched=True, depth=1)
     return Qos()

@@ -1,8 +1,9 @@
 """Read bags: rosbag2 folders and single files, mcap and sqlite3, in log order.
 
-Messages are decoded with the definitions of ROS 2 Jazzy, never with code made from the bag. One
-that cannot be decoded, or that no processor can use, is counted in `BagReader.dropped` and left
-out; damage of the storage ends the reading with a BagError, after all that came before it.
+Messages are decoded with the definitions of ROS 2 Jazzy, never with code generated from the bag.
+Messages that cannot be decoded, or that no processor can use, are skipped and counted in
+`BagReader.dropped`. Damage of the storage ends the reading with a BagError, after all messages
+before it.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ DEFAULT_TOPICS: Mapping[str, str] = {
 """Default topic of each role (docs/reference/files.md, 'Recordings')."""
 
 CDR, ROS1 = "cdr", "ros1"
-"""Encodings of messages: of ROS 2, and of recordings that hold ROS 1 messages as they were."""
+"""Message encodings: ROS 2's, and that of converted recordings with original ROS 1 messages."""
 
 FROM_ROS1 = "convert the original .bag: rosbags-convert --src FILE.bag --dst FOLDER"
 
 BagPaths = Path | str | Sequence[Path | str]
-"""A recording: one bag, or several that are read as one."""
+"""A recording: one bag, or several that are read as one recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class TopicInfo:
     count
         Number of messages.
     encoding
-        Of the messages; only those in ``cdr`` can be decoded.
+        Encoding of the messages; only ``cdr`` can be decoded.
     """
 
     name: str
@@ -66,12 +67,12 @@ class TopicInfo:
     encoding: str = CDR
 
     def why_not_read(self, expected: str) -> str:
-        """Return why a role cannot read these messages, empty if it can.
+        """Return why a role cannot read these messages; empty if it can.
 
         Parameters
         ----------
         expected
-            The type that the role needs.
+            Message type of the role.
         """
         if self.encoding.startswith(ROS1):
             return f"{self.name} holds ROS 1 messages ('{self.encoding}'); {FROM_ROS1}"
@@ -90,7 +91,7 @@ def remap_topics(
     Raises
     ------
     TopicError
-        For text of another form, or an unknown role.
+        If a remapping is malformed, or its role unknown.
     """
     topics = dict(defaults)
     for remap in remaps:
@@ -105,37 +106,37 @@ def remap_topics(
 
 
 def bag_paths(bag: BagPaths) -> list[Path]:
-    """Return the bags that a recording is made of."""
+    """Return the bags of a recording."""
     return [Path(bag)] if isinstance(bag, Path | str) else [Path(path) for path in bag]
 
 
 class BagReader:
-    """A bag that is read; a context manager.
+    """Reads a bag; a context manager.
 
     Parameters
     ----------
     bag
         A rosbag2 folder (mcap or sqlite3, split or not, compressed or not, with or without
-        metadata.yaml), or one .mcap or .db3 file; or several of these, in any order, that are read
+        metadata.yaml), or one .mcap or .db3 file; or several of these, in any order, which are read
         as one recording.
     readers
-        Readers of messages by role of their topic.
+        Message readers by role.
 
     Attributes
     ----------
     path
-        The bag in messages.
+        Name of the bag in error messages.
     start_ns, end_ns
-        Log times of the first and the last message; 0 for a bag without messages.
+        Log times of the first and the last message, ns; 0 for a bag without messages.
     dropped
-        Messages left out, by topic.
+        Number of skipped messages, by topic.
     problems
-        Why the first message of a topic was left out.
+        Reason for the first skipped message of a topic.
 
     Raises
     ------
     BagError
-        For a bag that is missing, empty, truncated or damaged, or named twice.
+        If a bag is missing, empty, truncated, damaged or named twice.
     """
 
     def __init__(self, bag: BagPaths, readers: Mapping[str, MessageReader] = READERS) -> None:
@@ -172,7 +173,7 @@ class BagReader:
         self._open_files.close()
 
     def add_readers(self, readers: Mapping[str, MessageReader]) -> None:
-        """Add readers of messages by role, in place of those that there are."""
+        """Add message readers by role, replacing existing ones."""
         self._readers = {**self._readers, **readers}
 
     @property
@@ -181,7 +182,7 @@ class BagReader:
         return (self.end_ns - self.start_ns) * 1e-9
 
     def topics(self) -> list[TopicInfo]:
-        """Return the topics of the bag, by name; a topic of two types is there twice."""
+        """Return the topics by name; a topic with two types appears twice."""
         counts: Counter[tuple[str, str, str]] = Counter()
         for topic in self._stored():
             counts[topic.topic, topic.msgtype, topic.encoding] += topic.count
@@ -197,7 +198,7 @@ class BagReader:
         )
 
     def missing(self, role: str, topic: str) -> str:
-        """Explain that a topic is not here, or cannot be read: the message for a TopicError."""
+        """Return the message of a TopicError for a topic that is missing or cannot be read."""
         msgtype = self._readers[role].message_type
         unread = [info.why_not_read(msgtype) for info in self.topics() if info.name == topic]
         if unread:
@@ -216,14 +217,14 @@ class BagReader:
     def messages(
         self, topics: Iterable[str] | None = None, msgtype: str | None = None
     ) -> Iterator[BagMessage]:
-        """Yield serialised messages in log order; only those in CDR.
+        """Yield serialised messages in log order, only those encoded as CDR.
 
         Parameters
         ----------
         topics
-            Their names; None for all.
+            Names of topics; None for all.
         msgtype
-            Of the messages; None for any.
+            Message type; None for any.
 
         Raises
         ------
@@ -242,9 +243,9 @@ class BagReader:
     ) -> Iterator[tuple[str, int, Record]]:
         """Yield (role, log time in ns, record) in log order.
 
-        A tf message gives a record per transform. Topics that are not in the bag give nothing, nor
-        do messages of another type or encoding than their role needs; whether that matters is the
-        caller's decision (see `missing` and `TopicInfo.why_not_read`).
+        A tf message gives a record per transform. Missing topics, and messages of another type or
+        encoding than their role needs, give no records and no error; see `missing` and
+        `TopicInfo.why_not_read`.
 
         Parameters
         ----------
@@ -295,10 +296,9 @@ def _all_files(paths: Sequence[Path]) -> list[Path]:
 def _begun_when_due(
     file: StorageFile, is_wanted: Callable[[StoredTopic], bool]
 ) -> Iterator[BagMessage]:
-    """Yield a message without topic in place of a file, then its messages.
+    """Yield a message without topic at the start time of a file, then the file's messages.
 
-    The file is not read before that message is due: of a recording in a thousand splits one is in
-    memory.
+    The file is not read before its start time, so that only one split of a recording is in memory.
     """
     yield BagMessage("", "", file.start_ns, b"")
     yield from file.messages([t for t in file.topics if t.encoding == CDR and is_wanted(t)])

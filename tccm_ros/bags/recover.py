@@ -1,8 +1,8 @@
 """Recover a truncated or damaged bag: copy its readable messages to a new one.
 
-An mcap file is read record by record with the mcap library; after damage the reading continues at
-the next chunk whose sizes are consistent. A sqlite3 file is read from both
-ends, with what its write-ahead log holds.
+An mcap file is read record by record with the mcap library; after damage, reading continues at the
+next chunk with consistent sizes. A sqlite3 file is read from both ends, including its write-ahead
+log.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tccm_ros.errors import BagError
 from tccm_ros.progress import Bars, Silent
 
 RECORD_KINDS = frozenset(Opcode)
-"""Records of other kinds are damage."""
+"""Valid record kinds of mcap; other values are damage."""
 
 CHUNK_MARK = bytes([Opcode.CHUNK])
 HEADER_BYTES = 9
@@ -49,15 +49,15 @@ class Recovered:
     Attributes
     ----------
     messages
-        Messages in the new bag.
+        Number of messages in the new bag.
     topics
-        Topics in the new bag.
+        Number of topics in the new bag.
     skipped_bytes
-        Bytes that belong to no whole record, of all files.
+        Bytes outside complete records, in all files.
     damaged_chunks
-        Chunks whose sizes are right but whose checksum or content is wrong.
+        Number of chunks with consistent sizes but a wrong checksum or content.
     unknown_messages
-        Messages of a topic whose name is lost.
+        Number of messages whose topic's name is lost.
     """
 
     messages: int = 0
@@ -83,18 +83,18 @@ def recover(
     bag
         A rosbag2 folder or a storage file; metadata.yaml is not read.
     out
-        The new bag, as for BagWriter.
+        The new bag, as in BagWriter.
     overwrite
-        Whether an existing `out` is replaced.
+        Whether to replace an existing `out`.
     bars
-        Where progress is shown.
+        Progress bars.
 
     Raises
     ------
     BagError
-        Where there is no bag, or nothing in it can be read.
+        If there is no bag, or nothing in it can be read.
     OutputError
-        Where `out` cannot be written.
+        If `out` cannot be written.
     """
     bag = Path(bag)
     found = Recovered()
@@ -124,7 +124,7 @@ class _Copier:
         self._channels: dict[int, Channel] = {}
 
     def copy(self, path: Path) -> None:
-        """Copy the readable messages of a file; files of other kinds have none."""
+        """Copy the readable messages of an mcap or sqlite3 file; other files are ignored."""
         with reading(path):
             with path.open("rb") as stream:
                 head = stream.read(len(SQLITE_MAGIC))
@@ -144,7 +144,7 @@ class _Copier:
                 try:
                     reader = StreamReader(stream_of_one, skip_magic=True, emit_chunks=True)
                     record = next(reader.records)
-                except Exception:  # the library raises what its parts raise; the record is lost
+                except Exception:  # the library passes on any exception; the record is lost
                     continue
                 whole += end - start
                 self._copy_record(record)
@@ -154,7 +154,7 @@ class _Copier:
         if isinstance(record, Chunk):
             try:
                 records = _records_of_chunk(record)
-            except Exception:  # whatever the decompressors raise, the chunk is lost and counted
+            except Exception:  # decompressors raise various types; the chunk is lost and counted
                 self._found.damaged_chunks += 1
                 return
             for inner in records:
@@ -185,7 +185,7 @@ class _Copier:
         if not text and self._types.knows(schema.name):
             text, encoding = self._types.definition(schema.name).encode(), "ros2msg"
         profiles: list[Any] = []
-        with suppress(Exception):  # of a damaged text the topic's default is taken
+        with suppress(Exception):  # a damaged profile is replaced by the topic's default
             profiles = list(dump_qos_v9(parse_qos(channel.metadata.get(QOS_KEY, ""))))
         self._writer.add_channel(
             channel.topic,
@@ -211,7 +211,7 @@ def _whole_records(m: mmap.mmap) -> Iterator[tuple[int, int]]:
 
 
 def _end_of_record(m: mmap.mmap, at: int) -> int | None:
-    """Return the end of the record at an offset, None where its sizes contradict each other."""
+    """Return the end of the record at an offset; None if its sizes are inconsistent."""
     try:
         end = at + HEADER_BYTES + _u64(m, at + 1)[0]
         if m[at] == Opcode.CHUNK:  # times, size, checksum; compression; data
@@ -219,25 +219,25 @@ def _end_of_record(m: mmap.mmap, at: int) -> int | None:
             is_whole = end == data + 8 + _u64(m, data)[0]
         else:
             is_whole = m[at] in RECORD_KINDS
-    except struct.error:  # the file ends in between
+    except struct.error:  # the file is truncated here
         return None
     return end if is_whole and end <= len(m) else None
 
 
 def _records_of_chunk(chunk: Chunk) -> list[McapRecord]:
-    """Return what is in a chunk; no more memory is taken than it may declare.
+    """Return the records in a chunk, using no more memory than it may declare.
 
     Raises
     ------
     Exception
-        Of many kinds, for a chunk that is damaged.
+        Of various types, if the chunk is damaged.
     """
     data = unpacked_chunk(chunk.compression, chunk.data, chunk.uncompressed_size)
     return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
 def _connect(path: Path) -> sqlite3.Connection:
-    """Open read-only; a write-ahead log in a folder that cannot be written is left aside."""
+    """Open read-only; ignore a write-ahead log in a folder that is not writable."""
     name = f"file:{quote(str(path.absolute()))}?mode=ro"
     try:
         database = sqlite3.connect(name, uri=True)
@@ -249,7 +249,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _records_of_database(database: sqlite3.Connection) -> Iterator[McapRecord]:
-    """Yield what a sqlite3 file holds in the terms of mcap.
+    """Yield the rows of a sqlite3 file as mcap records.
 
     Bags before Galactic have no QoS, those before Iron no definitions.
     """
@@ -269,7 +269,7 @@ def _records_of_database(database: sqlite3.Connection) -> Iterator[McapRecord]:
 
 
 def _rows_from_both_ends(database: sqlite3.Connection) -> Iterator[tuple[int, int, bytes]]:
-    """Yield topic, log time and data of messages: from the first row on, then from the last."""
+    """Yield topic, log time and data of messages, from the first row on, then backwards."""
     seen = -1
     for order in ("ASC", "DESC"):
         with suppress(sqlite3.Error):

@@ -1,12 +1,12 @@
-"""One storage file of a bag, mcap or sqlite3, read by rosbags, with checks for damage.
+"""A storage file of a bag, mcap or sqlite3, read by rosbags with additional checks for damage.
 
-rosbags checks the chunks of an mcap file against their checksums. It does not look at the checksum
-of the summary, skips what the index leaves out, reads what a damaged size field asks for, and
-unpacks a chunk whole before it compares its size with the declared one: these are checked here.
-It refuses files of other profiles and schemas of other encodings, which concern topics that nobody
-may ask for: here every topic is listed, whatever its type, schema and encoding.
-Reading all 19,270 messages of bags/flat takes 0.14 s, 0.12 s of it in rosbags; the reader of the
-mcap library takes 0.19 s (``python bench/bench_bags.py``).
+rosbags checks the chunks of an mcap file against their checksums. It does not check the checksum of
+the summary, skips messages missing from the index, reads as many bytes as a damaged size field
+says, and unpacks a whole chunk before it compares its size with the declared one. This module
+checks all of these. rosbags also refuses files with other profiles or schema encodings, even if the
+affected topics are not needed; this module lists every topic, whatever its type, schema and
+encoding. Reading all 19,270 messages of bags/flat takes 0.14 s, 0.12 s of it in rosbags; the reader
+of the mcap library takes 0.19 s (``python bench/bench_bags.py``).
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ ROS1_MAGIC = b"#ROSBAG V"
 RECOVER = "; try `tccm recover`"
 
 MAX_BLOCK_BYTES = 2**30
-"""Max size of a chunk or message that is unpacked (chosen: a damaged file may declare any size)."""
+"""Maximum size of an unpacked chunk or message. Chosen: a damaged file may declare any size."""
 
 QOS_KEY = "offered_qos_profiles"
 
 RECORD_HEADER = struct.Struct("<BQ")
-"""Kind and size of a record of an mcap file."""
+"""Kind and size of an mcap record."""
 
 FOOTER_BYTES = RECORD_HEADER.size + 20 + len(MCAP0_MAGIC)
-"""Header and content of the last record of an mcap file, and the magic bytes behind it."""
+"""Size of the last record of an mcap file, with its header and the magic bytes after it."""
 
 BEHIND_SUMMARY_CRC = 4 + len(MCAP0_MAGIC)
 
@@ -64,9 +64,9 @@ class BagMessage(NamedTuple):
     topic, msgtype
         Names.
     log_ns
-        Log time.
+        Log time, ns.
     data
-        CDR, with its header.
+        CDR with its encapsulation header.
     """
 
     topic: str
@@ -77,16 +77,16 @@ class BagMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StoredTopic:
-    """A topic of one type in a storage file; a topic of two types is two of these.
+    """A topic of one type in a storage file; a topic with two types gives two of these.
 
     Attributes
     ----------
     id
-        In the file.
+        Id within the file.
     topic, msgtype
         Names; the type as ``package/msg/Type``.
     encoding
-        Of the messages: ``cdr`` for those of ROS 2.
+        Encoding of the messages: ``cdr`` for ROS 2.
     count
         Number of messages.
     qos
@@ -103,31 +103,31 @@ class StoredTopic:
 
 @contextmanager
 def reading(path: Path, advice: str = "") -> Iterator[None]:
-    """Turn everything that damage can raise into one BagError that names the file and the cause."""
+    """Convert any exception caused by damage to a BagError with the file and the cause."""
     try:
         yield
     except BagError:
         raise
     except FileNotFoundError:
         raise BagError(f"{path}: no such file") from None
-    except Exception as error:  # what the libraries raise for damaged bytes is documented nowhere
+    except Exception as error:  # the libraries raise undocumented exceptions for damaged bytes
         raise BagError(f"{path}: {one_line(error)}{advice}") from None
 
 
 def expand(packed: Any, limit: int = MAX_BLOCK_BYTES) -> Iterator[bytes]:
-    """Unpack what zstd has compressed, piece by piece.
+    """Yield the decompressed pieces of zstd data.
 
     Parameters
     ----------
     packed
-        Bytes, or a file that is open for reading.
+        Bytes, or a file open for reading.
     limit
-        Max number of bytes that are unpacked.
+        Maximum decompressed size, bytes.
 
     Raises
     ------
     ValueError
-        For more than `limit` bytes.
+        If the data exceed `limit`.
     """
     stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
     while piece := stream.read(2**20):
@@ -138,21 +138,21 @@ def expand(packed: Any, limit: int = MAX_BLOCK_BYTES) -> Iterator[bytes]:
 
 
 def unpacked_chunk(compression: str, data: bytes, size: int) -> bytes:
-    """Return the content of an mcap chunk; no more memory is taken than it declares.
+    """Return the content of an mcap chunk, using no more memory than it declares.
 
     Parameters
     ----------
     compression
         ``zstd``, ``lz4`` or empty.
     data
-        The chunk as it is stored.
+        The stored bytes.
     size
-        Number of bytes that it declares to be when it is unpacked.
+        Declared decompressed size, bytes.
 
     Raises
     ------
     ValueError
-        For more or fewer bytes than declared, or a declaration of more than `MAX_BLOCK_BYTES`.
+        If the size differs from the declared one, or is declared larger than `MAX_BLOCK_BYTES`.
     """
     if size > MAX_BLOCK_BYTES:
         raise ValueError(f"a chunk declares {size} bytes, more than {MAX_BLOCK_BYTES}")
@@ -167,20 +167,20 @@ def unpacked_chunk(compression: str, data: bytes, size: int) -> bytes:
     return data
 
 
-for _name in ("zstd", "lz4"):  # those of rosbags unpack whatever comes
+for _name in ("zstd", "lz4"):  # rosbags' own decompressors have no size limit
     DECOMPRESSORS[_name] = partial(unpacked_chunk, _name)
 
 
 def _text(stream: BinaryIO) -> str:
-    """Return a string of an mcap record; a schema may be bytes that are no text."""
+    """Return a string of an mcap record; a schema may contain bytes that are not text."""
     return storage_mcap.read_bytes(stream).decode(errors="replace")
 
 
 def _or_default(function: Callable[[Any], Any], default: Any) -> Callable[[Any], Any]:
-    """Return a function that returns the default where another one raises."""
+    """Return a function that returns a default value if the given one raises."""
 
     def tolerant(value: Any) -> Any:
-        with suppress(Exception):  # for bytes of any kind the libraries raise anything
+        with suppress(Exception):  # the libraries raise various exceptions for damaged bytes
             return function(value)
         return default
 
@@ -189,7 +189,7 @@ def _or_default(function: Callable[[Any], Any], default: Any) -> Callable[[Any],
 
 _offered_qos = _or_default(parse_qos, [])
 
-vars(storage_mcap).update(  # these raise for schemas and profiles of other kinds
+vars(storage_mcap).update(  # the originals raise for schemas and profiles of other kinds
     read_string=_text,
     get_qos=_or_default(storage_mcap.get_qos, []),
     get_msgdef=_or_default(
@@ -204,23 +204,23 @@ class StorageFile:
     Parameters
     ----------
     path
-        An mcap or a sqlite3 file, whatever its name.
+        An mcap or a sqlite3 file with any name.
     name
-        The file in messages, where `path` is its unpacked copy.
+        Name of the file in error messages, if `path` is a decompressed copy.
 
     Attributes
     ----------
     path
-        The file in messages.
+        Name of the file in error messages.
     topics
         Topics as the file describes them.
     start_ns, end_ns
-        Log times of the first and the last message; 0 where there is none.
+        Log times of the first and the last message, ns; 0 if there is none.
 
     Raises
     ------
     BagError
-        For a file that is missing, empty, of another kind, cut off or damaged.
+        If the file is missing, empty, of another kind, truncated or damaged.
     """
 
     def __init__(self, path: Path, name: Path | None = None) -> None:
@@ -246,7 +246,7 @@ class StorageFile:
         self._reader.close()
 
     def messages(self, topics: Collection[StoredTopic]) -> Iterator[BagMessage]:
-        """Yield the messages of some topics in log order; equal times in file order.
+        """Yield the messages of some topics in log order, with equal times in file order.
 
         Raises
         ------
@@ -260,7 +260,7 @@ class StorageFile:
             for topic, log_ns, data in found:
                 if not isinstance(data, bytes):
                     raise ValueError(f"a message is {type(data).__name__}, expected bytes")
-                if data[:4] == ZSTD_MAGIC:  # serialised messages begin with 0: it is compressed
+                if data[:4] == ZSTD_MAGIC:  # compressed; an uncompressed message begins with 0
                     data = b"".join(expand(data))
                 yield BagMessage(topic.topic, topic.msgtype, log_ns, data)
 
@@ -272,7 +272,7 @@ def ros_name(msgtype: str) -> str:
 
 
 class _BoundedFile(BufferedReader):
-    """A file that reads no more than its size: Python allocates before it reads."""
+    """A file that never reads more than its size, because Python allocates before it reads."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(FileIO(path))
@@ -284,17 +284,17 @@ class _BoundedFile(BufferedReader):
 
 
 class _BoundedPath(PosixPath):
-    """A path whose file rosbags opens as a `_BoundedFile`."""
+    """A path that rosbags opens as a `_BoundedFile`."""
 
     def open(self, *_args: Any, **_options: Any) -> Any:
         return _BoundedFile(self)
 
 
 class _McapFile(McapReader):
-    """rosbags' reader, for files of any profile."""
+    """rosbags' reader for files of any profile."""
 
     def _open(self) -> None:
-        """Read the summary, or all records of a file without statistics."""
+        """Read the summary, or all records if the file has no statistics."""
         assert self.bio
         self.bio.seek(len(MCAP0_MAGIC))
         kind, size = RECORD_HEADER.unpack(self.bio.read(RECORD_HEADER.size))
@@ -319,7 +319,7 @@ class _McapFile(McapReader):
         )
 
     def topics(self) -> list[StoredTopic]:
-        """Return what the channels are."""
+        """Return the channels as topics."""
         assert self.statistics is not None
         counts = self.statistics.channel_message_counts
         return [
@@ -336,7 +336,7 @@ class _McapFile(McapReader):
 
 
 class _Span(NamedTuple):
-    """Log times of a file, the last one exclusive, and its number of messages."""
+    """Log times of a file, ns, the last one exclusive, and its number of messages."""
 
     start_time: int
     end_time: int
@@ -344,7 +344,7 @@ class _Span(NamedTuple):
 
 
 class _Database:
-    """A sqlite3 file, of any version of rosbag2: those before Galactic have no QoS."""
+    """A sqlite3 file of any version of rosbag2; those before Galactic have no QoS."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -364,7 +364,7 @@ class _Database:
         self._file.close()
 
     def topics(self) -> list[StoredTopic]:
-        """Return the rows of the table of topics."""
+        """Return the rows of the topics table."""
         columns = {row[1] for row in self._file.execute("PRAGMA table_info(topics)")}
         qos = QOS_KEY if QOS_KEY in columns else "''"
         rows = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
@@ -390,7 +390,7 @@ class _Database:
 
 
 def _reader(path: Path) -> _McapFile | _Database:
-    """Return the reader for what the first bytes of a file say that it is."""
+    """Return the reader for a file, by its first bytes."""
     with path.open("rb") as stream:
         head = stream.read(16)
     if not head:
@@ -405,7 +405,7 @@ def _reader(path: Path) -> _McapFile | _Database:
 
 
 def _check_ends(path: Path) -> None:
-    """Raise ValueError where the end of a file is missing, or a part beside it is unread."""
+    """Raise ValueError if a file is truncated, or if its write-ahead log has unread messages."""
     log = path.with_name(f"{path.name}-wal")
     if log.exists() and log.stat().st_size:
         raise ValueError(f"{log.name} holds messages that were not yet moved into it")
@@ -426,9 +426,9 @@ def _check_ends(path: Path) -> None:
 
 
 def _check_index(reader: _McapFile, path: Path) -> None:
-    """Raise ValueError where the index of an mcap file leaves something out, or asks too much.
+    """Raise ValueError if the index of an mcap file is incomplete or declares too large a chunk.
 
-    A compression that cannot be unpacked is no damage that could be recovered from: a BagError.
+    An unknown compression cannot be recovered from, and raises a BagError instead.
     """
     counts = {reader.metadata.message_count, sum(topic.count for topic in reader.topics())}
     if reader.chunks:

@@ -1,7 +1,7 @@
-"""Which topics of a bag are whose: by name, and by type where a name is absent.
+"""Assign the topics of a bag to roles: by name, else by type.
 
-A sensor whose topic is not in the bag is looked for by its type. One candidate is taken, and that
-is said; several are an error that names them and what to write.
+If a sensor's topic is not in the bag, topics of its type are candidates. A single candidate is
+taken and reported; several are an error with advice.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from tccm_ros.sensors.depth_messages import (
 from tccm_ros.sensors.registry import default_streams
 
 MAX_READ_NS = 5_000_000_000
-"""Part of a bag that is read to find which laser a joint moves, ns; chosen: a few tilt cycles."""
+"""Part of a bag that is read to find the laser moved by a joint, ns. Chosen: a few tilt cycles."""
 
 ROBOT_ROLES = ("odom", "joint_states")
-"""What tells of the robot itself: taken by type where there is one topic of it alone."""
+"""Roles of the robot itself: assigned by type if there is exactly one topic of that type."""
 
 OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
-"""Roles that tell of frames: without any of them a level laser or a lidar is the base."""
+"""Roles that define frames: without any of them, a level laser or a lidar is the base."""
 
 LASER = READERS["scan"].message_type
 
@@ -58,7 +58,7 @@ SETTINGS = {
     (DepthImage, MountKind.ANY): "sensors.depth_images",
     (PointCloud, MountKind.ANY): "sensors.point_clouds",
 }
-"""What names the topics of a kind of sensor."""
+"""Setting with the topics, by kind of sensor."""
 
 
 @dataclass(slots=True)
@@ -68,19 +68,19 @@ class TopicChoice:
     Attributes
     ----------
     topics
-        By role, those that are not in the bag too.
+        Topics by role, including those that are not in the bag.
     streams
-        Of the sensors, with readers for the types that their topics have.
+        Streams of the sensors, with readers for the types of their topics.
     found, found_roles
-        One line for each topic that was taken by its type, and its role.
+        One line for each topic assigned by its type, and its role.
     named
-        Roles whose topic the user named.
+        Roles whose topic the user set.
     counts
-        Messages of each role that can be read.
+        Number of readable messages, by role.
     unread
-        One line for messages on these topics that cannot be read, and their number.
+        Number of messages that cannot be read, by reason.
     doubts
-        Topics of which any could be meant, by role.
+        Candidate topics by role, if there are several.
     """
 
     topics: dict[str, str]
@@ -94,12 +94,12 @@ class TopicChoice:
 
     @property
     def notes(self) -> list[str]:
-        """Lines for a user: topics taken by their type, and messages that cannot be read."""
+        """Lines for a user: topics assigned by type, and messages that cannot be read."""
         unread = (f"{why}: {n} messages are not read" for why, n in self.unread.items())
         return [*self.found, *unread]
 
     def doubt_lines(self) -> list[str]:
-        """Return a line for each role of which several topics could be meant."""
+        """Return a line for each role with several candidate topics."""
         lines = []
         for role, candidates in self.doubts.items():
             names = " or ".join(f"--remap {role}:={topic}" for topic in candidates)
@@ -113,12 +113,12 @@ class TopicChoice:
 
     @property
     def is_bare(self) -> bool:
-        """Whether nothing that can be read tells of frames or odometry."""
+        """Whether the bag has no readable frames or odometry."""
         return not any(self.counts[role] for role in OF_FRAMES)
 
     @property
     def readers(self) -> dict[str, MessageReader]:
-        """Readers of the streams and of what comes beside them, by role."""
+        """Readers of the streams and their companions, by role."""
         readers = {stream.role: stream.reader for stream in self.streams}
         for stream in self.streams:
             if stream.companion is not None:
@@ -136,16 +136,16 @@ def choose_topics(
     reader
         The bag.
     config
-        `sensors` names the topics.
+        Group `sensors`, which names the topics.
     remap
-        ``scan:=/base_scan`` for topics with other names.
+        Remappings such as ``scan:=/base_scan``.
     may_doubt
-        Whether several topics that could be meant are `TopicChoice.doubts`; else they are an error.
+        Whether several candidates go into `TopicChoice.doubts` instead of raising an error.
 
     Raises
     ------
     TopicError
-        For a remapping that cannot be, and where several topics could be meant.
+        If a remapping is invalid, or a role has several candidates.
     """
     streams = default_streams(config)
     defaults = {role: DEFAULT_TOPICS[role] for role in _robot_inputs()}
@@ -156,7 +156,7 @@ def choose_topics(
     topics = remap_topics(remap, defaults)
     named = frozenset(role for role, topic in topics.items() if topic != defaults[role])
     choice = TopicChoice(topics, streams, named=named)
-    for stream in streams:  # the calibration stands beside the image that was named
+    for stream in streams:  # use the calibration next to the image that the user set
         companion = stream.companion
         if companion is not None and stream.role in named and companion.role not in named:
             topics[companion.role] = camera_info_topic(topics[stream.role])
@@ -174,7 +174,7 @@ def choose_topics(
 
 
 def _count_messages(reader: BagReader, choice: TopicChoice) -> None:
-    """Count the messages of each role that can be read, and those on its topic that cannot."""
+    """Count the readable and unreadable messages of each role."""
     readers = {**READERS, **choice.readers}
     for role, topic in choice.topics.items():
         choice.counts[role] = 0
@@ -191,7 +191,7 @@ def _count_messages(reader: BagReader, choice: TopicChoice) -> None:
 def picture_topics(reader: BagReader) -> list[str]:
     """Return the topics of pictures in a bag.
 
-    Of one camera the compressed ones are returned only where there are no plain ones.
+    Compressed pictures of a camera are returned only if it has no uncompressed ones.
     """
     plain, compressed = [], []
     kinds = PICTURE_READER.message_type, COMPRESSED_PICTURE_READER.message_type
@@ -207,20 +207,20 @@ def picture_topics(reader: BagReader) -> list[str]:
 
 
 class _Search:
-    """Looks for topics by their type, and writes what it finds into a choice."""
+    """Finds topics by type and enters them into a choice."""
 
     def __init__(self, reader: BagReader, choice: TopicChoice) -> None:
         self._reader = reader
         self._choice = choice
         self._names: dict[str, list[str]] = defaultdict(list)
-        """Topics that can be read, by type."""
+        """Topics with readable messages, by type."""
         for info in reader.topics():
             if info.count and info.encoding == CDR:
                 self._names[info.msgtype].append(info.name)
         self._depth: list[DepthTopic] = []
 
     def with_reader(self, stream: Stream) -> Stream:
-        """Return a stream that reads the type that its topic has."""
+        """Return a stream with a reader for the type of its topic."""
         topic = self._choice.topics[stream.role]
         kinds = [kind for kind in _types_of(stream) if topic in self._names[kind]]
         if stream.companion is None or not kinds:
@@ -244,7 +244,7 @@ class _Search:
         )
 
     def _free(self, msgtype: str) -> list[str]:
-        """Return the topics of a type that no role has which can read it."""
+        """Return the topics of a type that are not assigned to a role for this type."""
         topics = self._choice.topics
         taken = {topic for role, topic in topics.items() if msgtype in self._accepted(role)}
         return [name for name in self._names[msgtype] if name not in taken]
@@ -255,21 +255,21 @@ class _Search:
         self._choice.found_roles.append(role)
 
     def _take_only(self, role: str, candidates: Sequence[str], what: str) -> None:
-        """Take the only candidate; several are in doubt."""
+        """Assign the only candidate; record several as doubts."""
         if len(candidates) > 1:
             self._choice.doubts[role] = list(candidates)
         elif candidates:
             self._take(role, candidates[0], what)
 
     def find_robot(self) -> None:
-        """Take odometry and joint states where there is one topic of each."""
+        """Assign odometry and joint states if there is exactly one topic of each type."""
         for role in ROBOT_ROLES:
             free = self._free(READERS[role].message_type) if self._is_absent(role) else []
             if len(free) == 1:
                 self._take(role, free[0], "the only one of its type")
 
     def find_lasers(self, config: Config) -> None:
-        """Take a laser that a joint moves, and one that none moves."""
+        """Assign a laser moved by a joint, and one that is not moved."""
         tilting = config.sensors.tilt_scans[:1]
         is_level = config.sensors.level_from == "none" and not config.localisation.is_external
         level = ["scan"] if is_level else []
@@ -285,7 +285,7 @@ class _Search:
             self._take_only(role, fits, what)
 
     def find_depth_images(self, config: Config) -> None:
-        """Take the only depth image that has a calibration beside it."""
+        """Assign the only depth image with a calibration."""
         roles, found = config.sensors.depth_images, self._choice
         if not roles:
             return
@@ -306,7 +306,7 @@ class _Search:
             self._take_calibration(camera_info_topic(roles[0]), image)
 
     def _take_calibration(self, role: str, image: DepthTopic) -> None:
-        """Take what calibrates an image; it is said where it does not stand beside it."""
+        """Assign the calibration of an image; report it if it is not next to the image."""
         topic, beside = calibration_topic(self._reader, image), camera_info_topic(image.topic)
         if role in self._choice.named or topic is None:
             return
@@ -315,7 +315,7 @@ class _Search:
             self._take(role, topic, f"the only camera info of the frame '{image.frame_id}'")
 
     def find_clouds(self, config: Config) -> None:
-        """Take the only point cloud; one in the frame of a depth image is made of that."""
+        """Assign the only point cloud; ignore clouds in a depth image's frame, computed from it."""
         roles = config.sensors.point_clouds
         if not roles or not all(self._is_absent(role) for role in roles):
             return
@@ -329,9 +329,9 @@ class _Search:
         self._take_only(roles[0], clouds, "the only point cloud")
 
     def find_pictures(self, config: Config) -> None:
-        """Take the only topic of pictures that has a calibration beside it, plain or compressed.
+        """Assign the only picture topic with a calibration next to it, raw or compressed.
 
-        Several are no error, as a map can be made without signs: none is taken, which is said.
+        Several candidates are reported but are not an error, because a map needs no signs.
         """
         roles = config.sensors.camera_images if config.signs.enabled else ()
         if not roles or not all(self._is_absent(role) for role in roles):
@@ -349,7 +349,7 @@ class _Search:
             self._choice.topics[camera_info_topic(roles[0])] = camera_info_topic(found[0])
 
     def _cloud_frame(self, topic: str) -> str | None:
-        """Return the frame of a cloud of points, None for clouds of other numbers."""
+        """Return the frame of a point cloud; None if it has no points."""
         message = first_message(self._reader, topic, CLOUD_READER.message_type)
         if message is None:
             return None
@@ -359,16 +359,16 @@ class _Search:
 
 
 def _types_of(stream: Stream) -> tuple[str, ...]:
-    """Return the types of messages that a sensor's topic may have."""
+    """Return the message types that a sensor's topic may have."""
     if stream.companion is None:
         return (stream.reader.message_type,)
     return IMAGE_READER.message_type, COMPRESSED_READER.message_type
 
 
 def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str, str]) -> set[str]:
-    """Return the topics of those lasers that a joint moves against the base.
+    """Return the laser topics whose sensor is moved by a joint relative to the base.
 
-    Messages of the first seconds alone are read.
+    Only the first seconds of the bag are read.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
     lasers
         Topics of laser scans.
     topics
-        Of what tells of the robot, by role.
+        Topics of the robot's frames and joints, by role.
     """
     robot = Robot(Config(), default_streams())
     robot_is_described(reader, topics, robot)
@@ -394,24 +394,24 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
 
 
 def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> bool:
-    """Tell a robot what the first seconds of a bag say of its frames and joints.
+    """Feed a robot with the frames and joints in the first seconds of a bag.
 
     Parameters
     ----------
     reader
         The bag.
     topics
-        By role.
+        Topics by role.
     robot
-        Is told of the records of these topics that are no sensor's.
+        Receives the records of the robot's own topics.
 
     Returns
     -------
     bool
-        Whether there is a robot description or tf.
+        Whether the bag has a robot description or tf.
     """
     of_robot = {role: topic for role, topic in topics.items() if role in _robot_inputs()}
-    with suppress(TccmError):  # a replay reports what is damaged or of another type
+    with suppress(TccmError):  # the replay itself reports damage and wrong types
         for role, log_ns, record in reader.records(of_robot):
             if log_ns - reader.start_ns > MAX_READ_NS:
                 break
@@ -421,7 +421,7 @@ def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robo
 
 
 def sensor_is_base(topic: str, record: type) -> str:
-    """Return the line that says how a bare laser or lidar is mapped."""
+    """Return a line about how a laser or lidar without frames is mapped."""
     sensor, scans = ("laser", "its scans") if record is Scan else ("sensor", "level scans of it")
     return (
         f"{topic} without frames and odometry: the {sensor} is the base, and moves as matching of "
@@ -430,7 +430,7 @@ def sensor_is_base(topic: str, record: type) -> str:
 
 
 def with_level_scans(config: Config, choice: TopicChoice) -> Config:
-    """Return the configuration for a recording; a cloud that is all makes level scans, to move."""
+    """Return the configuration; if a point cloud is the only input, level scans are made of it."""
     sensors = [s for s in choice.streams if choice.counts[s.role] and not s.is_occasional]
     is_alone = [sensor.record for sensor in sensors] == [PointCloud]
     if not (choice.is_bare and is_alone) or "level_from" in config.sensors.model_fields_set:

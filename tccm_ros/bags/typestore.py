@@ -1,4 +1,4 @@
-"""Message classes of the rosbags typestore, with which bags are read and written without ROS."""
+"""Message classes of the rosbags typestore, which reads and writes bags without ROS."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ Factory = Callable[[], Any]
 
 ROOM = Path(__file__).resolve().parents[1] / "ros"
 DEFINITIONS = ROOM / "definitions"
-"""Messages of tccm_interfaces: a link to interfaces/msg, files in an installed package."""
+"""Definitions of tccm_interfaces: a link to interfaces/msg, files in an installed package."""
 
 PUBLIC_DEFINITIONS = ROOM / "public_definitions"
-"""Messages of public packages that a bag may hold, installed or not, by package."""
+"""Definitions of other public packages, by package, whether they are installed or not."""
 
 
 class TypestoreMessages:
-    """The `MessageTypes` of bags, with CDR to and from bytes.
+    """The `MessageTypes` of bags, with CDR encoding and decoding.
 
-    Types are those of ROS 2 Jazzy's common interfaces, of tccm_interfaces, and of what is in
-    `PUBLIC_DEFINITIONS`: moveit_msgs, object_recognition_msgs and vision_msgs as far as used.
+    The types are those of ROS 2 Jazzy's common interfaces, of tccm_interfaces and of
+    `PUBLIC_DEFINITIONS`: the used types of moveit_msgs, object_recognition_msgs and vision_msgs.
     """
 
     def __init__(self) -> None:
@@ -42,14 +42,14 @@ class TypestoreMessages:
         self._defaults: dict[str, dict[str, Factory]] = {}
 
     def make(self, msgtype: str, /, **fields: Any) -> Any:
-        """Return a message; fields that are not given are zero, empty, or the identity rotation.
+        """Return a message; missing fields are zero, empty, or the identity rotation.
 
         Raises
         ------
         KeyError
-            For a type that is not known.
+            If the type is unknown.
         TypeError
-            For a field that the type does not have.
+            If the type does not have a field.
         """
         defaults = self._defaults.get(msgtype) or self._plan(msgtype)
         if len(fields) < len(defaults):
@@ -67,7 +67,7 @@ class TypestoreMessages:
         return int(value)
 
     def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
-        """Return the value of a list of messages with numbers only: the table itself.
+        """Return a list of purely numeric messages as the table itself.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class TypestoreMessages:
         table
             (N, C), a row for each message.
         chosen
-            Rows that are taken, by mask or by index; None for all.
+            Rows to take, by mask or by index; None for all.
         """
         row = self._writer.row(msgtype)
         values = np.asarray(table, row.dtype).reshape(-1, row.columns)
@@ -88,7 +88,7 @@ class TypestoreMessages:
         Raises
         ------
         MessageError
-            For a value that does not fit its field.
+            If a value does not fit its field.
         """
         return self._writer.write(msgtype, message)
 
@@ -98,7 +98,7 @@ class TypestoreMessages:
         Raises
         ------
         MessageError
-            For data that is cut, too long, or no CDR; sizes are checked before anything is
+            If the data are truncated, too long or not CDR. Sizes are checked before memory is
             allocated.
         """
         raw = memoryview(data)
@@ -115,7 +115,7 @@ class TypestoreMessages:
         return message
 
     def knows(self, msgtype: str) -> bool:
-        """Return whether there is this type."""
+        """Return whether the type is known."""
         return msgtype in self._store.fielddefs
 
     def field_names(self, msgtype: str) -> list[str]:
@@ -123,7 +123,7 @@ class TypestoreMessages:
         return [name for name, _ in self._store.fielddefs[msgtype][1]]
 
     def definition(self, msgtype: str) -> str:
-        """Return the text of a type and all that it contains, as rosbag2 stores it."""
+        """Return the definition of a type and of all types in it, as rosbag2 stores it."""
         return self._store.generate_msgdef(msgtype, ros_version=2)[0]
 
     def type_hash(self, msgtype: str) -> str:
@@ -131,7 +131,7 @@ class TypestoreMessages:
         return self._store.hash_rihs01(msgtype)
 
     def _plan(self, msgtype: str) -> dict[str, Factory]:
-        """Return a factory per field, kept for the next call."""
+        """Return a factory for each field, and cache it."""
         _, fields = self._store.fielddefs[msgtype]
         plan = {name: self._factory(description) for name, description in fields}
         if msgtype == "geometry_msgs/msg/Quaternion":
@@ -156,7 +156,7 @@ class TypestoreMessages:
 
 @cache
 def _shared_store() -> Typestore:
-    """Return the one store of a process: its compiled converters take 0.1 s to make."""
+    """Return the typestore of the process; compiling its converters takes 0.1 s."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for package, paths in (
         ("tccm_interfaces", DEFINITIONS.glob("*.msg")),

@@ -1,4 +1,4 @@
-"""Write rosbag2 bags: mcap with checksums, the same bytes for the same input.
+"""Write rosbag2 bags: mcap with checksums, byte-identical for the same input.
 
 A bag is written under a temporary name in the same folder and renamed when it is complete.
 """
@@ -20,7 +20,7 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import OutputError, one_line
 
 LIBRARY = "tccm_ros"
-"""Named in the file's header instead of a library's version, which would differ by machine."""
+"""Written into the file's header instead of a library version, which differs between machines."""
 
 STORAGE_VERSION = 9
 """rosbag2's metadata version of ROS 2 Jazzy."""
@@ -38,23 +38,23 @@ class _Topic:
 
 
 class BagWriter:
-    """A bag that is being written; a context manager.
+    """Writes a bag; a context manager.
 
-    The bag gets its name when the block ends; after an exception no file remains.
+    The bag is renamed to its final name when the block ends; after an exception no file remains.
 
     Parameters
     ----------
     path
         A folder (rosbag2: ``name/name.mcap`` and ``metadata.yaml``), or a file ending in .mcap.
     overwrite
-        Whether an existing `path` is replaced, when the new bag is complete.
+        Whether to replace an existing `path` once the new bag is complete.
     typestore
-        Message classes to serialise with.
+        Message classes for serialising.
 
     Raises
     ------
     OutputError
-        Where `path` exists (without `overwrite`) or cannot be written.
+        If `path` exists (without `overwrite`) or cannot be written.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class BagWriter:
 
     @property
     def folder(self) -> Path:
-        """Folder under its temporary name; other files in it are renamed with the bag."""
+        """The folder under its temporary name; other files in it are renamed with the bag."""
         return self._temporary
 
     def __enter__(self) -> BagWriter:
@@ -113,14 +113,14 @@ class BagWriter:
             raise OutputError(f"{self.path}: cannot be written ({one_line(failure)})") from None
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos | None = None) -> None:
-        """Declare a topic; `write` does so for topics with the default quality of service.
+        """Declare a topic; `write` declares topics itself, with the default quality of service.
 
         Parameters
         ----------
         topic, msgtype
             Names, such as ``/scan`` and ``sensor_msgs/msg/LaserScan``.
         qos
-            What is offered; by default reliable, and latched for descriptions and static tf.
+            Offered QoS; by default reliable, and latched for robot_description and tf_static.
         """
         profiles = [(qos or default_qos(topic)).profile()]
         text, type_hash = self.types.definition(msgtype), self.types.type_hash(msgtype)
@@ -136,7 +136,7 @@ class BagWriter:
         type_hash: str = "",
         serialization: str = "cdr",
     ) -> None:
-        """Declare a topic with all of its metadata, as copies of a bag need.
+        """Declare a topic with all of its metadata, as a copy of a bag needs.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class BagWriter:
         self._topics[topic] = _Topic(topic, msgtype, channel, profiles, type_hash, serialization)
 
     def topic_type(self, topic: str) -> str | None:
-        """Return the type of a topic that was declared, None for others."""
+        """Return the type of a declared topic, None for others."""
         return self._topics[topic].msgtype if topic in self._topics else None
 
     def write(self, topic: str, msgtype: str, stamp_ns: int, message: Any) -> None:

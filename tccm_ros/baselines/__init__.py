@@ -1,1 +1,1 @@
-"""The published methods as published: chosen by a setting, and run in comparisons."""
+"""The methods as published, selected by settings and run in comparisons."""

@@ -3,17 +3,17 @@
 `planes.detector: center_cores` chooses it.
 
 The center core of a cuboid is the long axis of the ellipsoid of its points. A trial draws a few
-cores; if they lie in one plane, the cores that belong to it are collected and rated by Eq. (8). The
-best of 10 or 50 trials is the plane.
+cores; if they lie in one plane, its inlier cores are collected and rated by Eq. (8). The best of 10
+or 50 trials is the plane.
 
-`find_core_planes` takes the best plane's cores out and goes on until a plane of a tenth of the
-remaining cores would have been drawn. In a whole room no plane has that many, so the detector wants
-a region of interest (`map.region`), as the paper has. The cores of a plane are clustered by their
+`find_core_planes` removes the cores of the best plane and continues until a plane of a tenth of the
+remaining cores would have been drawn. In a whole room no plane has that many, so the detector needs
+a region of interest (`map.region`), as in the paper. The cores of a plane are clustered by their
 cells, so that two tables of one height are two planes.
 
-Where the printed formulas are incomplete: the normals b of Eq. (6) are given one sign before they
-are averaged, pairs of parallel, aligned cores (b = 0) are skipped, and Eq. (8) is taken over the
-ends and the middle of all cores that belong, in m2.
+The printed formulas are incomplete. The normals b of Eq. (6) are given a common sign before they
+are averaged, pairs of parallel, aligned cores (b = 0) are skipped, and Eq. (8) is computed from the
+ends and the middle of all inlier cores, in m2.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from tccm_ros.kernels import kernel
 from tccm_ros.planes import PlaneFits
 
 MIN_POINTS = 3
-"""A cuboid of fewer points has no center core. Chosen: the covariance of two points is a line."""
+"""Minimum number of points of a center core. Chosen: the covariance of two points is a line."""
 
 SOUGHT_FRACTION = 0.1
-"""The search ends where a plane with this fraction of the remaining cores would have been found. A
+"""The search ends when a plane with this fraction of the remaining cores would have been found. A
 table or a shelf's front has 0.2 to 0.8 of those of the paper's region (bench/plane_scenes.py)."""
 
 CONFIDENCE = 0.99
-"""How surely such a plane has been drawn by then; RANSAC's usual figure."""
+"""Probability that such a plane has been drawn by then; the usual value of RANSAC."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +107,7 @@ def center_cores(cuboids: Cuboids, min_length: float = 0.0) -> CenterCores:
     cuboids
         The map.
     min_length
-        Shorter cores are left out, m (standard deviation along the axis).
+        Minimum length, m (standard deviation along the axis).
     """
     chosen = np.flatnonzero(cuboids.count >= MIN_POINTS)
     xx, xy, xz, yy, yz, zz = cuboids.cov()[chosen].T
@@ -121,17 +121,16 @@ def center_cores(cuboids: Cuboids, min_length: float = 0.0) -> CenterCores:
 
 
 def find_core_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
-    """Find the planes of a map by center cores, the one of the largest val first.
+    """Find the planes of a map by center cores, in order of falling val.
 
-    The paper finds several planes in one map (Fig. 12) and does not say how; here the cores of a
-    plane are taken out before the next is looked for. Rounds of `center_core.trials` without a
-    plane do not end the search before `max_missed_rounds`. The cuboids of a plane are those of its
-    cores.
+    The paper finds several planes in one map (Fig. 12) but does not describe how; here the cores of
+    a plane are removed before the search for the next. The search ends after `max_missed_rounds`
+    rounds of `center_core.trials` without a plane. The cuboids of a plane are those of its cores.
 
     Parameters
     ----------
     cuboids, config, viewpoint
-        As for `find_planes`, in whose place it stands; uses the group `center_core` too.
+        As in `find_planes`, which it replaces; also uses the group `center_core`.
     """
     cores = center_cores(cuboids, config.center_core.min_length)
     rest = np.arange(len(cores))
@@ -152,9 +151,10 @@ def find_core_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> 
 
 
 def max_missed_rounds(config: Config) -> int:
-    """Return after how many rounds of trials without a plane the search ends.
+    """Return the number of rounds of trials without a plane after which the search ends.
 
-    All l cores of a trial are of a plane with probability f^l, f its fraction of the cores.
+    All l cores of a trial are of a plane with probability f^l, where f is its fraction of the
+    cores.
 
     Parameters
     ----------
@@ -167,16 +167,16 @@ def max_missed_rounds(config: Config) -> int:
 
 
 def cluster_by_cell(cuboids: Cuboids, members: Int64, config: Config) -> list[Int64]:
-    """Cluster the cuboids of a plane (IV.C): those whose cells are near belong together.
+    """Cluster the cuboids of a plane (IV.C) by the distances of their cells.
 
     Parameters
     ----------
     cuboids
         The map.
     members
-        int64 (M,), rows of those whose cores belong to the plane.
+        int64 (M,), rows of the cuboids whose cores are inliers of the plane.
     config
-        Uses `center_core.cluster_distance`, from the middle of a cell to that of another.
+        Uses `center_core.cluster_distance`, between the centres of two cells.
 
     Returns
     -------
@@ -199,18 +199,18 @@ def find_core_plane(
     Parameters
     ----------
     cores
-        Of one map.
+        Cores of one map.
     config
         Group `center_core`: cores drawn in a trial, thresholds, trials, minimum quality.
     trials
-        In place of `center_core.trials`.
+        Replaces `center_core.trials`.
     seed
-        Of the random draws: the same seed gives the same plane.
+        Seed of the random draws; the same seed gives the same plane.
 
     Returns
     -------
     CorePlane or None
-        None where no trial gives at least `center_core.min_quality`.
+        None if no trial has at least `center_core.min_quality`.
     """
     c = config.center_core
     count = c.trials if trials is None else trials
@@ -250,7 +250,7 @@ def _best_trial(
 def _common_plane(
     center: Float64, axis: Float64, length: Float64, chosen: Int64, angle: float, plane: Float64
 ) -> bool:
-    """Write the plane of a few cores by Eq. (6) and (7); return whether they have one."""
+    """Write the plane of a few cores by Eq. (6) and (7); return whether there is one."""
     count = len(chosen)
     total = np.zeros(3)
     first = np.zeros(3)
@@ -292,7 +292,7 @@ def _common_plane(
 
 @kernel
 def _belongs(center: Float64, axis: Float64, plane: Float64, angle: float, distance: float) -> Bool:
-    """Return which cores lie in a plane: along it, and near it."""
+    """Return which cores are inliers of a plane: parallel to it, and near it."""
     max_sine = math.sin(angle)
     result = np.empty(len(center), np.bool_)
     for k in range(len(center)):
@@ -306,9 +306,9 @@ def _belongs(center: Float64, axis: Float64, plane: Float64, angle: float, dista
 def _quality(
     center: Float64, axis: Float64, length: Float64, plane: Float64, angle: float, distance: float
 ) -> float:
-    """Return val of Eq. (8) over the cores that belong: l1 l2 / l3 of their covariance, m2.
+    """Return val of Eq. (8) over the inlier cores: l1 l2 / l3 of their covariance, m2.
 
-    A core counts with its own spread along its axis, as its points do.
+    A core counts with its spread along its axis, as its points would.
     """
     belongs = _belongs(center, axis, plane, angle, distance)
     n = 0
@@ -329,5 +329,5 @@ def _quality(
         for j in range(3):
             second[i, j] = second[i, j] / n - mean[i] * mean[j]
     values = np.linalg.eigvalsh(second)
-    # 0.1 mm quantisation (1e-9 m2) is the flattest that a set of cores can be known to be.
+    # No set of cores can be known to be flatter than the quantisation of 0.1 mm (1e-9 m2).
     return values[2] * values[1] / max(values[0], 1e-9)

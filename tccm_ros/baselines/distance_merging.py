@@ -1,7 +1,7 @@
-"""Merging as published (surface mapping, IV.B): surfaces with points within a distance are one.
+"""Merging as published (surface mapping, IV.B): surfaces with points within a distance are merged.
 
-A part of the baseline ``surfaces.segmentation: seed``. Heights are not compared, so that anything
-less than the distance above a surface is merged with it.
+It is used with the baseline ``surfaces.segmentation: seed``. Heights are not compared, so that
+everything within the distance above a surface is merged with it.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from tccm_ros.arrays import Float64, Int64
 
 
 def merge_by_distance(clouds: Sequence[Float64], distance: float) -> Int64:
-    """Merge clouds any of whose points come within a distance.
+    """Merge clouds that have points within a distance of each other.
 
     Parameters
     ----------
     clouds
         P of float64 (N, 3) in one frame, m; none is empty.
     distance
-        m.
+        Merging distance, m.
 
     Returns
     -------
     int64 (P,)
-        The first cloud of the surface that each is part of.
+        Index of the first cloud of each cloud's surface.
     """
     trees = [cKDTree(cloud) for cloud in clouds]
     touching = [

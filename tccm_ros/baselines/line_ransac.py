@@ -9,7 +9,7 @@ from tccm_ros.config import Config
 from tccm_ros.kernels import kernel
 
 SPENT = -2
-"""Label of points whose line was too short: they are not drawn again."""
+"""Label of points whose line was too short; they are not drawn again."""
 
 
 def label_by_ransac(beams: Float64, config: Config) -> Int32:
@@ -27,11 +27,11 @@ def ransac_segments(
     min_length: float,
     trials: int,
 ) -> Int32:  # pragma: no cover - compiled
-    """Label the points of each segment, the one with the largest support first.
+    """Label the points of each segment, in order of falling support.
 
-    Draw two of the free points, count the inliers of their line that are connected without a gap
-    to the first of them, keep the line with the most, and repeat on the points that are left
-    until none has enough.
+    Draw two of the free points and count the inliers of their line that are connected without a gap
+    to the first of them. Keep the line with the most inliers, and repeat on the remaining points
+    until no line has enough.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ def ransac_segments(
     min_points, min_length
         Minimum support and length (m).
     trials
-        Pairs drawn for each line.
+        Number of pairs drawn for each line.
 
     Returns
     -------
-    int32 (B,), a segment's index, or -1
+    int32 (B,), index of the segment, or -1
     """
     n = len(beams)
     labels = np.full(n, -1, np.int32)
@@ -56,7 +56,7 @@ def ransac_segments(
     state = np.uint64(0x9E3779B97F4A7C15)
     label = 0
     while len(free) >= max(min_points, 2):
-        # Side by side, so that counting is vector code.
+        # Separate x and y arrays, so that counting is vectorised.
         xs, ys = beams[free, 0], beams[free, 1]
         best = np.empty(0, np.int64)
         for _ in range(trials):
@@ -96,7 +96,7 @@ def _next(state: np.uint64) -> np.uint64:  # pragma: no cover - compiled
 def _count(
     xs: Float64, ys: Float64, a: Float64, b: Float64, distance: float
 ) -> int:  # pragma: no cover - compiled
-    """Return how many points are near the line a-b, with or without gaps."""
+    """Return the number of points near the line a-b, with or without gaps."""
     px, py, dx, dy = a[0], a[1], b[0] - a[0], b[1] - a[1]
     limit = distance * np.sqrt(dx * dx + dy * dy)
     count = 0

@@ -1,9 +1,9 @@
-"""Horizontal planes by the labels of neighbours as published (IV.A): `planes.detector: neighbours`.
+"""Horizontal planes by labels of neighbours as published (IV.A): `planes.detector: neighbours`.
 
-Two cuboids in neighbouring cells, of eight, get the same label where their tops u differ by less
-than `planes.height_threshold`. A group of one label is a horizontal plane at the mean of its u.
-Where a single tilt cycle leaves empty cells between its scan lines, a surface falls into strips, as
-it does by the printed rule; `planes.horizontal_clusters` has the labels that follow the spacing of
+Two cuboids in cells that are among their eight neighbours get the same label if their tops u differ
+by less than `planes.height_threshold`. A group of one label is a horizontal plane at the mean of
+its u. If a single tilt cycle leaves empty cells between its scan lines, a surface is split into
+strips, as by the printed rule; the labels of `planes.horizontal_clusters` adapt to the spacing of
 the samples.
 """
 
@@ -23,10 +23,10 @@ from tccm_ros.planes import PlaneFits
 from tccm_ros.union_find import find_root, merge_sets
 
 UP = np.array([0.0, 0.0, 1.0])
-"""Normal of all planes that are found."""
+"""Normal of all planes."""
 
 HALF_OF_EIGHT = np.array([[0, 1], [1, -1], [1, 0], [1, 1]])
-"""Steps to the neighbouring cells that come later in the order of cells."""
+"""Steps to those neighbouring cells that follow in the order of cells."""
 
 
 def label_neighbours(cuboids: Cuboids, height_threshold: float) -> Int64:
@@ -37,7 +37,7 @@ def label_neighbours(cuboids: Cuboids, height_threshold: float) -> Int64:
     cuboids
         The map.
     height_threshold
-        Tops that differ by less belong together, m.
+        Maximum difference of the tops in a group, m.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def label_neighbours(cuboids: Cuboids, height_threshold: float) -> Int64:
 
 @kernel
 def _merge_neighbours(keys: Int64, top: Int32, steps: Int64, threshold: float) -> Int64:
-    """Return the first cuboid of each cuboid's group; keys (N,) are rising."""
+    """Return the first cuboid of each cuboid's group; keys (N,) are ascending."""
     n = len(keys)
     parent = np.arange(n)
     for step in steps:
@@ -73,13 +73,13 @@ def _merge_neighbours(keys: Int64, top: Int32, steps: Int64, threshold: float) -
 def find_neighbour_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
     """Find the horizontal planes of a map by the labels of neighbours.
 
-    A plane is at the mean u of its cuboids, however far these reach down. Groups of fewer points
-    than `planes.min_points`, or whose cells have less than `planes.min_area`, are none.
+    A plane is at the mean u of its cuboids, regardless of their depth. Groups with fewer points
+    than `planes.min_points`, or with a cell area below `planes.min_area`, are dropped.
 
     Parameters
     ----------
     cuboids, config, viewpoint
-        As for `find_planes`, in whose place it stands.
+        As in `find_planes`, which it replaces.
     """
     labels = label_neighbours(cuboids, config.planes.height_threshold)
     cells = np.bincount(labels) if len(labels) else np.zeros(0, np.int64)

@@ -1,4 +1,4 @@
-"""Planes of the published detectors as `PlaneFits`, for tracking and all that follows."""
+"""Planes of the published detectors as `PlaneFits`, for tracking and later steps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Group = tuple[Int64, Float64, float]
 def fits_of_groups(
     cuboids: Cuboids, groups: Sequence[Group], config: Config, viewpoint: ArrayLike
 ) -> PlaneFits:
-    """Return planes that a detector found.
+    """Return the planes found by a detector as `PlaneFits`.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def fits_of_groups(
     Returns
     -------
     PlaneFits
-        Those that enough points support, by falling support.
+        Planes with enough points, by falling support.
     """
     eye = np.ascontiguousarray(viewpoint, float)
     origin = np.rint(eye * TICKS_PER_M)
@@ -62,7 +62,7 @@ def fits_of_groups(
 
 
 def _variances(moments: Float64, normal: Float64, offset: float) -> Float64:
-    """Return variances along the plane, falling, and about it, float64 (3,), m2."""
+    """Return the variances along the plane, falling, and across it, float64 (3,), m2."""
     mean = moments[1:4] / moments[0]
     upper = moments[4:] / moments[0]
     second = np.empty((3, 3))

@@ -1,10 +1,10 @@
 """The published pipeline (surface mapping, IV.A): iterative RANSAC and Euclidean clustering.
 
-A baseline, selected by ``surfaces.segmentation: seed``: it finds the surfaces of each tilt cycle in
-place of the TCCM's planes. The largest plane of the cloud is found and its inliers are removed,
-repeatedly; the inliers of roughly horizontal planes are clustered, clusters with enough points are
-surfaces. It ends when no plane has enough points. As published, it does not test from which side a
-plane is seen.
+A baseline, selected by ``surfaces.segmentation: seed``, that finds the surfaces of each tilt cycle
+instead of the TCCM's planes. The largest plane of the cloud is found and its inliers are removed,
+repeatedly. The inliers of roughly horizontal planes are clustered, and clusters with enough points
+are surfaces. It ends when no plane has enough points. As published, it does not test from which
+side a plane is seen.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from tccm_ros.kernels import kernel
 from tccm_ros.union_find import find_root, merge_sets
 
 TRIALS = 600
-"""Random planes in a round: one with 1 % of the cloud's triples in it is found with 99.7 %."""
+"""Random planes per round: a plane with 1 % of the cloud's triples is found with 99.7 %."""
 
 SAMPLE = 3000
-"""Points that a random plane is scored on; the best is refined on all points. Chosen."""
+"""Number of points for scoring a random plane; the best is refined on all points. Chosen."""
 
 MAX_ROUNDS = 100
 """Maximum number of planes. Chosen."""
 
 CELL_FRACTION = 0.577
-"""Edge of a cell in cluster distances. Chosen: just less than 1 / sqrt(3), so that all points of
-a cell are within the distance."""
+"""Edge of a cell in cluster distances. Chosen: just below 1 / sqrt(3), so that all points of a cell
+are within the distance."""
 
 CELL_STEPS = 2
-"""Cells on either side in which a neighbour within the cluster distance can be: 1 /
+"""Number of cells to each side that may contain neighbours within the cluster distance: 1 /
 `CELL_FRACTION`, rounded up."""
 
 SEED = 20110509
-"""The same cloud gives the same surfaces."""
+"""Seed, which makes the result reproducible."""
 
 
 def segment(points: Float64, config: Config) -> Int32:
@@ -91,7 +91,7 @@ def _largest_plane(points: Float64, distance: float, seed: int) -> Float64:
 
 @kernel
 def _best_of(points: Float64, sample: Float64, triples: Int64, distance: float) -> Float64:
-    """Return the plane through one of the triples (T, 3) that max_count of the sample lies on."""
+    """Return the plane through one of the triples (T, 3) with the most inliers in the sample."""
     best = np.array([0.0, 0.0, 1.0, 0.0])
     max_count = -1
     for t in range(len(triples)):
@@ -115,16 +115,16 @@ def _best_of(points: Float64, sample: Float64, triples: Int64, distance: float) 
 
 
 def cluster(points: Float64, distance: float) -> Int64:
-    """Cluster points (N, 3): neighbours within `distance` m belong together.
+    """Cluster points (N, 3) by single linkage with a distance of `distance` m.
 
     Returns
     -------
     int64 (N,)
-        Cluster of each point, counted in the order of their first points.
+        Cluster of each point, numbered in the order of their first points.
     """
     if len(points) == 0:
         return np.zeros(0, np.int64)
-    # Any two points of such a cell are neighbours: a cell has one cluster.
+    # Any two points of such a cell are neighbours, so a cell has one cluster.
     cells = np.floor(points / (CELL_FRACTION * distance)).astype(np.int64)
     cells -= cells.min(axis=0)
     size = cells.max(axis=0) + 1 + 2 * CELL_STEPS
@@ -149,7 +149,7 @@ def cluster(points: Float64, distance: float) -> Int64:
 def _merge_cells(
     points: Float64, keys: Int64, starts: Int64, ends: Int64, offsets: Int64, distance: float
 ) -> Int32:
-    """Merge cells (C,) that hold neighbours; return the first cell of each cell's cluster."""
+    """Merge cells (C,) that have neighbouring points; return the first cell of each cluster."""
     parent = np.arange(len(keys)).astype(np.int32)
     for a in range(len(keys)):
         for offset in offsets:

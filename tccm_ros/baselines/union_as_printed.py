@@ -1,7 +1,7 @@
-"""Cuboids by Eq. (1) as the paper prints it, point by point: `map.mode: paper`.
+"""Cuboids by Eq. (1) as printed in the paper, point by point: `map.mode: paper`.
 
-A rule of `PartMapBuilder` in place of the union of intervals. As printed, the equation over-extends
-a cuboid that has grown, and the result depends on the order of the points.
+A rule of `PartMapBuilder` that replaces the union of intervals. As printed, the equation
+over-extends a cuboid that has grown, and the result depends on the order of the points.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ def merge_as_printed(
 ) -> Any:
     """Grow the cuboids of each cell by Eq. (1) as printed, point by point in their order.
 
-    A point at or below a cuboid's top u and not further below its bottom than d0 extends it by
-    u - z, even where it was inside; a point above the top, within the cuboid's own depth d of it,
-    raises it. Cuboids that then overlap are merged (section III.A).
+    A point between a cuboid's top u and d0 below its bottom extends it by u - z, even if it was
+    inside. A point above the top, within the cuboid's own depth d of it, raises the top. Cuboids
+    that then overlap are merged (section III.A).
 
     Parameters
     ----------
     points
-        int64 (2 n,), as in `union.merge_intervals`, but a cell's points in the order in which they
-        came. They are reordered, so that those of a cuboid follow each other.
+        int64 (2 n,), as in `union.merge_intervals`, but with a cell's points in their order of
+        arrival. They are reordered so that the points of a cuboid are adjacent.
     n, begins, cell_keys, n_cells, found
         As in `union.merge_intervals`.
 
@@ -50,7 +50,7 @@ def merge_as_printed(
         n_grown = _merge_overlaps(grown, n_grown)
         begins[first:last] = 0
         end = last
-        for j in range(n_grown):  # from the top down, to the back of what is left
+        for j in range(n_grown):  # from the top down, into the end of the remaining rows
             bottom, top = grown[j, 0], grown[j, 1]
             end = _take_inside(points, first, end, bottom, top)
             k -= 1
@@ -62,14 +62,14 @@ def merge_as_printed(
 
 
 AS_PRINTED = CuboidRule(merge_as_printed, is_by_height=False)
-"""Eq. (1) as printed, in the order in which the points came."""
+"""Eq. (1) as printed, in the order of arrival of the points."""
 
 
 @kernel
 def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
     """Add a point to the first of n cuboids (bottom, top) that Eq. (1) lets it extend.
 
-    It begins a new one where there is none. Returns the number of cuboids.
+    If there is none, begin a new cuboid. Return the number of cuboids.
     """
     for j in range(n):
         bottom, top = grown[j, 0], grown[j, 1]
@@ -85,7 +85,7 @@ def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
 
 @kernel
 def _merge_overlaps(intervals: Any, n: Any) -> Any:
-    """Sort n intervals (bottom, top) by falling top and merge those that touch; return how many."""
+    """Sort n intervals (bottom, top) by falling top, merge touching ones; return their number."""
     for i in range(1, n):
         bottom, top, j = intervals[i, 0], intervals[i, 1], i
         while j > 0 and intervals[j - 1, 1] < top:
@@ -104,7 +104,7 @@ def _merge_overlaps(intervals: Any, n: Any) -> Any:
 
 @kernel
 def _take_inside(points: Any, first: Any, end: Any, bottom: Any, top: Any) -> Any:
-    """Move the points within [bottom, top] to the back of [first, end); return where they begin."""
+    """Move the points within [bottom, top] to the end of [first, end); return their first row."""
     begin = end
     for i in range(end - 1, first - 1, -1):
         if bottom <= points[2 * i] >> 32 <= top:

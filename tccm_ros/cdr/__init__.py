@@ -1,1 +1,1 @@
-"""CDR, the encoding of ROS 2 messages: bytes to records, and messages to bytes."""
+"""Conversion between CDR, the encoding of ROS 2 messages, and records or messages."""

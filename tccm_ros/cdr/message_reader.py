@@ -1,4 +1,4 @@
-"""Readers of serialised messages: to records from CDR bytes or from a message object."""
+"""Readers that convert a serialised message or a message object to records."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 
 class NotPlain(ValueError):
-    """Bytes that the typestore has to read."""
+    """CDR that only the typestore can read."""
 
 
 class MessageReader(NamedTuple):
@@ -18,13 +18,13 @@ class MessageReader(NamedTuple):
     Attributes
     ----------
     message_type
-        Such as ``sensor_msgs/msg/LaserScan``.
+        Message type, such as ``sensor_msgs/msg/LaserScan``.
     of_message
-        Returns the records of a message object, of any family of message classes; raises
-        `MessageError` for content that no processor can use.
+        Returns the records of a message object of any message class; raises `MessageError` if no
+        processor can use its content.
     of_bytes
-        Returns the records of CDR bytes without a message object, which takes ten times as long;
-        raises NotPlain, struct.error or UnicodeDecodeError for bytes that `of_message` has to read.
+        Returns the records of CDR bytes without a message object, which would take ten times as
+        long; raises NotPlain, struct.error or UnicodeDecodeError for bytes that need `of_message`.
     """
 
     message_type: str
@@ -41,12 +41,12 @@ class MessageReader(NamedTuple):
         data
             CDR bytes.
         deserialize
-            Returns the message object of a type's name and bytes.
+            Returns the message object, given its type name and bytes.
 
         Raises
         ------
         MessageError
-            For content that no processor can use.
+            If no processor can use the content.
         """
         if self.of_bytes is not None:
             with suppress(NotPlain, struct.error, UnicodeDecodeError):

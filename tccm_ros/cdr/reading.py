@@ -1,11 +1,11 @@
-"""Read records from CDR bytes, for the five most frequent types of messages.
+"""Read records directly from CDR bytes, for the five most frequent message types.
 
-A bag has ten odometry, joint and tf messages for each scan. A record of one takes 3.6 to 5.3 us
-here; with the message objects of rosbags it takes 9.7 to 15.2 us, of which `deserialize_cdr` is the
-larger part (``python bench/bench_bags.py``). Names are decoded only
-where their bytes differ from those of the last message. The typestore reads all that is not plain
-little-endian CDR of the expected size: readers raise NotPlain, struct.error or UnicodeDecodeError
-for it, and MessageError in the same cases as with a message object.
+A bag has ten odometry, joint and tf messages for each scan. Reading a record takes 3.6 to 5.3 us
+here, and 9.7 to 15.2 us with rosbags' message objects, mostly in `deserialize_cdr` (``python
+bench/bench_bags.py``). Names are decoded only if their bytes differ from those of the last message.
+The typestore reads everything that is not plain little-endian CDR of the expected size: the readers
+raise NotPlain, struct.error or UnicodeDecodeError for it, and MessageError in the same cases as
+with a message object.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from tccm_ros.records.building import (
 
 ENCAPSULATION = b"\0\1"
 ORIGIN = 4
-"""Alignment counts from behind the encapsulation header."""
+"""Offset from which alignment is counted, after the encapsulation header."""
 
 STAMP_END = ORIGIN + 8
 
 AFTER_POSE_BYTES = 8 * (36 + 6 + 36)
-"""Covariance of the pose, twist and its covariance."""
+"""Size of the pose covariance, the twist and its covariance."""
 
 _U32 = struct.Struct("<I").unpack_from
 _STAMP = struct.Struct("<iI").unpack_from
@@ -45,14 +45,14 @@ _VECTOR = struct.Struct("<4d").unpack_from
 POSE_BYTES, BEAMS_BYTES = 56, 28
 
 ORIENTATION_BYTES, IMU_BYTES = 8 * (4 + 9), 8 * (4 + 9 + 3 + 9 + 3 + 9)
-"""Orientation of an IMU with its covariance; all that follows its header."""
+"""Sizes of an IMU's orientation with covariance, and of everything after the header."""
 
 VECTOR_BYTES = 8 * (3 + 9)
-"""Angular velocity, or acceleration, of an IMU with its covariance."""
+"""Size of an IMU's angular velocity or acceleration with covariance."""
 
 MAX_TRAILING_BYTES = 15
-"""Bytes after a message that are accepted: rclpy's serialize_message leaves up to 8 where
-sequences are empty, and DDS pads to 4."""
+"""Maximum number of bytes accepted after a message: rclpy's serialize_message leaves up to 8 after
+empty sequences, and DDS pads to 4."""
 
 
 def _align(at: int, size: int) -> int:
@@ -60,7 +60,7 @@ def _align(at: int, size: int) -> int:
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
-    """Return the string at an offset (aligned first) and its end."""
+    """Return the string at an offset (after alignment) and its end."""
     at = _align(at, 4)
     (length,) = _U32(data, at)
     end = at + 4 + length
@@ -78,7 +78,7 @@ def _header(data: bytes, at: int) -> tuple[int, str, int]:
 
 
 def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any], int]:
-    """Return a sequence of numbers of `size` bytes (a view), and its end."""
+    """Return a sequence of numbers of `size` bytes as a view, and its end."""
     at = _align(at, 4)
     (count,) = _U32(data, at)
     if count == 0:
@@ -91,12 +91,12 @@ def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any],
 
 
 class _Names:
-    """Reads the names between stamp and numbers of a message, with a cache of the last ones.
+    """Reads the names in a message, with a cache of the last ones.
 
     Parameters
     ----------
     read
-        Returns the names of a message and their end.
+        Returns the names of a message and their end offset.
     """
 
     def __init__(self, read: Callable[[bytes], tuple[tuple[str, ...], int]]) -> None:
@@ -104,7 +104,7 @@ class _Names:
         self._last: tuple[bytes | None, tuple[str, ...], int] = (None, (), 0)
 
     def __call__(self, data: bytes) -> tuple[int, tuple[str, ...], int]:
-        """Return the stamp in ns, the names and their end."""
+        """Return the stamp in ns, the names and their end offset."""
         sec, nanosec = _STAMP(data, ORIGIN)
         known, names, end = self._last
         if data[STAMP_END:end] != known:

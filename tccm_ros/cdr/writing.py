@@ -1,10 +1,10 @@
 """Write messages to CDR bytes, with tables of points and colours as arrays.
 
-A message type is flattened once into a few steps: runs of numbers, texts, arrays of numbers, and
-lists of messages. A list of messages that hold numbers of one kind alone (points, colours) may be
-an array with a row for each of them: its memory is copied. A marker of 10,000 points
-takes 0.04 ms, and 14 ms with an object for each point and rosbags' `serialize_cdr`
-(``python bench/bench_bags.py``).
+Each message type is compiled once into a few steps: runs of numbers, strings, arrays of numbers and
+lists of messages. A list of messages with numbers of a single type (points, colours) may be an
+array with a row per message, whose memory is copied. A marker of 10,000 points takes 0.04 ms,
+compared with 14 ms for an object per point and rosbags' `serialize_cdr` (``python
+bench/bench_bags.py``).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rosbags.interfaces import Nodetype
 from tccm_ros.errors import MessageError
 
 ENCAPSULATION: Final = b"\0\1\0\0"
-"""Plain CDR, little-endian; alignment counts from behind it."""
+"""Plain CDR, little-endian; alignment is counted from its end."""
 
 WIDEST: Final = 8
 """Largest alignment, bytes."""
@@ -33,27 +33,27 @@ _CODES: Final = {
 }  # fmt: skip
 _COUNT = struct.Struct("<I").pack
 _GAPS: Final = (b"", b"\0\0\0", b"\0\0", b"\0")
-"""Padding before a count, by the length so far modulo 4."""
+"""Padding before a count, by the current length modulo 4."""
 
 _NO_TEXT: Final = tuple(gap + b"\1\0\0\0\0" for gap in _GAPS)
-"""An empty text with its padding: a marker has four of them."""
+"""An empty string with its padding; a marker has four of them."""
 
 Step = Callable[[Any, bytearray], None]
-"""Appends some fields of a message to its bytes."""
+"""Appends some fields of a message to the output bytes."""
 
 Fields = Sequence[tuple[str, Any]]
-"""Names and descriptions of the fields of a type, as rosbags gives them."""
+"""Names and descriptions of a type's fields, in rosbags' form."""
 
 
 class Row(NamedTuple):
-    """Layout of a message with numbers of one kind only, as a row of a table.
+    """Layout of a message with numbers of a single type, as a row of a table.
 
     Attributes
     ----------
     dtype
-        Of the numbers, little-endian.
+        Type of the numbers, little-endian.
     columns
-        How many a message has.
+        Number of values per message.
     """
 
     dtype: np.dtype[Any]
@@ -80,7 +80,7 @@ class CdrWriter:
         Raises
         ------
         MessageError
-            For a value that does not fit its field.
+            If a value does not fit its field.
         """
         out = bytearray(ENCAPSULATION)
         try:
@@ -95,7 +95,7 @@ class CdrWriter:
         Raises
         ------
         TypeError
-            For a type with other fields than numbers of one kind.
+            If the type has other fields than numbers of a single type.
         """
         row = self._rows.get(msgtype)
         if row is None:
@@ -118,7 +118,7 @@ class CdrWriter:
             step(message, out)
 
     def _leaves(self, msgtype: str, prefix: str) -> Iterator[tuple[str, Any]]:
-        """Yield path and description of each field, with those of messages inside."""
+        """Yield path and description of each field, including those of nested messages."""
         for name, description in self._fielddefs[msgtype][1]:
             if description[0] == Nodetype.NAME:
                 yield from self._leaves(description[1], f"{prefix}{name}.")
@@ -164,7 +164,7 @@ class CdrWriter:
 
 
 def numpy_name(base: str) -> str:
-    """Return numpy's name of a number type of messages."""
+    """Return numpy's name of a numeric type."""
     return {"octet": "uint8", "byte": "uint8", "char": "uint8"}.get(base, base)
 
 
@@ -177,7 +177,7 @@ def _pad(out: bytearray, size: int) -> None:
 
 
 def _begin(items: Any, size: int | None, out: bytearray) -> int:
-    """Write the length of a sequence; check that of an array, whose length is not written."""
+    """Write the length of a sequence, or check that of a fixed-size array; return it."""
     length = len(items)
     if size is None:
         out += _GAPS[len(out) & 3]
@@ -188,7 +188,7 @@ def _begin(items: Any, size: int | None, out: bytearray) -> int:
 
 
 def _numbers(run: Sequence[tuple[str, str]]) -> Step:
-    """Return the step of adjacent fields, with one layout for each alignment of its start."""
+    """Return the step for adjacent numeric fields, with a layout for each starting alignment."""
     paths = [path for path, _ in run]
     codes = [code for _, code in run]
     get = attrgetter(*paths)

@@ -1,1 +1,1 @@
-"""Results against truth: surfaces and trajectories."""
+"""Comparison of surfaces and trajectories with ground truth."""

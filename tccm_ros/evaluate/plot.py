@@ -1,4 +1,4 @@
-"""The picture of a trajectory's score."""
+"""Plot of a trajectory's score."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tccm_ros.evaluate.score import TrajectoryScore
 
 
 def plot_score(score: TrajectoryScore, path: Path | str) -> None:
-    """Draw both trajectories, if there are any, and the cumulative errors as PNG; no metadata.
+    """Draw both trajectories, if there are any, and the cumulative errors as PNG, without metadata.
 
     Raises
     ------

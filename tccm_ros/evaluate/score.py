@@ -1,4 +1,4 @@
-"""`tccm evaluate` for trajectories: a result folder against a truth file, as table and figures."""
+"""`tccm evaluate` for trajectories: errors of a result relative to a truth file, as a table."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from tccm_ros.geometry import inverse
 from tccm_ros.results.trajectory import Trajectory, read_tum
 
 DISTANCES = (1.0, 5.0, 10.0, 20.0, 50.0)
-"""Lengths of path (m) for relative errors."""
+"""Path lengths of relative errors, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryScore:
-    """Errors by name, and the aligned positions of both for a picture.
+    """Errors by name, and the aligned positions of both trajectories for a plot.
 
     Attributes
     ----------
     errors
-        Name of the measure -> its errors.
+        Errors by name of the measure.
     missing
-        Truth rows for which the trajectory has no pose.
+        Number of truth rows without a pose in the trajectory.
     positions, truth
         float64 (N, 2) and (M, 2), m; empty for relations.
     """
@@ -54,11 +54,11 @@ class TrajectoryScore:
     truth: Float64
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the statistics: m and deg, rounded to 1e-6."""
+        """Return the statistics in m and deg, rounded to 1e-6."""
         return {"missing": self.missing, **{k: _statistics(e) for k, e in self.errors.items()}}
 
     def table(self) -> str:
-        """Return the statistics as text, a row for each measure."""
+        """Return the statistics as text, one row per measure."""
         head = f"{'measure':28} {'pairs':>7} {'mean m':>18} {'rms m':>8} {'max m':>8}"
         rows = [f"{head} {'mean deg':>17}"]
         for name, errors in self.errors.items():
@@ -99,17 +99,17 @@ def score_trajectory(
     Parameters
     ----------
     result
-        A folder with trajectory.tum, or such a file.
+        A folder with trajectory.tum, or a trajectory file.
     truth
         A trajectory (TUM), relations, or a reference by scan index.
     stamps
-        stamps.csv of the imported log: relations and references of a log whose stamps stepped
-        back are matched through it. By default it is searched beside the result and the truth.
+        stamps.csv of the imported log, which matches relations and references of a log whose stamps
+        stepped back. By default it is searched for next to the result and the truth.
 
     Raises
     ------
     LogError
-        For files that cannot be read, or truth of another time than the trajectory.
+        If a file cannot be read, or the truth is of another time than the trajectory.
     """
     path = Path(result)
     path = path / "trajectory.tum" if path.is_dir() else path
@@ -129,7 +129,7 @@ def score_trajectory(
 
 
 def _find_stamps(given: Path | str | None, *folders: Path) -> tuple[dict[int, int], dict[int, int]]:
-    """Return the stamps in the bag by scan index, and by the logged stamp (ns)."""
+    """Return the bag's stamps by scan index, and by logged stamp, ns."""
     paths = [Path(given)] if given is not None else [f / "stamps.csv" for f in folders]
     for path in paths:
         if given is not None or path.is_file():
@@ -138,7 +138,7 @@ def _find_stamps(given: Path | str | None, *folders: Path) -> tuple[dict[int, in
 
 
 def _restamped(truth: Relations, logged: dict[int, int]) -> Relations:
-    """Replace logged stamps by those in the bag, where the log's importer changed them."""
+    """Replace logged stamps by those in the bag, if the log's importer changed them."""
     ends = [
         np.array([logged.get(int(t), int(t)) for t in stamps], np.int64)
         for stamps in (truth.from_ns, truth.to_ns)

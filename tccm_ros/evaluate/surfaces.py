@@ -1,7 +1,7 @@
-"""Surfaces against truth: which true surfaces were found, and which found ones are false.
+"""Compare surfaces with ground truth: found surfaces and false ones.
 
-A true surface is found if a surface of the map overlaps its outline (intersection over union of
-the footprints) and has its height. Each is matched once, the best overlaps first.
+A true surface is found if a surface of the map overlaps its outline (intersection over union of the
+footprints) at its height. Each is matched once, the best overlaps first.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from tccm_ros.results.models import SurfaceEntry, SurfacesFile, TruthFile, Truth
 
 MIN_OVERLAP = 0.5
 MAX_HEIGHT_ERROR = 0.02
-"""Min intersection over union and max error of height (m) of a found surface (chosen)."""
+"""Minimum intersection over union and maximum height error (m) of a found surface. Chosen."""
 
 FALSE_AREA = 0.1
-"""A surface of at least this area, m2, that is not in the truth is false (chosen)."""
+"""Minimum area of a false surface, m2. Chosen."""
 
 MIN_COVERED = 0.5
-"""Min fraction of a surface that is on a true one of its height, if it is not false (chosen)."""
+"""Minimum fraction of a surface on a true one of its height, for it not to be false. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceMatch:
-    """One true surface and the surface of the map that was matched to it, if any.
+    """A true surface, and the surface of the map matched to it, if any.
 
     Attributes
     ----------
     label, height, area
-        Of the truth, m and m2.
+        Label, height (m) and area (m2) of the truth.
     found
-        Id in the map, or None.
+        Id in the map; None without a match.
     overlap
         Intersection over union of the footprints.
     height_error
-        Of the map, m; NaN where nothing was matched.
+        Height error of the map, m; NaN without a match.
     """
 
     label: str
@@ -61,14 +61,14 @@ class SurfaceMatch:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceScore:
-    """All true surfaces, and the ids of the false ones.
+    """Matches of all true surfaces, and the ids of false surfaces.
 
     Attributes
     ----------
     matches
-        In the order of the truth.
+        Matches, in the order of the truth.
     false
-        Ids of surfaces of `FALSE_AREA` or more that are on no true surface.
+        Ids of surfaces of at least `FALSE_AREA` that are on no true surface.
     """
 
     matches: tuple[SurfaceMatch, ...]
@@ -76,11 +76,11 @@ class SurfaceScore:
 
     @property
     def found(self) -> int:
-        """Number of true surfaces that were found."""
+        """Number of true surfaces found."""
         return sum(match.is_found for match in self.matches)
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return the score as plain data."""
         rows = [
             {
                 "label": m.label,
@@ -95,7 +95,7 @@ class SurfaceScore:
         return {"found": self.found, "of": len(rows), "surfaces": rows, "false": list(self.false)}
 
     def text(self) -> str:
-        """Return a Markdown table."""
+        """Return the score as a Markdown table."""
         lines = [
             f"{self.found} of {len(self.matches)} surfaces found, {len(self.false)} false",
             "",
@@ -112,12 +112,12 @@ class SurfaceScore:
 
 
 def score_surfaces(found: Path | str, truth: Path | str) -> SurfaceScore:
-    """Compare a surfaces.json with a truth.json; floors are left out.
+    """Compare a surfaces.json with a truth.json, without the floors.
 
     Raises
     ------
     MapError
-        If a file cannot be read or is not of that form.
+        If a file cannot be read or has another format.
     """
     known = read_json(Path(truth), TruthFile)
     mapped = [_Footprint.of(s) for s in read_json(Path(found), SurfacesFile).surfaces]
@@ -135,7 +135,7 @@ def score_surfaces(found: Path | str, truth: Path | str) -> SurfaceScore:
         match = mapped[pairs[i]].surface
         error = match.height - surface.height
         matches.append(SurfaceMatch(*head, match.id, float(overlap[i, pairs[i]]), error))
-    # Surfaces that are too small or too hidden to count as missed are not false, either.
+    # Small or hidden true surfaces do not count as missed, and surfaces on them are not false.
     covered = [*true, *map(_Footprint.of, known.others)]
     false = tuple(
         m.surface.id
@@ -146,7 +146,7 @@ def score_surfaces(found: Path | str, truth: Path | str) -> SurfaceScore:
 
 
 class _Footprint(NamedTuple):
-    """A surface with its outline seen from above."""
+    """A surface with its outline from above."""
 
     surface: SurfaceEntry | TruthSurface
     polygon: shapely.Geometry
@@ -158,7 +158,7 @@ class _Footprint(NamedTuple):
 
 
 def _overlap(true: _Footprint, found: _Footprint) -> float:
-    """Return intersection over union; 0 where the heights differ much."""
+    """Return intersection over union; 0 if the heights differ much."""
     if abs(found.surface.height - true.surface.height) > 2 * MAX_HEIGHT_ERROR:
         return 0.0
     common = true.polygon.intersection(found.polygon).area

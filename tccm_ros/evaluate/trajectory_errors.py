@@ -1,6 +1,6 @@
 """Errors of a trajectory: relations, absolute, relative over distance, consistency.
 
-All take poses float64 (N, 4, 4) and return `Errors`; nothing here reads files.
+All functions take poses float64 (N, 4, 4) and return `Errors`; none reads files.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import interpolate_poses, inverse, pose
 
 SAME_STAMP_NS = 1_000_000
-"""Stamps that differ by no more are one, ns: text files round them to microseconds or less, and no
+"""Maximum difference of equal stamps, ns: text files round stamps to microseconds or less, and no
 sensor measures at 1 kHz."""
 
 
 class Order(StrEnum):
-    """The order of factors in the error of a relation, see `relation_errors`."""
+    """Order of factors in the error of a relation, see `relation_errors`."""
 
     KUEMMERLE = "kuemmerle"
     CARTOGRAPHER = "cartographer"
@@ -44,7 +44,7 @@ class Errors:
 
     @classmethod
     def of(cls, T_errors: Float64) -> Errors:
-        """Measure error transforms (N, 4, 4)."""
+        """Return the errors of transforms (N, 4, 4)."""
         T = np.asarray(T_errors, float).reshape(-1, 4, 4)
         angles = Rotation.from_matrix(T[:, :3, :3]).magnitude() if len(T) else np.zeros(0)
         return cls(np.linalg.norm(T[:, :3, 3], axis=1), angles)
@@ -56,22 +56,23 @@ class Errors:
 def poses_at(
     stamps_ns: Int64, poses: Float64, asked_ns: Int64, *, max_gap: float = 1.0
 ) -> tuple[Float64, Bool]:
-    """Return the poses of a trajectory at some stamps: the nearest within `SAME_STAMP_NS`, else
-    interpolated.
+    """Return the poses of a trajectory at given stamps.
+
+    A pose within `SAME_STAMP_NS` is returned as it is; others are interpolated.
 
     Parameters
     ----------
     stamps_ns, poses
         int64 (N,), strictly ascending, and float64 (N, 4, 4).
     asked_ns
-        int64 (M,).
+        int64 (M,), stamps of the result.
     max_gap
-        Max time between the poses before and after a stamp, s; beyond it, and outside all poses, a
-        stamp is not known.
+        Maximum time between the poses before and after a stamp, s. Stamps in a larger gap, or
+        outside the trajectory, are unknown.
 
     Returns
     -------
-    float64 (M, 4, 4) and whether each is known, bool (M,)
+    float64 (M, 4, 4), and whether each is known, bool (M,)
     """
     after = np.clip(np.searchsorted(stamps_ns, asked_ns), 0, len(stamps_ns) - 1)
     before = np.clip(np.where(stamps_ns[after] > asked_ns, after - 1, after), 0, None)
@@ -96,13 +97,13 @@ def relation_errors(
     Parameters
     ----------
     T_map_from, T_map_to
-        float64 (N, 4, 4), the estimate at both ends.
+        float64 (N, 4, 4), estimated poses of both ends.
     deltas
         float64 (N, 4, 4), the relations delta*.
     order
-        `KUEMMERLE`: inverse(delta*) * delta, the error seen from where the relation ends;
-        `CARTOGRAPHER`: delta * inverse(delta*), as that project's tool computes it. The
-        rotations agree, the translations differ where the rotations do not.
+        `KUEMMERLE`: inverse(delta*) * delta, the error in the frame of the relation's end.
+        `CARTOGRAPHER`: delta * inverse(delta*), as in that project's tool. The rotation errors are
+        equal; the translation errors differ if delta and delta* have different rotations.
     """
     found = inverse(T_map_from) @ T_map_to
     if order == Order.KUEMMERLE:
@@ -111,9 +112,9 @@ def relation_errors(
 
 
 def align(points: Float64, truth: Float64) -> Float64:
-    """Return T_truth_map (4, 4) that moves points (N, 3) onto truth (N, 3) in least squares.
+    """Return T_truth_map (4, 4) that aligns points (N, 3) with truth (N, 3) by least squares.
 
-    Umeyama's solution without scale; a planar trajectory keeps z up.
+    Umeyama's solution without scale; for a planar trajectory z remains vertical.
     """
     a, b = points.mean(axis=0), truth.mean(axis=0)
     U, _, Vt = np.linalg.svd((truth - b).T @ (points - a))
@@ -142,14 +143,14 @@ def absolute_errors(poses: Float64, truth: Float64, *, aligned: bool = True) -> 
 
 
 def distance_errors(poses: Float64, truth: Float64, distance: float) -> Errors:
-    """Compare relative poses over a length of path.
+    """Compare relative poses over a given path length.
 
     Parameters
     ----------
     poses, truth
         float64 (N, 4, 4).
     distance
-        Length of the true path, m; every pose with a pose at that distance is used.
+        Length of the true path, m; all poses that have a successor at that distance are used.
     """
     steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
     path = np.concatenate([[0.0], np.cumsum(steps)])
@@ -161,21 +162,21 @@ def distance_errors(poses: Float64, truth: Float64, distance: float) -> Errors:
 
 
 def pairs_that_meet(positions: Float64, *, near: float = 3.0, path: float = 10.0) -> Int64:
-    """Return pairs of poses at the same place after a loop.
+    """Return pairs of nearby poses with a long path between them.
 
     Parameters
     ----------
     positions
         float64 (N, 3), m.
     near
-        Max distance, m.
+        Maximum distance, m.
     path
-        Min length of path between them, m.
+        Minimum path length between them, m.
 
     Returns
     -------
     int64 (P, 2)
-        Indices, the earlier first.
+        Indices, the earlier pose first.
     """
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,4 +1,4 @@
-"""The truth about a trajectory from text files: poses, relations or a reference."""
+"""Ground truth of a trajectory from text files: poses, relations or a reference."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Reference:
     scan_index
         int64 (N,), index among all scans of the log.
     stamps_ns
-        int64 (N,), as logged.
+        int64 (N,), stamps as logged, ns.
     poses
         T_map_base, float64 (N, 4, 4).
     """
@@ -65,14 +65,14 @@ class Reference:
 
 
 def read_relations(path: Path | str) -> Relations:
-    """Read ``stamp stamp x y z roll pitch yaw`` lines, as the SLAM benchmark publishes them.
+    """Read ``stamp stamp x y z roll pitch yaw`` lines, the format of the SLAM benchmark.
 
     Lines of five columns are planar: ``stamp stamp x y yaw``.
 
     Raises
     ------
     LogError
-        For a file that is missing or not of this form.
+        If the file is missing or has another format.
     """
     if min(len(row) for row in _rows(path)) == PLANAR_COLUMNS:
         stamps, values = number_columns(path, stamps=2, numbers=3)
@@ -88,19 +88,19 @@ def read_reference(path: Path | str) -> Reference:
     Raises
     ------
     LogError
-        For a file that is missing or not of this form.
+        If the file is missing or has another format.
     """
     stamps, values = number_columns(path, stamps=2, numbers=3)
     return Reference(stamps[:, 0] // 1_000_000_000, stamps[:, 1], spatial(values))
 
 
 def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, int]:
-    """Read stamps.csv of an imported log: scan index, or logged ``ipc_time`` (ns) -> bag's stamp.
+    """Read stamps.csv of an imported log: bag stamp by scan index or by logged ``ipc_time``, ns.
 
     Raises
     ------
     LogError
-        For a file that is missing or not of this form.
+        If the file is missing or has another format.
     """
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
@@ -114,15 +114,15 @@ def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, i
 
 
 def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
-    """Read a truth file of any of the three kinds, which its numbers distinguish.
+    """Read a truth file of any kind, recognised by its numbers.
 
-    Most quaternions have length 1; a reference begins with whole numbers; the rest are relations.
-    The rows of a trajectory may begin with an index.
+    If most quaternions have length 1, it is a trajectory, whose rows may begin with an index. A
+    reference begins with integers. Other files are relations.
 
     Raises
     ------
     LogError
-        For a file that is missing or of no such kind.
+        If the file is missing or of no such kind.
     """
     number_columns(path, stamps=2, numbers=3)
     if Path(path).suffix == ".relations":

@@ -1,1 +1,1 @@
-"""Many recordings and many maps: runs on Dask distributed, a catalogue, one map of many."""
+"""Many recordings and maps: replay on Dask distributed, a catalogue, and merging of maps."""

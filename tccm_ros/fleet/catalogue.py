@@ -1,8 +1,8 @@
-"""The catalogue of a fleet: tables of all surfaces, objects, walls and signs, asked in SQL.
+"""Catalogue of a fleet: tables of all surfaces, objects, walls and signs, queried in SQL.
 
-Each map appends one file to each table, in one step, as its task ends. From time to time these
-files are gathered in one. A map's own file counts in place of its rows in the gathered one, so that
-a reader finds each map once whenever it looks.
+When a map's task ends, it atomically writes one file per table. From time to time these files are
+merged into one. A map's own file overrides its rows in the merged file, so that a reader finds each
+map exactly once at any time.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from tccm_ros.errors import FleetError, OutputError, one_line
 from tccm_ros.fleet.tables import TABLES, Table, read_source
 
 MAX_FILES = 20
-"""Files of a table that are left on their own; each costs a query a millisecond of
-processor time (chosen)."""
+"""Maximum number of unmerged files of a table. Chosen: each costs a query a millisecond of
+processor time."""
 
 MAX_WIDTH = 60
-"""Characters of a value that a terminal is shown; ``--json`` has all of it."""
+"""Maximum number of characters of a value in a terminal; ``--json`` prints all."""
 
 TRIES = 5
-"""A query is asked again where files were gathered while it ran."""
+"""Number of attempts at a query, which fails if files are merged meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The answer to a query.
+    """Result of a query.
 
     Attributes
     ----------
     columns
-        Names.
+        Column names.
     rows
-        A tuple for each.
+        Rows, one tuple each.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Any, ...], ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return the result as plain data."""
         return {"columns": self.columns, "rows": [[_plain(v) for v in row] for row in self.rows]}
 
     def text(self) -> str:
-        """Return a table for a terminal."""
+        """Return the result as a table for a terminal."""
         cells = [[_shown(v) for v in row] for row in self.rows]
         widths = [max(map(len, column)) for column in zip(self.columns, *cells)]
         lines = [self.columns, tuple("-" * width for width in widths), *cells]
@@ -86,23 +86,23 @@ class Catalogue:
     Attributes
     ----------
     path
-        Its folder; each table is a folder in it, with a file for each map, and a file beside it
-        for those that were gathered.
+        Its folder. Each table is a subfolder with a file per map, and a file next to it with the
+        merged rows.
     """
 
     path: Path
 
     def add(self, name: str, folder: Path, final: Path | None = None) -> None:
-        """Write the rows of a map; they replace its older ones.
+        """Write the rows of a map, replacing its older ones.
 
         Parameters
         ----------
         name
-            Of the map.
+            Name of the map.
         folder
             Its result folder.
         final
-            Where that folder will be; None: where it is.
+            Final path of that folder, if it will be moved.
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Catalogue:
                 pq.write_table(table.of(source), made)
 
     def gather(self, *, max_files: int = MAX_FILES) -> None:
-        """Gather the files of maps in one for each table, where there are more than `max_files`.
+        """Merge the files of each table that has more than `max_files`.
 
         Raises
         ------
@@ -146,23 +146,23 @@ class Catalogue:
                 pq.write_table(rows.replace_schema_metadata(table.schema.metadata), made)
             for file, state in states.items():
                 with suppress(FileNotFoundError):
-                    if file.stat().st_ino == state.st_ino:  # else its map was written again
+                    if file.stat().st_ino == state.st_ino:  # not replaced meanwhile
                         file.unlink()
         except (OSError, pa.ArrowInvalid) as error:
             raise OutputError(f"{self.path}: cannot be gathered ({one_line(error)})") from None
 
     def ask(self, query: str) -> Answer:
-        """Answer a query of the tables ``surfaces``, ``objects``, ``walls`` and ``signs``.
+        """Run a query on the tables ``surfaces``, ``objects``, ``walls`` and ``signs``.
 
         Parameters
         ----------
         query
-            SQL as DuckDB reads it.
+            SQL in DuckDB's dialect.
 
         Raises
         ------
         FleetError
-            Without a catalogue, or for a query that cannot be answered.
+            If there is no catalogue, or the query fails.
         """
         if not self.path.is_dir():
             raise FleetError(f"{self.path}: no catalogue; 'tccm fleet --out DIR' writes one")
@@ -179,17 +179,17 @@ class Catalogue:
     def _ask(self, query: str) -> Answer:
         with duckdb.connect() as database:
             for table in TABLES:
-                if table.name in query.lower():  # opening the files of one takes its time
+                if table.name in query.lower():  # opening the files of a table takes time
                     self._open(database, table)
             found = database.execute(query)
             columns = tuple(column[0] for column in found.description or ())
             return Answer(columns, tuple(found.fetchall()))
 
     def _open(self, database: duckdb.DuckDBPyConnection, table: Table) -> None:
-        """Define a table as the files of its maps, and the gathered rows of all other maps."""
+        """Define a table as the maps' own files and the merged rows of all other maps."""
         database.register(f"_{table.name}", table.schema.empty_table())
         parts = [f"SELECT * FROM _{table.name}"]
-        files = self._files(table)  # before the gathered one: what is moved meanwhile is missed
+        files = self._files(table)  # list these first: otherwise a concurrent merge loses rows
         if files:
             database.register("_own", pa.table({"map": [file.stem for file in files]}))
             database.execute(f"CREATE TABLE _own_{table.name} AS SELECT map FROM _own")
@@ -212,7 +212,7 @@ class Catalogue:
 
     @contextmanager
     def _lock(self) -> Iterator[None]:
-        """Let one process at a time gather."""
+        """Allow one process at a time to merge."""
         with (self.path / ".lock").open("a") as file:
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(file, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""The workers of a fleet: processes of this machine, or those of a scheduler that runs already."""
+"""Workers of a fleet: processes of this machine, or those of a running scheduler."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from distributed import Client, LocalCluster
 from tccm_ros.errors import FleetError, one_line
 
 MAX_DEATHS = 2
-"""A recording whose workers die is tried on another one this often, then set aside."""
+"""Number of workers that may die on a recording before it is counted as failed."""
 
 START_TIMEOUT_S = 60.0
-"""A scheduler that has no worker for so long has none (chosen)."""
+"""Timeout for a scheduler's first worker, s. Chosen."""
 
 SETTINGS = {
     "distributed.scheduler.allowed-failures": MAX_DEATHS,
-    # One task a worker: a task that waits beside one whose worker dies would be blamed, too.
+    # One task per worker: a task queued on a worker that dies would also be blamed.
     "distributed.scheduler.worker-saturation": 1.0,
-    # A solver may hold the interpreter for minutes: a worker that is silent is not dead.
+    # A solver may hold the interpreter for minutes: a silent worker is not dead.
     "distributed.scheduler.worker-ttl": None,
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
@@ -32,21 +32,21 @@ SETTINGS = {
     "distributed.comm.timeouts.connect": "30s",
     "distributed.worker.preload": ["tccm_ros.fleet.worker_setup"],
 }
-"""Of a cluster on this machine."""
+"""Configuration of a cluster on this machine."""
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Which workers there are.
+    """Choice of workers.
 
     Attributes
     ----------
     count
-        Processes on this machine.
+        Number of processes on this machine.
     memory
-        Limit of each, as Dask reads it (``4GiB``; ``auto``: an equal part of the machine).
+        Memory limit of each, in Dask's format (``4GiB``; ``auto``: an equal part of the machine's).
     scheduler
-        Address of a running scheduler, in place of these; empty: none.
+        Address of a running scheduler to use instead; empty for none.
     """
 
     count: int = 1
@@ -56,17 +56,17 @@ class Workers:
 
 @contextmanager
 def connected(workers: Workers) -> Iterator[Client]:
-    """Yield a client; a cluster that was started for it ends with it.
+    """Yield a client; a cluster started for it ends with it.
 
     Parameters
     ----------
     workers
-        To use.
+        Workers to use.
 
     Raises
     ------
     FleetError
-        Where the scheduler does not answer or has no worker, or the memory limit is no size.
+        If the scheduler does not answer or has no workers, or if the memory limit is invalid.
     """
     _silence()
     if workers.scheduler:
@@ -90,7 +90,7 @@ def connected(workers: Workers) -> Iterator[Client]:
 
 
 def _silence() -> None:
-    """Have the library say nothing by itself: what goes wrong is told once, in one line.
+    """Silence the library's loggers; errors are reported once, in one line.
 
     Some of its loggers have a level of their own.
     """

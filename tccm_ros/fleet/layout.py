@@ -1,4 +1,4 @@
-"""The folder of a fleet: where results, failures, the catalogue and the page are."""
+"""Folder structure of a fleet: results, failures, catalogue and page."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 RECORD = "fleet.json"
-"""In the folder of each recording: what its results were made from (`fleet.record`)."""
+"""File in the folder of each recording with the inputs of its results (`fleet.record`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class FleetFolder:
-    """The folder of a fleet.
+    """Folder of a fleet.
 
     Attributes
     ----------
@@ -23,22 +23,22 @@ class FleetFolder:
 
     @property
     def recordings(self) -> Path:
-        """Folder with a result folder for each recording that was replayed."""
+        """Folder with a result folder for each replayed recording."""
         return self.path / "recordings"
 
     @property
     def failures(self) -> Path:
-        """Folder with a file for each recording that was set aside."""
+        """Folder with a file for each failed recording."""
         return self.path / "failures"
 
     @property
     def catalogue(self) -> Path:
-        """Folder of the catalogue: a folder for each table, in it a file for each recording."""
+        """Folder of the catalogue, with a subfolder per table and a file per recording in it."""
         return self.path / "catalogue"
 
     @property
     def page(self) -> Path:
-        """The page of the fleet."""
+        """HTML page of the fleet."""
         return self.path / "index.html"
 
     def results(self, name: str) -> Path:
@@ -46,5 +46,5 @@ class FleetFolder:
         return self.recordings / name
 
     def failure(self, name: str) -> Path:
-        """Return the file that says why a recording was set aside."""
+        """Return the file with the reason for a recording's failure."""
         return self.failures / f"{name}.json"

@@ -1,4 +1,4 @@
-"""Maps to be merged: read from files or result folders, with the surfaces that they show."""
+"""Maps to merge, read from files or result folders, with the outlines of their surfaces."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 MAP = "map.mcap"
 
 MAX_HEIGHT_DIFFERENCE = 0.03
-"""Max difference in height of one surface in two maps, m (chosen)."""
+"""Maximum difference in height of a surface in two maps, m. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprint:
-    """A surface seen from above, in its map.
+    """Outline of a surface from above, in its map.
 
     Attributes
     ----------
     id
-        Of the surface.
+        Id of the surface.
     polygon
         Its outline with holes.
     height
-        Above the floor, m.
+        Height above the floor, m.
     is_floor
         Whether it is the floor.
     """
@@ -51,13 +51,13 @@ class Footprint:
     is_floor: bool
 
     def moved(self, T: Float64) -> Footprint:
-        """Return it in another frame, in which its map has the planar pose T, float64 (3,)."""
+        """Return it in another frame, where its map has the planar pose T, float64 (3,)."""
         c, s = float(np.cos(T[2])), float(np.sin(T[2]))
         xy = [c, -s, s, c, float(T[0]), float(T[1])]
         return replace(self, polygon=affine_transform(self.polygon, xy))
 
     def is_as_high_as(self, other: Footprint) -> bool:
-        """Return whether both may be one surface by their heights."""
+        """Return whether the heights allow both to be the same surface."""
         return abs(self.height - other.height) <= MAX_HEIGHT_DIFFERENCE
 
 
@@ -68,7 +68,7 @@ class NumberedSign:
     Attributes
     ----------
     number
-        Of the room, as it was read.
+        Room number as read.
     position
         float64 (3,), m.
     """
@@ -79,22 +79,22 @@ class NumberedSign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapInput:
-    """A map to be merged.
+    """A map to merge.
 
     Attributes
     ----------
     name
-        In messages and tables.
+        Name in messages and tables.
     path
         The map file.
     checksum
-        SHA-256 of its bytes.
+        SHA-256 of the file.
     saved
-        The map.
+        Content of the file.
     walls
-        Its keyframes and what constrains them.
+        Keyframes with their constraints.
     surfaces
-        By id.
+        Surfaces, by id.
     signs
         Door signs with a number.
     """
@@ -109,17 +109,17 @@ class MapInput:
 
 
 def find_maps(sources: Iterable[Path]) -> list[Path]:
-    """Return the map files of files, result folders and folders of fleets, in their order.
+    """Return the map files in files, result folders and fleet folders, in order.
 
     Parameters
     ----------
     sources
-        Paths.
+        Paths of these.
 
     Raises
     ------
     FleetError
-        For a path without a map, or fewer than two maps.
+        If a path has no map, or there are fewer than two maps.
     """
     found: list[Path] = []
     for source in sources:
@@ -151,16 +151,17 @@ def checksum_of(path: Path) -> str:
 
 
 def read_map(path: Path, config: Config) -> MapInput:
-    """Read a map; its surfaces are those of the result file beside it, or built anew.
+    """Read a map, with the surfaces and signs of the result files next to it.
 
-    Signs are those of the file beside it, or none.
+    Without surfaces.json, the surfaces are built from the map; without signs.json, there are no
+    signs.
 
     Parameters
     ----------
     path
         The map file.
     config
-        To build the surfaces.
+        Configuration for building surfaces.
 
     Raises
     ------
@@ -188,7 +189,7 @@ def read_map(path: Path, config: Config) -> MapInput:
 
 
 def footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
-    """Return the surfaces of a map from above."""
+    """Return the outlines of a map's surfaces."""
     floor_z = file.floor_z or 0.0
     return [
         Footprint(surface.id, _outline(surface), surface.height - floor_z, surface.is_floor)

@@ -1,4 +1,4 @@
-"""`tccm merge`: maps of many robots and sessions of one building become one map in one frame."""
+"""`tccm merge`: merge the maps of many robots and sessions of a building into one frame."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergeSummary:
-    """A finished merge.
+    """Result of a merge.
 
     Attributes
     ----------
     out
-        Folder of the result.
+        Output folder.
     content
-        Of merge.json.
+        Content of merge.json.
     matched
-        Pairs that were matched now; the others were remembered.
+        Number of pairs matched in this run; the others were cached.
     """
 
     out: Path
@@ -52,7 +52,7 @@ class MergeSummary:
     matched: int
 
     def to_json(self) -> dict[str, Any]:
-        """Return the numbers as plain data."""
+        """Return the counts as plain data."""
         sizes = [len(component.maps) for component in self.content.components]
         pairs = self.content.pairs
         return {
@@ -65,7 +65,7 @@ class MergeSummary:
         }
 
     def text(self) -> str:
-        """Return a few lines for a terminal."""
+        """Return the result as lines for a terminal."""
         lines = [
             f"{name}: the same bytes as another map; --same-building merges the two"
             for name in self.content.identical
@@ -92,27 +92,28 @@ def merge_maps(
     workers: Workers | None = None,
     bars: Bars | None = None,
 ) -> MergeSummary:
-    """Merge maps, and write the result: the largest component, and folders of the others.
+    """Merge maps and write the largest component, with the others in subfolders.
 
     Parameters
     ----------
     sources
-        Map files, result folders, or folders of fleets; the frame is that of a component's first.
+        Map files, result folders, or fleet folders. A component has the frame of its first map.
     out
-        Folder of the result; matches are remembered in another one beside it.
+        Output folder; pair matches are cached in a folder next to it.
     config
-        Of matching, graph and surfaces.
+        Configuration of matching, graph and surfaces.
     same_building
-        Whether maps of the same bytes are of one place; else they may be of two that are equal.
+        Whether identical map files are of the same place; otherwise they may be of two equal
+        places.
     workers
-        To match pairs; None: one.
+        Workers that match pairs; one if None.
     bars
-        Shows the progress.
+        Progress bars.
 
     Raises
     ------
     FleetError
-        For fewer than two maps, or where no worker could match a pair.
+        If there are fewer than two maps, or no worker could match a pair.
     MapError
         If a map is damaged or has no walls.
     OutputError
@@ -152,7 +153,7 @@ def _remembered(out: Path) -> Path:
 
 
 def _with_twins(components: list[Component], twins: Mapping[int, int]) -> list[Component]:
-    """Put maps of the same bytes into the component of the first of them."""
+    """Add identical maps to the component of the first of them."""
     kept = [c for c in components if not set(c.T_root_map) <= set(twins)]
     for twin, first in twins.items():
         component = next(c for c in kept if first in c.T_root_map)

@@ -1,4 +1,4 @@
-"""merge.json: the components of a merged map, the pairs of maps, and the table of ids."""
+"""Model of merge.json: components of a merged map, pairs of maps, and the table of ids."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from tccm_ros.results.models import Vector
 
 RECORD = "merge.json"
-"""In the folder of a merged map: its maps, their pairs, and the table of ids."""
+"""File in the folder of a merged map with its maps, pairs and table of ids."""
 
 
 @dataclass(frozen=True, slots=True)
 class IdEntry:
-    """Where a surface of a map is in the merged one.
+    """Id of a surface before and after the merge.
 
     Attributes
     ----------
     old
-        Id in its map.
+        Id in its own map.
     new
-        Id in the merged map; None: not there any more.
+        Id in the merged map; None if the surface is gone.
     """
 
     old: int
@@ -28,16 +28,16 @@ class IdEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergedMapEntry:
-    """A map in a merged one.
+    """An input map of a merged map.
 
     Attributes
     ----------
     map
-        Its path.
+        Path of the map.
     T_map_old
-        float64 (3,), planar pose of its frame in that of the merged map, by one match.
+        float64 (3,), planar pose of its frame in the merged map's, from a single match.
     surfaces
-        The table of ids.
+        Table of its ids.
     """
 
     map: str
@@ -54,11 +54,11 @@ class PairEntry:
     one, other
         Paths of the maps.
     accepted
-        Whether it is part of the graph.
+        Whether it is used in the graph.
     reason
-        Why, or why not.
+        Reason for that.
     loops
-        Keyframes of the one that were found in the other.
+        Number of keyframes of one map that were matched in the other.
     """
 
     one: str
@@ -75,9 +75,9 @@ class ComponentEntry:
     Attributes
     ----------
     folder
-        Of its files, within that of the result; ``.``: that itself.
+        Folder of its files, relative to the output folder; ``.`` for that folder itself.
     maps
-        In it.
+        Its maps.
     """
 
     folder: str
@@ -86,16 +86,16 @@ class ComponentEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergeFile:
-    """merge.json: what was merged.
+    """merge.json: description of a merge.
 
     Attributes
     ----------
     components
-        The largest first.
+        Components, the largest first.
     pairs
-        All that were matched.
+        All matched pairs.
     identical
-        Maps that are the same bytes as an earlier one and were not merged with it.
+        Maps that are identical to an earlier one and were not merged with it.
     """
 
     components: tuple[ComponentEntry, ...]

@@ -1,4 +1,4 @@
-"""The maps of a component as one: keyframes, what constrains them, and views, in one frame."""
+"""Combine the maps of a component: keyframes, constraints and views in one frame."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 def merged_map(
     component: Component, inputs: Sequence[MapInput], matches: Mapping[Pair, PairMatch]
 ) -> SavedMap:
-    """Return the maps of a component as one, each at the pose that the pairs give it.
+    """Return the maps of a component as one map, each at its pose in the component.
 
-    The loop closures are those of each map and the matches of the pairs. Maps of the same bytes are
-    contained once.
+    The loop closures are those of each map and of the matched pairs. Identical maps are included
+    once.
 
     Parameters
     ----------
     component
-        Which maps, and where they are.
+        Maps with their poses.
     inputs
         All maps.
     matches
-        Of the pairs.
+        Matches of the pairs.
     """
     members = distinct_maps(component, inputs)
     first = dict(zip(members, starts([len(inputs[k].walls.keyframes) for k in members])))
@@ -69,7 +69,7 @@ def merged_map(
 
 
 def distinct_maps(component: Component, inputs: Sequence[MapInput]) -> list[int]:
-    """Return the maps of a component without those of the same bytes as an earlier one."""
+    """Return the indices of a component's maps, without those identical to an earlier one."""
     first: dict[str, int] = {}
     for k in sorted(component.T_root_map):
         first.setdefault(inputs[k].checksum, k)
@@ -77,7 +77,7 @@ def distinct_maps(component: Component, inputs: Sequence[MapInput]) -> list[int]
 
 
 def starts(counts: Sequence[int]) -> list[int]:
-    """Return the sum of the counts before each."""
+    """Return the cumulative sum of the counts before each entry."""
     return [0, *itertools.accumulate(counts)][: len(counts)]
 
 
@@ -87,7 +87,7 @@ def _sessions(item: MapInput) -> int:
 
 
 def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> SavedWalls:
-    """Return a map's keyframes with other ids and sessions, in another frame."""
+    """Return a map's walls in another frame, with keyframe ids and sessions offset."""
     keyframes = [
         replace(keyframe, id=keyframe.id + first, session=keyframe.session + session)
         for keyframe in walls.keyframes
@@ -98,7 +98,7 @@ def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> 
         return replace(anchored, keyframe=anchored.keyframe + first)
 
     seen = [AnchoredObservation(s.observation, on(s.anchored)) for s in walls.observations]
-    # Ids of signs are those of one map: the merged one numbers its signs anew.
+    # Sign ids are local to a map; the merged map assigns new ones.
     signs = [replace(v, anchored=on(v.anchored), sign=-1) for v in walls.sign_views]
     poses = compose2(T_root_map, walls.poses)
     unjoined = {s + session: root + session for s, root in walls.unjoined.items()}

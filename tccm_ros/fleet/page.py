@@ -1,6 +1,6 @@
-"""The page of a fleet: one HTML file with a row for each recording; it loads nothing but pictures.
+"""HTML page of a fleet: a single file with a row per recording, which loads only pictures.
 
-The pictures and reports that it shows and links to are those in the folders of the recordings.
+Its pictures and reports are the files in the folders of the recordings.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from tccm_ros.fleet.record import DoneRecord, read_failure, read_record
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A recording on the page; what is not known is None.
+    """A recording on the page; unknown values are None.
 
     Attributes
     ----------
     name, source
-        Of the recording.
+        Name and source of the recording.
     state
         ``done`` or ``failed``.
     reason
-        Why it failed.
+        Reason for a failure.
     has_results, pictures
-        Whether there are results, and pictures with them.
+        Whether there are results, with pictures.
     start, duration
-        Of the recording, s.
+        Start stamp and duration of the recording, s.
     surfaces, objects, walls, loops, dropped
-        Counts of the replay.
+        Counts from the replay.
     seconds
         Duration of the replay, s.
     """
@@ -60,7 +60,7 @@ def fleet_rows(folder: FleetFolder) -> list[Row]:
     Parameters
     ----------
     folder
-        Of the fleet.
+        Folder of the fleet.
     """
     rows = {}
     for path in _entries(folder.recordings):
@@ -103,17 +103,17 @@ def _done(path: Path, record: DoneRecord) -> Row:
 
 
 def write_page(folder: FleetFolder) -> Path:
-    """Write the page of a fleet; return its path.
+    """Write the page of a fleet and return its path.
 
     Parameters
     ----------
     folder
-        Of the fleet.
+        Folder of the fleet.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the page cannot be written.
     """
     with output_file(folder.page) as made:
         made.write_text(page_text(fleet_rows(folder), folder.path.name), encoding="utf-8")
@@ -121,14 +121,14 @@ def write_page(folder: FleetFolder) -> Path:
 
 
 def page_text(rows: list[Row], name: str) -> str:
-    """Return the page of some rows.
+    """Return the HTML text of a page.
 
     Parameters
     ----------
     rows
-        Of the recordings.
+        Rows of the recordings.
     name
-        Of the fleet.
+        Name of the fleet.
     """
     tree = {"columns": [f.name for f in fields(Row)], "rows": [astuple(row) for row in rows]}
     data = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,7 +1,7 @@
-"""Matching of two maps: the second one's keyframes are searched for in the first, as a session is.
+"""Match two maps by searching for the second one's keyframes in the first, as for a new session.
 
-The proposals are those of the loop search, confirmed by each other (`slam.loops`). Walls alone do
-not tell two floors of one building from each other: furniture and door signs must agree, too.
+The proposals come from the loop search, and confirm each other (`slam.loops`). Walls alone cannot
+distinguish two floors of a building, so furniture and door signs must agree, too.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from tccm_ros.slam.saved_walls import SavedWalls
 from tccm_ros.slam.signs.views import SignView
 
 MIN_OVERLAP = 0.5
-"""Min fraction of a surface that the other map has seen, for it to count, and that one of the other
-map's surfaces covers, for it to agree (chosen)."""
+"""Minimum fraction of a surface that the other map has seen, for it to count, and that surfaces of
+the other map cover, for it to agree. Chosen."""
 
 MIN_COMPARED_AREA = 0.3
-"""Below this area of furniture that both maps have seen, it tells nothing, m2 (chosen)."""
+"""Minimum area of furniture seen in both maps for a decision, m2. Chosen."""
 
 MIN_AGREEMENT = 0.5
-"""Min fraction of the furniture that both have seen that is in both maps (chosen: half of it may
-have been moved between two drives)."""
+"""Minimum fraction of the furniture seen in both maps that agrees. Chosen: half of it may have been
+moved between two drives."""
 
 MAX_SIGN_DISTANCE = 0.3
-"""Max distance of one door sign in two maps, m (chosen: less than the distance of two doors)."""
+"""Maximum distance of a door sign in two maps, m. Chosen: less than the distance of two doors."""
 
 YAW_WEIGHT = 3.0
-"""Metres that a radian of yaw counts in the distance of two poses (chosen)."""
+"""Weight of yaw in the distance of two poses, m/rad. Chosen."""
 
 
 class PairReason(StrEnum):
-    """Why two maps are merged, or not; braces are filled with a number."""
+    """Reason why two maps are merged or not; braces are filled with numbers."""
 
     ACCEPTED = "walls and furniture agree"
     NO_MATCH = "no place of one is found in the other"
@@ -61,16 +61,16 @@ class PairReason(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairLoop:
-    """A keyframe of the second map found in the first.
+    """A keyframe of the second map matched in the first.
 
     Attributes
     ----------
     a, b
-        Keyframes, of the first and of the second map.
+        Ids of the keyframes in the first and in the second map.
     delta, cov
         Planar pose float64 (3,) of b in a, and its covariance (3, 3) in b's frame.
     inliers, score, window
-        As of `Proposal`.
+        As in `Proposal`.
     """
 
     a: int
@@ -89,13 +89,13 @@ class PairMatch:
     Attributes
     ----------
     reason
-        Why it is accepted (`PairReason`), or not.
+        Reason for acceptance or rejection (`PairReason`).
     T_one_other
-        float64 (3,), planar pose of the second map in the first; 0 without a match.
+        float64 (3,), planar pose of the second map in the first; zero without a match.
     loops
-        The keyframes that were found.
+        The matched keyframes.
     compared_area, agreement
-        Area of furniture that both have seen, m2, and the fraction of it that agrees.
+        Area of furniture seen in both maps, m2, and the fraction of it that agrees.
     """
 
     reason: str
@@ -106,19 +106,19 @@ class PairMatch:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether the two maps belong to each other."""
+        """Whether the two maps are to be merged."""
         return self.reason == PairReason.ACCEPTED
 
 
 def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
-    """Search for a map in another one.
+    """Match a map to another one.
 
     Parameters
     ----------
     one, other
         The maps.
     config
-        ``loops.*`` and ``matching.*``.
+        Groups ``loops`` and ``matching``.
     """
     loops = match_walls(one.walls, other.walls, config)
     if not loops:
@@ -136,14 +136,14 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
 
 
 def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Proposal]:
-    """Search for the keyframes of a map in another one; return the confirmed matches.
+    """Match the keyframes of a map in another one; return the confirmed matches.
 
     Parameters
     ----------
     one, other
-        The maps; ids in the result are those of each.
+        The maps; ids in the result are local to each map.
     config
-        ``loops.*`` and ``matching.*``.
+        Groups ``loops`` and ``matching``.
     """
     chain = Chain()
     closer = LoopCloser(config, chain, begins_trajectories=False)
@@ -162,14 +162,14 @@ def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Prop
 
 
 def _sign_views_on(k: int, walls: SavedWalls, count: int) -> list[SignView]:
-    """Return the views of signs from a keyframe, with ids `count` higher and no known sign."""
+    """Return the sign views at a keyframe, with keyframe ids offset by `count` and no sign id."""
     views = [view for view in walls.sign_views if view.anchored.keyframe == k]
     views.sort(key=lambda view: view.measurement.stamp_ns)
     return [replace(v, anchored=replace(v.anchored, keyframe=count + k), sign=-1) for v in views]
 
 
 def _median_pose(loops: Sequence[Proposal], one: Float64, other: Float64) -> Float64:
-    """Return the pose of a map in another one by the match that is nearest to all matches."""
+    """Return the pose of a map in another one from the match nearest to all matches."""
     poses = np.array(
         [compose2(compose2(one[p.a], p.delta), inverse2(other[p.b])) for p in loops]
     ).reshape(-1, 3)
@@ -185,7 +185,7 @@ def _distances(one: Float64, others: Float64) -> Float64:
 def compare_furniture(
     one: Sequence[Footprint], other: Sequence[Footprint], T_one_other: Float64
 ) -> tuple[float, float]:
-    """Return the area of furniture that both maps have seen, m2, and the fraction that agrees.
+    """Return the area of furniture seen in both maps, m2, and the fraction that agrees.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def compare_furniture(
 
 
 def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[float, float]:
-    """Return the area of surfaces that the others' map has seen, and that of those it has, too."""
+    """Return the area of surfaces seen in the other map, and of those present in it, m2."""
     seen = shapely.union_all([other.polygon for other in others])
     compared = agreeing = 0.0
     for one in ones:
@@ -218,7 +218,7 @@ def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[f
 def compare_signs(
     one: Sequence[NumberedSign], other: Sequence[NumberedSign], T_one_other: Float64
 ) -> tuple[int, int]:
-    """Return how many door signs read the same in both maps, and how many read otherwise.
+    """Return the numbers of door signs that read the same and differently in both maps.
 
     Parameters
     ----------
@@ -242,23 +242,23 @@ def compare_signs(
 
 
 def pair_file(folder: Path, one: str, other: str, config: Config) -> Path:
-    """Return the file that a match is remembered in.
+    """Return the cache file of a match.
 
     Parameters
     ----------
     folder
-        Of all of them.
+        Folder of the cache.
     one, other
         Checksums of the maps.
     config
-        Of the match.
+        Configuration of the match.
     """
     key = "".join((one, other, settings_checksum(config), software_checksum()))
     return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
 
 
 def read_pair(path: Path) -> PairMatch | None:
-    """Return a match that is remembered; None where none is."""
+    """Return a cached match; None if there is none."""
     try:
         return read_json(path, PairMatch)
     except MapError:
@@ -266,16 +266,16 @@ def read_pair(path: Path) -> PairMatch | None:
 
 
 def match_files(one: Path, other: Path, config: Config, remembered: Path) -> None:
-    """Match the maps of two files and remember the result: a task.
+    """Match the maps of two files and cache the result (a task).
 
     Parameters
     ----------
     one, other
         Map files.
     config
-        Of the match.
+        Configuration of the match.
     remembered
-        File of the result.
+        Cache file.
     """
     match = match_maps(read_map(one, config), read_map(other, config), config)
     with output_file(remembered) as made:

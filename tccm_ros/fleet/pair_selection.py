@@ -1,8 +1,8 @@
-"""Which pairs of maps are believed, and the components that they form.
+"""Select consistent pairs of maps, and the components that they form.
 
-A wrong pair must bend nothing. Pairs are taken in the order of how many cycles of three maps they
-close, less those that they break, and of how many keyframes were found. A pair that contradicts the
-maps that are in one frame already is left out.
+A wrong pair would distort the map. Pairs are taken in order of the number of three-map cycles that
+they close, minus those that they break, then of the number of matched keyframes. A pair that
+contradicts maps already in one frame is rejected.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from tccm_ros.fleet.pair_matching import PairMatch
 from tccm_ros.geometry import between2, compose2, inverse2
 
 MAX_CYCLE_ERROR = (0.3, 0.05)
-"""Max error (m, rad) of a cycle of maps that are where they should be (chosen: the relative pose of
-two maps is that of one match, and the maps are bent a little)."""
+"""Maximum closure error of a consistent cycle of maps (m, rad). Chosen: a relative pose comes from
+a single match, and the maps are slightly distorted."""
 
 Pair = tuple[int, int]
 
@@ -30,9 +30,9 @@ class Component:
     Attributes
     ----------
     T_root_map
-        float64 (3,) of each map, by its index; the first map's is zero.
+        float64 (3,) of each map, by index; zero for the first map.
     pairs
-        That are believed.
+        Accepted pairs.
     """
 
     T_root_map: dict[int, Float64] = field(default_factory=dict)
@@ -42,14 +42,14 @@ class Component:
 def select_pairs(
     count: int, matches: Mapping[Pair, PairMatch]
 ) -> tuple[list[Component], set[Pair]]:
-    """Return the components, the largest first, and the pairs that contradict the others.
+    """Return the components, the largest first, and the pairs that contradict others.
 
     Parameters
     ----------
     count
         Number of maps.
     matches
-        The accepted matches (i, j), i < j.
+        Accepted matches (i, j), i < j.
     """
     components = [Component({k: np.zeros(3)}) for k in range(count)]
     contradicting: set[Pair] = set()
@@ -73,7 +73,7 @@ def select_pairs(
 
 
 def _support(pair: Pair, matches: Mapping[Pair, PairMatch]) -> int:
-    """Return how many cycles of three maps a pair closes, less those that do not close."""
+    """Return the number of three-map cycles that a pair closes, minus those that it breaks."""
     i, j = pair
     support = 0
     for k in {k for p in matches for k in p} - {i, j}:
@@ -98,7 +98,7 @@ def _is_same(one: Float64, other: Float64) -> bool:
 
 
 def _begin_at_first(component: Component) -> None:
-    """Put the frame into the first map, and the maps and pairs in order."""
+    """Move the frame to the first map, and sort the maps and pairs."""
     to_first = inverse2(component.T_root_map[min(component.T_root_map)])
     poses = component.T_root_map
     component.T_root_map = {k: compose2(to_first, poses[k]) for k in sorted(poses)}

@@ -1,4 +1,4 @@
-"""Pairs of maps are matched as tasks, each pair once: what was matched before is remembered."""
+"""Match pairs of maps as tasks, each once; earlier matches are cached."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ def match_all(
     workers: Workers,
     bars: Bars,
 ) -> tuple[dict[Pair, PairMatch], int]:
-    """Return the match of each pair, and how many were matched now.
+    """Return the match of each pair, and the number of pairs matched in this run.
 
     Parameters
     ----------
     maps
         Map file and checksum, by index.
     remembered
-        Folder of the matches that were made before; new ones are added.
+        Cache folder of matches; new ones are added.
     config
-        Of matching.
+        Configuration of matching.
     workers
-        To use.
+        Workers to use.
     bars
-        Shows the progress.
+        Progress bars.
 
     Raises
     ------
     FleetError
-        Where no worker could match a pair.
+        If no worker could match a pair.
     MapError
         If a map is damaged or has no walls.
     """

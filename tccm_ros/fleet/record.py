@@ -1,8 +1,8 @@
-"""What tells that a recording is done: the record beside its results, and the reason of a failure.
+"""Record of a finished recording beside its results, and the reason of a failure.
 
-Results are of a recording's bytes, of a configuration and of the software. The checksums of all
-three are written with them. Where the files of a recording are as the file system described them
-then, its bytes are not read again.
+Results depend on the recording's bytes, the configuration and the software, and the record has the
+checksums of all three. If the file system reports the recording's files as unchanged since then,
+their bytes are not read again.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from tccm_ros.results.numbers import json_text
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What the replay of a recording took.
+    """Resources used by a replay.
 
     Attributes
     ----------
     seconds, processor_seconds
-        On the clock, and of the processors, s.
+        Wall time and processor time, s.
     peak_memory
-        Of the process, bytes; 0 where the system does not tell.
+        Peak memory of the process, bytes; 0 if unknown.
     bytes_read, bytes_written
-        Of the recording, and of the results.
+        Sizes of the recording and of the results, bytes.
     """
 
     seconds: float
@@ -49,7 +49,7 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class DoneRecord:
-    """fleet.json: what the results of a recording were made from.
+    """fleet.json: the inputs of a recording's results.
 
     Attributes
     ----------
@@ -58,15 +58,15 @@ class DoneRecord:
     software, settings, content
         SHA-256 of the software, of configuration and options, and of the recording's bytes.
     files
-        The recording's files as the file system described them.
+        State of the recording's files in the file system.
     counts
-        Of the replay.
+        Counts of the replay.
     bag_duration
-        s.
+        Duration of the bag, s.
     start
-        Stamp at which the recording begins, s; None for one without poses.
+        Stamp of the first pose, s; None without poses.
     cost
-        Of the replay.
+        Resources used by the replay.
     """
 
     source: str
@@ -80,25 +80,25 @@ class DoneRecord:
     cost: Cost
 
     def write(self, folder: Path) -> None:
-        """Write it into a result folder."""
+        """Write the record into a result folder."""
         with output_file(folder / RECORD) as made:
             made.write_text(json_text(self), encoding="utf-8")
 
     def is_of(self, settings: str) -> bool:
-        """Return whether it was made by this software with these settings."""
+        """Return whether the results come from this software with these settings."""
         return (self.software, self.settings) == (software_checksum(), settings)
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a recording was set aside.
+    """Failure of a recording.
 
     Attributes
     ----------
     source
         Path or URL of the recording.
     reason
-        One line.
+        Reason in one line.
     """
 
     source: str
@@ -109,13 +109,13 @@ class Failure:
         return self.reason if is_named else f"{self.source}: {self.reason}"
 
     def write(self, path: Path) -> None:
-        """Write it to a file."""
+        """Write the failure to a file."""
         with output_file(path) as made:
             made.write_text(json_text(self), encoding="utf-8")
 
 
 def read_record(folder: Path) -> DoneRecord | None:
-    """Return the record of a result folder; None without a readable one."""
+    """Return the record of a result folder; None if there is no readable one."""
     try:
         return read_json(folder / RECORD, DoneRecord)
     except MapError:
@@ -123,7 +123,7 @@ def read_record(folder: Path) -> DoneRecord | None:
 
 
 def read_failure(path: Path) -> Failure | None:
-    """Return the failure in a file; None without a readable one."""
+    """Return the failure in a file; None if there is no readable one."""
     try:
         return read_json(path, Failure)
     except MapError:

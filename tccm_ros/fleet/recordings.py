@@ -1,6 +1,6 @@
-"""Recordings of a fleet: where they are, how they are called, what tells one state from another.
+"""Recordings of a fleet: search, names, and detection of changes.
 
-Local paths and those that ``fsspec`` has a driver for (``s3://``, ``file://``) are the same here.
+Local paths and URLs with an ``fsspec`` driver (``s3://``, ``file://``) are handled alike.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from tccm_ros.bags.bag_files import SUFFIXES
 from tccm_ros.errors import BagError, FleetError, one_line
 
 METADATA = "metadata.yaml"
-"""A folder with this file is one recording."""
+"""A folder with this file is a recording."""
 
 RESULTS = "surfaces.json"
-"""A folder with this file holds results: its bags are no recordings."""
+"""A folder with this file has results; bags in it are not recordings."""
 
 NAME_DIGITS = 8
-"""Hexadecimal digits of the path's checksum in a name (chosen: 10^5 paths collide in one of 10^5
-of them; a collision is refused)."""
+"""Number of hexadecimal digits of the path's checksum in a name. Chosen: about one collision is
+expected among 10^5 paths; it is refused."""
 
 BLOCK = 1 << 20
-"""Bytes that are read at a time."""
+"""Number of bytes per read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +40,8 @@ class Recording:
     Attributes
     ----------
     name
-        Of its results: the end of its path, and a checksum of the whole path. It does not depend on
-        the other recordings.
+        Name of its results: the end of its path, and a checksum of the whole path. It does not
+        depend on the other recordings.
     source
         Absolute path, or URL.
     """
@@ -69,9 +69,9 @@ class FileState:
     name
         Path within the recording.
     size
-        Bytes.
+        Size, bytes.
     token
-        Of the file system: the same token, the same file, unchanged.
+        Token of the file system, which changes when the file does.
     """
 
     name: str
@@ -80,21 +80,21 @@ class FileState:
 
 
 def find_recordings(sources: Iterable[str]) -> list[Recording]:
-    """Return the recordings of files, folders and patterns, sorted, each once.
+    """Return the distinct recordings of files, folders and patterns, sorted.
 
-    A folder with a metadata.yaml is one recording. In other folders each .mcap and .db3 file is
-    one, at any depth; folders of results are left out. What is named itself is a recording whatever
-    it contains: its task says what is wrong with it.
+    A folder with a metadata.yaml is one recording. In other folders, each .mcap and .db3 file at
+    any depth is one, except in result folders. A path given explicitly is a recording with any
+    content; its task reports problems.
 
     Parameters
     ----------
     sources
-        Paths or URLs, with ``*``, ``?`` and ``**`` where wanted.
+        Paths or URLs, optionally with ``*``, ``?`` and ``**``.
 
     Raises
     ------
     FleetError
-        For a path without a recording, or a URL that no driver is installed for.
+        If a path has no recording, or no driver is installed for a URL.
     """
     found: dict[str, Recording] = {}
     for text in sources:
@@ -151,7 +151,7 @@ def _search(fs: Any, path: str, *, is_named: bool = False) -> Iterator[str]:
 
 
 def file_states(source: str) -> tuple[FileState, ...]:
-    """Return the files of a recording, sorted by name; none where it is not there.
+    """Return the files of a recording, sorted by name; none if it does not exist.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def file_states(source: str) -> tuple[FileState, ...]:
 
 @contextmanager
 def local_copy(source: str) -> Iterator[Path]:
-    """Yield the path of a recording on this machine: its own, or that of a temporary copy.
+    """Yield the local path of a recording, which is a temporary copy for a URL.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def local_copy(source: str) -> Iterator[Path]:
     Raises
     ------
     BagError
-        If it is not there or cannot be read.
+        If it does not exist or cannot be read.
     """
     fs, path = _file_system(source)
     if "file" in _protocols(fs):
@@ -200,7 +200,7 @@ def content_checksum(path: Path) -> str:
     Parameters
     ----------
     path
-        On this machine.
+        Local path.
 
     Raises
     ------

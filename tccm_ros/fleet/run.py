@@ -1,4 +1,4 @@
-"""`tccm fleet`: replay many recordings, each whole or not at all, and go on after any end."""
+"""`tccm fleet`: replay many recordings, each atomically, and continue an interrupted run."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
 from tccm_ros.progress import Bars, Silent
 
 LOOK_S = 5.0
-"""How often workers that came or went are looked for while no task ends, s (chosen)."""
+"""Period for checking the set of workers while no task ends, s. Chosen."""
 
 
 @dataclass(slots=True)
 class FleetSummary:
-    """What became of the recordings of a run.
+    """Outcome of a run.
 
     Attributes
     ----------
     out
         Folder of the fleet.
     counts
-        Recordings by outcome.
+        Number of recordings by outcome.
     failures
-        Why recordings were set aside, by their names.
+        Failures by name of the recording.
     seconds
         Duration of the run, s.
     """
@@ -53,13 +53,13 @@ class FleetSummary:
     seconds: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return the outcome as plain data."""
         failures = [{"source": f.source, "reason": f.reason} for f in self.failures.values()]
         counts = {outcome.value: self.counts[outcome] for outcome in Outcome}
         return {"out": str(self.out), **counts, "seconds": self.seconds, "failures": failures}
 
     def text(self) -> str:
-        """Return a few lines for a terminal."""
+        """Return the outcome as lines for a terminal."""
         folder, counts = FleetFolder(self.out), self.counts
         lines = [f"failed    {f}" for f in self.failures.values()]
         lines.append(
@@ -90,18 +90,18 @@ def run_fleet(
     out
         Folder of the fleet. Workers on other machines must see it under the same path.
     config
-        Of every replay.
+        Configuration of the replays.
     workers
-        To use; None: one.
+        Workers to use; one if None.
     remap, pictures
-        As for `replay`.
+        As in `replay`.
     bars
-        Shows the progress.
+        Progress bars.
 
     Raises
     ------
     FleetError
-        Where there is no recording, or no worker.
+        If there is no recording, or no worker.
     OutputError
         If the folder cannot be written.
     """
@@ -131,7 +131,7 @@ def run_fleet(
 
 
 def _prepare(folder: FleetFolder) -> None:
-    """Make the folders; remove what tasks that were killed left in them."""
+    """Create the folders and remove unfinished results of killed tasks."""
     try:
         for path in (folder.recordings, folder.failures):
             path.mkdir(parents=True, exist_ok=True)
@@ -141,14 +141,14 @@ def _prepare(folder: FleetFolder) -> None:
 
 
 def _run(client: Client, jobs: deque[Job], summary: FleetSummary, bars: Bars) -> None:
-    """Keep every worker busy with one task, and no more, until all jobs are done."""
+    """Keep every worker busy with exactly one task until all jobs are done."""
     running: dict[Future, Job] = {}
     try:
         while jobs or running:
             free = max(len(client.nthreads()), 1) - len(running)
             for _ in range(min(free, len(jobs))):
                 job = jobs.popleft()
-                # A key of its own for each run: the scheduler may remember an earlier one.
+                # A unique key for each run, because the scheduler may know an earlier one.
                 key = f"{job.recording.name}-{uuid.uuid4().hex}"
                 running[client.submit(process, job, key=key, pure=False)] = job
             with suppress(TimeoutError, CancelledError):
@@ -167,19 +167,19 @@ def _run(client: Client, jobs: deque[Job], summary: FleetSummary, bars: Bars) ->
 
 
 def _result(future: Future) -> TaskResult:
-    """Return what a task told, or why it could not."""
+    """Return the result of a task, or a failure if the task raised."""
     try:
         result: TaskResult = future.result()
         return result
     except KilledWorker as error:
         tries = error.allowed_failures + 1
         return TaskResult(Outcome.FAILED, f"its worker died, {tries} times: memory or a crash?")
-    except Exception as error:  # also what the cluster raises where it loses a task
+    except Exception as error:  # includes the cluster's errors for lost tasks
         return TaskResult(Outcome.FAILED, f"{type(error).__name__}: {one_line(error)}")
 
 
 def _note(summary: FleetSummary, recording: Recording, result: TaskResult, bars: Bars) -> None:
-    """Count a result; write or remove the file of its failure."""
+    """Count a result, and write or remove its failure file."""
     path = FleetFolder(summary.out).failure(recording.name)
     summary.counts[result.outcome] += 1
     if result.outcome is Outcome.FAILED:

@@ -1,4 +1,4 @@
-"""Which surface of a merged map each surface of a map is: by its patches, else by its place."""
+"""Map surface ids of a map to those of a merged map, by patches or by overlap."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from tccm_ros.fleet.merge_file import IdEntry
 from tccm_ros.records import Surface
 
 MIN_COVERED = 0.5
-"""Min fraction of a surface that one of the merged map covers, to be it (chosen: the most part)."""
+"""Minimum fraction of a surface covered by its successor in the merged map. Chosen: the major
+part."""
 
 
 def owners_of_patches(surfaces: Sequence[Surface]) -> dict[int, int]:
-    """Return the surface that each number of a patch belongs to."""
+    """Return the surface id by patch number."""
     return {number: s.id for s in surfaces for number in (s.id, *s.merged_ids)}
 
 
@@ -27,19 +28,19 @@ def id_table(
 ) -> tuple[IdEntry, ...]:
     """Return the table of ids of a map.
 
-    A surface is named by one of its patches. Where that patch is in no surface any more, the
-    surface is the one that is at its place.
+    A surface id is the number of one of its patches. If that patch is not in the merged map, the
+    surface is identified by overlap.
 
     Parameters
     ----------
     surfaces
-        Of the map.
+        Surfaces of the map.
     first_patch
-        What its numbers of patches are increased by in the merged map.
+        Offset of its patch numbers in the merged map.
     T_map_old
-        float64 (3,), planar pose of its frame in that of the merged map.
+        float64 (3,), planar pose of its frame in the merged map's.
     owners
-        Surface of the merged map by number of patch.
+        Surface id in the merged map by patch number.
     merged
         Surfaces of the merged map.
     """

@@ -1,8 +1,8 @@
-"""The tables of the catalogue: columns made from the models of the result files.
+"""Tables of the catalogue, with columns from the models of the result files.
 
-A field of a model becomes a column of the same name, or three for a vector; fields of other shapes
-are left out. Outlines are the column ``geometry``, as GeoParquet has it, with ``crs`` null: the
-coordinates are those of a map, not of the earth.
+A field of a model becomes a column of the same name, or three columns for a vector; fields of other
+shapes are omitted. Outlines are in the GeoParquet column ``geometry`` with ``crs`` null, because
+the coordinates are relative to a map, not to the earth.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from tccm_ros.results.models import (
 from tccm_ros.results.signs_file import SignEntry, SignsFile
 
 STAMPS = ("stamp", "first_seen", "last_seen")
-"""Fields in seconds that become times."""
+"""Fields in seconds that are converted to times."""
 
 TIME = pa.timestamp("us")
-"""Times are UTC, without a zone: databases compare these without further libraries."""
+"""UTC without a time zone, which databases compare without further libraries."""
 
 Row = tuple[Any, BaseGeometry, tuple[Any, ...]]
-"""An entry, its geometry, and the values of the further columns."""
+"""An entry, its geometry, and the values of the additional columns."""
 
 PLAIN = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapSource:
-    """The result files that the rows of a map are made from.
+    """Result files of a map, from which its rows are made.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class MapSource:
     folder
         Result folder.
     surfaces, objects, walls, signs
-        Contents of the files; a file that is not there is empty.
+        Contents of the files; empty for a missing file.
     """
 
     map: str
@@ -70,12 +70,12 @@ class MapSource:
 
 
 def read_source(name: str, folder: Path) -> MapSource:
-    """Read the result files that the catalogue is made from.
+    """Read the result files of a map.
 
     Parameters
     ----------
     name
-        Of the map in the catalogue.
+        Name of the map in the catalogue.
     folder
         Result folder.
 
@@ -108,7 +108,7 @@ def read_signs(folder: Path) -> tuple[SignEntry, ...]:
 
 
 class Column(NamedTuple):
-    """A column: its name and type, and how its values come from an entry."""
+    """Name and type of a column, and the function that returns its value from an entry."""
 
     name: str
     type: pa.DataType
@@ -122,11 +122,11 @@ class Table:
     Attributes
     ----------
     name
-        Of the table.
+        Name of the table.
     entry
         Model whose fields are columns.
     rows
-        Returns the rows of a map: entries, geometries, and values of the further columns.
+        Returns the rows of a map: entries, geometries, and values of the additional columns.
     further
         Columns that are not fields of the model.
     """
@@ -168,11 +168,11 @@ GEO = {
     "primary_column": "geometry",
     "columns": {"geometry": {"encoding": "WKB", "geometry_types": [], "crs": None}},
 }
-"""GeoParquet's metadata of a file."""
+"""GeoParquet's file metadata."""
 
 
 def _columns(entry: type[Any]) -> list[Column]:
-    """Return the columns of a model's fields."""
+    """Return the columns for the fields of a model."""
     hints = get_type_hints(entry, include_extras=True)
     return [c for f in fields(entry) for c in _columns_of(f.name, hints[f.name])]
 

@@ -1,7 +1,7 @@
-"""The task of one recording: fetch it, replay it, put its results, record and catalogue rows down.
+"""Task of one recording: fetch it, replay it, and write its results, record and catalogue rows.
 
-It runs in a worker. A folder of results appears as a whole with its record; a worker that is killed
-before leaves none.
+It runs in a worker. A result folder appears atomically with its record; a worker that is killed
+before leaves no folder.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from tccm_ros.warm_up.compilation import compile_kernels
 from tccm_ros.warm_up.parts import PARTS
 
 ONE_AT_A_TIME = threading.Lock()
-"""A worker with several threads replays one recording after the other."""
+"""Lock that makes a worker with several threads replay one recording at a time."""
 
 
 class Outcome(StrEnum):
-    """What became of a recording."""
+    """Outcome of a recording."""
 
     DONE = "done"
     UNCHANGED = "unchanged"
@@ -52,7 +52,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What a task is told.
+    """Input of a task.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Job:
     out
         Folder of the fleet, the same on all machines.
     config
-        Of the replay.
+        Configuration of the replay.
     remap
-        Topics with other names.
+        Remapped topics.
     pictures
         Whether pictures and reports are written.
     """
@@ -81,20 +81,20 @@ class Job:
 
     @property
     def settings(self) -> str:
-        """Checksum of all that tells a replay how."""
+        """Checksum of the configuration and options of the replay."""
         return settings_checksum(self.config, remap=self.remap, pictures=self.pictures)
 
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """What a task tells.
+    """Result of a task.
 
     Attributes
     ----------
     outcome
-        What became of the recording.
+        Outcome of the recording.
     reason
-        Why it failed, one line.
+        Reason for a failure, in one line.
     """
 
     outcome: Outcome
@@ -102,9 +102,9 @@ class TaskResult:
 
 
 def is_done(job: Job) -> bool:
-    """Return whether the results are there and the recording's files look as they did.
+    """Return whether the results exist and the recording's files are unchanged.
 
-    Nothing of the recording is read: the file system tells whether a file has changed.
+    The recording is not read; the file system reports changes.
     """
     record = read_record(job.results)
     if record is None or not record.is_of(job.settings):
@@ -115,12 +115,12 @@ def is_done(job: Job) -> bool:
 
 
 def process(job: Job) -> TaskResult:
-    """Replay a recording, unless its results are there; what goes wrong is told, not raised.
+    """Replay a recording unless its results exist; report errors instead of raising them.
 
     Parameters
     ----------
     job
-        What to do.
+        The input.
     """
     with ONE_AT_A_TIME:
         try:
@@ -133,7 +133,7 @@ def process(job: Job) -> TaskResult:
 
 
 def _process(job: Job) -> Outcome:
-    states = file_states(job.recording.source)  # before it is read: a later change is seen
+    states = file_states(job.recording.source)  # before reading, to detect later changes
     with local_copy(job.recording.source) as bag:
         if not bag.exists():
             raise TccmError(f"{job.recording.source}: no such recording")
@@ -141,14 +141,14 @@ def _process(job: Job) -> Outcome:
         record = read_record(job.results)
         if record is not None and record.is_of(job.settings) and record.content == content:
             return Outcome.UNCHANGED
-        compile_kernels(PARTS, job.config)  # here, so that no recording's cost has it
+        compile_kernels(PARTS, job.config)  # here, to exclude it from the recording's cost
         with output_folder(job.results, is_replaced=True) as folder:
             begin = time.monotonic(), time.process_time()
             _reset_peak_memory()
             summary = replay(bag, folder, job.config, remap=job.remap, pictures=job.pictures)
             cost = _cost(begin, states, folder)
             _record(job, states, content, summary, cost).write(folder)
-            # Before the folder appears: results without their rows would never get them.
+            # Before the folder is renamed: results without rows would never get any.
             Catalogue(FleetFolder(job.out).catalogue).add(job.recording.name, folder, job.results)
     return Outcome.DONE
 
@@ -190,7 +190,7 @@ def _reset_peak_memory() -> None:
 
 
 def _peak_memory() -> int:
-    """Return the largest resident size of this process since the last reset, bytes."""
+    """Return the peak resident size of this process since the last reset, bytes."""
     with suppress(OSError):
         found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
         return int(found[1]) * 1024 if found else 0

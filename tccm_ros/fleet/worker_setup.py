@@ -1,4 +1,4 @@
-"""What a worker of this machine does when it starts, by Dask's `distributed.worker.preload`."""
+"""Setup of a local worker, called by Dask's `distributed.worker.preload`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 
 def dask_setup(worker: Any) -> None:
-    """Leave an interrupt of the terminal, which all processes get, to the process that asked.
+    """Ignore interrupts from the terminal, which reach all processes.
 
-    It ends its workers itself; one that is interrupted prints a traceback.
+    The main process ends its workers itself; an interrupted worker would print a traceback.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -205,7 +205,7 @@ class Inputs:
         return {entry.topic: entry.count for entry in self._inputs}
 
     def lost(self) -> dict[str, int]:
-        """Return the number of messages lost, by topic, where there are any."""
+        """Return the number of messages lost, by topic, for topics with losses."""
         return {entry.topic: entry.lost for entry in self._inputs if entry.lost}
 
     def latencies(self) -> dict[str, float]:

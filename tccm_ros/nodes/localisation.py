@@ -156,9 +156,7 @@ class LocalisationPublisher:
         self.show(tracker)
 
     def show(self, tracker: Tracker) -> None:
-        """Publish the state at the newest scan if it has changed or the last message is a second
-        old.
-        """
+        """Publish the state at the newest scan if it changed or was published a second ago."""
         state, live = tracker.state, tracker.current_pose()
         if state != self._state:
             self._note(state, live.stamp_ns, tracker)

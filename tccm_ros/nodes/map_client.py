@@ -211,8 +211,7 @@ class SurfaceMapClient:
         max_count: int = ANYWHERE.max_count,
         max_base_poses: int = ANYWHERE.max_base_poses,
     ) -> Future:
-        """Find positions where an object can be put down; the future resolves to `Found` of
-        `MapPlacement`.
+        """Find placements of an object; the future resolves to `Found` of `MapPlacement`.
 
         Parameters
         ----------

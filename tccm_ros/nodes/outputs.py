@@ -73,9 +73,7 @@ class Outputs:
         }
 
     def publish(self, messages: Iterable[TopicMessage]) -> None:
-        """Publish the topics with subscribers; keep the rest for late subscribers (in the
-        worker).
-        """
+        """Publish topics with subscribers; keep the others for later (in the worker)."""
         for message in messages:
             self._newest[message.topic] = message
             self._send(message.topic)
@@ -154,9 +152,7 @@ class SolutionOutputs:
         return frozenset(n for n, p in self._publishers.items() if p.get_subscription_count())
 
     def publish_solution(self, messages: Mapping[str, bytes]) -> None:
-        """Publish the requested messages of a new solution; request the rest for later
-        subscribers.
-        """
+        """Publish the messages of a new solution; later subscribers request theirs."""
         self._unsent = set(self._publishers)
         self.publish(messages)
         self._ask_for_unsent()

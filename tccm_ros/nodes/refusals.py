@@ -1,6 +1,4 @@
-"""Messages that cannot be used: counted, logged, and a problem of their input while they
-persist.
-"""
+"""Messages that cannot be used: counted, logged, and reported as a problem of their input."""
 
 from __future__ import annotations
 

@@ -111,8 +111,7 @@ class SensorNode(Node):
         follow_changes(self, self.config)
 
     def configure(self) -> None:
-        """Create everything except the subscriptions; subclasses add their processor and
-        interfaces.
+        """Create everything except the subscriptions; subclasses add their own parts.
 
         Raises
         ------
@@ -176,9 +175,7 @@ class SensorNode(Node):
 
     @abstractmethod
     def begin_save(self) -> Future:
-        """Start saving the map with all input received; return a future of a one-sentence
-        report.
-        """
+        """Start saving the map with all input received; return a future of a sentence."""
 
     @abstractmethod
     def autosave(self) -> None:
@@ -189,9 +186,7 @@ class SensorNode(Node):
 
     @abstractmethod
     def save_at_end(self, ending: Ending) -> None:
-        """Save the map with the input received last, as far as `ending` leaves time to process
-        it.
-        """
+        """Save the map with the input received last, as far as `ending` leaves time."""
 
     @property
     def dropped(self) -> Counter[str]:

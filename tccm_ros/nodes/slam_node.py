@@ -330,9 +330,7 @@ class SlamNode(SensorNode):
         return super().dropped + self.signs.dropped
 
     def problems(self) -> Iterable[str]:
-        """Return the missing inputs of the map and the problems of localisation, signs and
-        solver.
-        """
+        """Return problems of inputs, localisation, signs and solver."""
         scan, surfaces = map(self.resolve_topic_name, ("scan", "tccm/surfaces"))
         if self._is_external:
             if self.inputs.is_absent(surfaces):

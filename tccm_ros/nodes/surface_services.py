@@ -128,9 +128,7 @@ class SurfaceServices:
         self._offer("FindObjects", "~/find_objects", self._find_objects)
 
     def _offer(self, kind: str, name: str, answer: Callable[[Any, Any], str]) -> None:
-        """Create a service; the sentence or the error of `answer` becomes the response's
-        message.
-        """
+        """Create a service; the result or error of `answer` becomes its message."""
 
         def call(request: Any, response: Any) -> Any:
             try:

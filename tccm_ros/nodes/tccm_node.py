@@ -227,9 +227,7 @@ class TccmNode(SensorNode):
         return {role: self.processor.used[role] for role in self.roles}
 
     def problems(self) -> Iterable[str]:
-        """Return problems of the records, of the rig as seen from the floor, and of missing
-        interfaces.
-        """
+        """Return problems of the records, of the rig, and of missing interfaces."""
         missing = filter(None, [missing_interfaces()])
         return [*super().problems(), *self._rig_problems, *missing]
 

@@ -1,5 +1,4 @@
-"""Takes a view: waits until the base stands still, moves the tilt joint, reads the measured
-surfaces.
+"""Takes a view: waits for the base to stop, moves the tilt joint, reads the surfaces.
 
 A view consists of the measurements made while the tilt joint moves from one end of its range to the
 other, once for each pan angle. tccm_node builds the tilt cycles, and the surface map names the

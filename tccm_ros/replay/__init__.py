@@ -1,1 +1,1 @@
-"""Process recorded bags with the processors of the live nodes, and show the results."""
+"""Process recorded bags with the processors of the live nodes, and write the results."""

@@ -1,4 +1,4 @@
-"""`tccm info`: the topics of a bag, and the inputs that a replay of it would lack."""
+"""`tccm info`: the topics of a bag, and the inputs missing for a replay."""
 
 from __future__ import annotations
 
@@ -43,24 +43,24 @@ CONSEQUENCES = {
     "tf": "",
     "tf_static": "",
 }
-"""What follows where an input is missing, by role."""
+"""Consequence of a missing input, by role."""
 
 
 @dataclass(frozen=True, slots=True)
 class BagInfo:
-    """Topics of a bag, and the inputs of a replay that it lacks.
+    """Topics of a bag, and notes about a replay of it.
 
     Attributes
     ----------
     path
         The bag.
     duration
-        s.
+        Duration, s.
     topics
-        In the order of their names.
+        Topics, by name.
     notes
-        One line for each input of a replay that is missing or cannot be used, for each topic that a
-        replay takes by its type, and for what it cannot choose between.
+        One line for each input of a replay that is missing or unusable, for each topic assigned by
+        type, and for each ambiguous choice.
     """
 
     path: Path
@@ -69,12 +69,12 @@ class BagInfo:
     notes: list[str]
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return the information as plain data."""
         topics = [{"name": t.name, "type": t.msgtype, "count": t.count} for t in self.topics]
         return {"duration": self.duration, "topics": topics, "notes": self.notes}
 
     def text(self) -> str:
-        """Return a table for a terminal."""
+        """Return the information as a table for a terminal."""
         width = max((len(topic.name) for topic in self.topics), default=0)
         rows = [f"{t.name:<{width}}  {t.count:>8}  {t.msgtype}" for t in self.topics]
         return "\n".join([f"{self.path}: {self.duration:.1f} s", *rows, *self.notes])
@@ -83,9 +83,9 @@ class BagInfo:
 def bag_info(path: Path | str) -> BagInfo:
     """Read the topics of a bag.
 
-    Messages are read only where a topic has another name than usual, and only those of the first
-    seconds; of images and their calibrations the first. Of a level laser and odometry the first two
-    minutes are read: they tell when its beams were measured.
+    Messages are read only if a topic has an unusual name, and then only those of the first seconds;
+    of images and calibrations only the first. Level scans and odometry of the first two minutes are
+    read to estimate the times of the beams.
 
     Raises
     ------
@@ -99,25 +99,25 @@ def bag_info(path: Path | str) -> BagInfo:
 
 
 def _beam_notes(path: Path | str) -> list[str]:
-    """Return what to set where the beams of the level laser were measured at other times."""
+    """Return advice if the level laser's beams were measured at other times than stamped."""
     try:
         timing = read_beam_timing(path)
-    except TccmError:  # told already, or by the replay
+    except TccmError:  # reported elsewhere, or by the replay
         return []
     return [timing.text()] if timing is not None and timing.is_significant else []
 
 
 def _level_notes(path: Path | str, source: Literal["points", "depth"]) -> list[str]:
-    """Return how level scans are made, where they say how the robot moves."""
+    """Return advice to make level scans of points or depths, if these reveal the robot's motion."""
     try:
         helps = level_scans_help(path, source)
-    except TccmError:  # told already, or by the replay
+    except TccmError:  # reported elsewhere, or by the replay
         helps = False
     return [f"--set sensors.level_from={source} makes level scans for walls"] if helps else []
 
 
 def _notes(reader: BagReader) -> list[str]:
-    """Return a line for each missing input and each topic taken, and the remappings to try."""
+    """Return a line for each missing input and each assigned topic, and a suggested command."""
     config = Config()
     choice = choose_topics(reader, config, may_doubt=True)
     counts = choice.counts
@@ -159,7 +159,7 @@ def _notes(reader: BagReader) -> list[str]:
 
 
 def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
-    """Return a line for each sensor: its frame, and the base or why it has no place there."""
+    """Return a line for each sensor: its frame, and its base or the reason for having none."""
     notes, robot = [], Robot(Config(), choice.streams)
     described = robot_is_described(reader, choice.topics, robot)
     for stream in choice.streams:
@@ -184,7 +184,7 @@ def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
 
 
 def _faults_of_description(reader: BagReader, topic: str) -> list[str]:
-    """Return what is wrong with the robot description, or why it cannot be read."""
+    """Return the faults of the robot description, or the reason why it cannot be read."""
     message = first_message(reader, topic, "std_msgs/msg/String")
     if message is None:
         return []
@@ -196,7 +196,7 @@ def _faults_of_description(reader: BagReader, topic: str) -> list[str]:
 
 
 def _faults_of_cameras(reader: BagReader) -> list[str]:
-    """Return why depth images could not be used: calibration or size."""
+    """Return the reasons why depth images cannot be used: calibration or size."""
     notes = []
     for image in depth_topics(reader):
         info = calibration_topic(reader, image)

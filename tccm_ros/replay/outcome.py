@@ -21,28 +21,28 @@ class Outcome:
     Attributes
     ----------
     config
-        Of the replay.
+        Configuration of the replay.
     cycles
         The tilt cycles of this bag, without their points.
     history
-        Coarsened part map of every tilt cycle, for the report.
+        Coarsened part maps of all tilt cycles, for the report.
     tccm, slam
-        The processors at the end: the integration map and counts.
+        The processors at the end, with the integration map and counts.
     solution
         Trajectory, walls and surfaces.
     messages
-        Messages read, by topic.
+        Number of messages read, by topic.
     dropped
-        Records that were not used, by reason; messages that could not be read, by topic and the
-        problem of the first.
+        Number of records not used by reason, and of messages not read by topic and the first
+        problem.
     bag_duration
-        s.
+        Duration of the bag, s.
     continues_map
         Whether it is a new session of a saved map.
     changes
-        What has changed, and the stamp of the view that told it, ns; empty unless asked for.
+        Changes, with the stamps of the views that revealed them, ns; empty unless requested.
     found_topics
-        One line for each topic that was taken by its type, and for a laser that is the base.
+        One line for each topic assigned by its type, and for a laser that is the base.
     """
 
     config: Config
@@ -59,7 +59,7 @@ class Outcome:
     changes: tuple[tuple[int, Change], ...] = ()
 
     def why_empty(self) -> list[str]:
-        """Return a line for surfaces and one for walls, each where there are none."""
+        """Return the reasons why there are no surfaces or no walls, one line each."""
         found = [surface.label for surface in self.solution.surfaces]
         lines = []
         if all(label == "floor" for label in found):

@@ -1,4 +1,4 @@
-"""Door signs of picture files, as `tccm signs` prints them."""
+"""Detection of door signs in picture files, for `tccm signs`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from tccm_ros.signs.measurement import DetectedSign, RefusedText
 
 
 def read_picture(path: Path) -> UInt8:
-    """Return the pixels of a picture, uint8 (H, W, 3), as it is looked at: turned as its EXIF says.
+    """Return the pixels of a picture, uint8 (H, W, 3), rotated according to its EXIF data.
 
     Raises
     ------
     PictureError
-        For a file that is missing or no picture.
+        If the file is missing or not a picture.
     """
     try:
         with Image.open(path) as picture:
@@ -38,19 +38,19 @@ def read_picture(path: Path) -> UInt8:
 def signs_of_pictures(
     paths: Iterable[Path], settings: Signs | None = None
 ) -> Iterator[dict[str, Any]]:
-    """Return for each picture its file and its door signs, as a line of JSON has them.
+    """Yield the file and the door signs of each picture, as JSON objects.
 
     Parameters
     ----------
     paths
-        Of the pictures.
+        Picture files.
     settings
-        Which detector, and its settings; None for the default.
+        Settings of the detector; None for the defaults.
 
     Raises
     ------
     MissingExtraError
-        When what reads text is not installed.
+        If the text recognition is not installed.
     PictureError
         At the first file that cannot be read.
     """

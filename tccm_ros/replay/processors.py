@@ -1,4 +1,4 @@
-"""The intake of sensors and the two processors, connected as the live nodes are."""
+"""The intake of sensor records and the two processors, connected as in the live nodes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tccm_ros.surfaces.session_changes import SessionChanges
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 OnCycle = Callable[[CycleResult, Cuboids], object]
-"""Called with each complete tilt cycle, and the integration map after it."""
+"""Called with each complete tilt cycle and the integration map after it."""
 
 OnEvent = Callable[[Event], object]
 """Called with each event of the intake, in order."""
@@ -39,32 +39,32 @@ class Pipeline:
     config
         The configuration.
     streams
-        Of the sensors; those of the configuration by default.
+        Streams of the sensors; those of the configuration by default.
     expects_odometry
         Whether there is an odometry topic (`Robot`).
     saved
         A saved map to continue.
     events
-        Whether the map is solved after each view for what has changed.
+        Whether to solve the map after each view to find changes.
     on_cycle
-        Called with each complete tilt cycle, and the integration map after it.
+        Called with each complete tilt cycle and the integration map after it.
     on_event
-        Called with each event of the intake, in order; None where nobody listens.
+        Called with each event of the intake, in order; None if not needed.
     clock
-        Adds up the time of each stage.
+        Measures the time of each stage.
 
     Attributes
     ----------
     robot, tccm, signs, slam
         The intake and the processors.
     cycles
-        The tilt cycles, without their points.
+        Tilt cycles, without their points.
     history
-        Coarsened part map of every tilt cycle, for the report.
+        Coarsened part maps of all tilt cycles, for the report.
     changes
-        What has changed, and the stamp of the view that told it, ns; empty unless asked for.
+        Changes, with the stamps of the views that revealed them, ns; empty unless requested.
     stages
-        Runs what hangs on the map, and counts what failed.
+        Runs optional stages after the map, and counts failures.
     """
 
     def __init__(
@@ -99,12 +99,12 @@ class Pipeline:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Records that were not used, by reason; those that are no sensor's, by their role too."""
+        """Counts of records not used, by reason; for records of no sensor also by role."""
         dropped = self.robot.dropped + self.robot.refused
         return dropped + self.tccm.dropped + self.signs.dropped
 
     def add(self, role: str, record: Any) -> list[CycleResult]:
-        """Process one record; return the tilt cycles that are complete now."""
+        """Process one record and return the tilt cycles that it completes."""
         with self.clock.stage("pose"):
             events = self.robot.add(role, record)
         if role in self._mapped:
@@ -112,9 +112,9 @@ class Pipeline:
         return self._process(events) if events else []
 
     def finish(self) -> list[CycleResult]:
-        """Process the end of the input; return the last tilt cycles."""
+        """Process the end of the input and return the last tilt cycles."""
         results = self._process(self.robot.flush())
-        if self._level.is_on:  # of the last records level scans were made
+        if self._level.is_on:  # the last records have given level scans
             results += self._process(self.robot.flush())
         with self.clock.stage("tccm"):
             last = self.tccm.finish(self._store_map)
@@ -127,11 +127,11 @@ class Pipeline:
             return self.slam.solve(stages=self.stages)
 
     def _store_map(self, _: CyclePlanes) -> None:
-        """Store the integration map after a tilt cycle: several may be complete at once."""
+        """Store the integration map after a tilt cycle; one event may complete several cycles."""
         self._maps.append(self.tccm.map.cuboids())
 
     def _process(self, events: Sequence[Event]) -> list[CycleResult]:
-        """Process events with both processors, and the surface messages of one with the other."""
+        """Process events with both processors, and pass surface messages from one to the other."""
         results: list[CycleResult] = []
         if self._on_event is not None:
             with self.clock.stage("watch"):
@@ -151,7 +151,7 @@ class Pipeline:
         return results + self._add_level_scans(events) if self._level.is_on else results
 
     def _add_level_scans(self, events: Iterable[Event]) -> list[CycleResult]:
-        """Process the level scans that are made of events; they come back as posed scans."""
+        """Add the level scans made of events; they return as posed scans."""
         results: list[CycleResult] = []
         with self.clock.stage("tccm"):
             scans = [scan for scan in map(self._level.project, events) if scan is not None]
@@ -180,7 +180,7 @@ class Pipeline:
 
 
 def _without_points(cycle: CycleResult) -> CycleResult:
-    """Return a tilt cycle with its planes and objects alone: points and cuboids are large."""
+    """Return a tilt cycle with only its planes and objects; points and cuboids are large."""
     return replace(
         cycle,
         part=cycle.part.without_points().without_cuboids(),

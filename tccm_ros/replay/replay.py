@@ -1,4 +1,4 @@
-"""`tccm replay`: process a bag and write its result folder, completely or not at all."""
+"""`tccm replay`: process a bag and write its result folder atomically."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
 PROCESSING = ("read", "pose", "tccm", "signs", "slam", "events", "history", "solve")
-"""Stages that the real-time factor counts: reading and processing, without imports and pictures."""
+"""Stages in the real-time factor: reading and processing, without imports and pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +56,17 @@ class Summary:
     Attributes
     ----------
     out
-        Folder of the results.
+        Output folder.
     content
-        Of summary.json.
+        Content of summary.json.
     seconds
         Time of each stage, s.
     real_time_factor
-        Seconds of the bag in a second of processing.
+        Seconds of the bag per second of processing.
     found_topics
-        One line for each topic that was taken by its type, and for a laser that is the base.
+        One line for each topic assigned by its type, and for a laser that is the base.
     why_empty
-        A line for surfaces and one for walls, each where there are none.
+        Reasons why there are no surfaces or no walls, one line each.
     """
 
     out: Path
@@ -77,7 +77,7 @@ class Summary:
     why_empty: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return the summary as plain data."""
         return {
             "out": str(self.out),
             **asdict(self.content),
@@ -86,7 +86,7 @@ class Summary:
         }
 
     def text(self) -> str:
-        """Return a few lines for a terminal."""
+        """Return the summary as lines for a terminal."""
         counts, session = self.content.counts, self.content.session
         lines = [
             *self.found_topics,
@@ -113,13 +113,13 @@ class Summary:
 
 
 class Watcher(Protocol):
-    """Follows a replay, for example to record it for a viewer."""
+    """Observes a replay, for example to record it for a viewer."""
 
     def add(self, event: Event) -> None:
-        """Take an event of the intake; they come in order."""
+        """Receive an event of the intake; they arrive in order."""
 
     def finish(self, outcome: Outcome, parts: CycleParts) -> None:
-        """Take the results, and the coarse part map of each tilt cycle."""
+        """Receive the results and the coarsened part maps."""
 
 
 def _factor_text(factor: float) -> str:
@@ -146,29 +146,29 @@ def replay(
     bag
         A rosbag2 folder, an .mcap or a .db3 file; or several, read as one recording.
     out
-        Folder of the results; created if needed, older result files are replaced.
+        Output folder, created if needed; older result files are replaced.
     config
         The configuration.
     saved_map
         A map to continue: the map.mcap of an earlier replay or of a live node.
     remap
-        ``scan:=/base_scan`` for topics with other names.
+        Remappings of topics such as ``scan:=/base_scan``.
     pictures
-        Whether map.png, map3d.png and report.html are written.
+        Whether to write map.png, map3d.png and report.html.
     events
-        Whether the map is solved after each view, as a live node does, for the events in
-        result.mcap. That takes as long as all the rest.
+        Whether to solve the map after each view, as a live node does, for the events in
+        result.mcap. This doubles the time.
     watcher
-        Follows the replay. Where it fails, that is counted, and the results are complete.
+        Observes the replay. Its failure is counted, and the results are complete.
     bars
-        Shows the progress.
+        Progress bars.
     clock
-        Adds up the time of each stage.
+        Measures the time of each stage.
 
     Raises
     ------
     TccmError
-        Of any family; `out` is left as it was.
+        Of any subclass; `out` is then unchanged.
     """
     bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
@@ -216,8 +216,8 @@ def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
 
 
 def _write_pictures(folder: Path, clock: Stopwatch) -> tuple[Results, Pictures]:
-    """Draw the pictures; return them, and the results that they show."""
-    # Imported here: matplotlib takes half a second, and a replay without pictures needs none of it.
+    """Draw the pictures and return them with the loaded results."""
+    # Imported here, since matplotlib takes half a second, which a replay without pictures saves.
     from tccm_ros.report.pictures import write_pictures
     from tccm_ros.results.folder_reader import load_results
 
@@ -240,7 +240,7 @@ def _write_summary(folder: Path, outcome: Outcome) -> SummaryFile:
 
 
 def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore, parts: CycleParts) -> None:
-    """Write the files of the map, then what hangs on it."""
+    """Write the files of the map, then the optional ones."""
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     stages = solution.stages
     write_results(folder, solution, cycles, outcome.tccm.map.cuboids(), config)
@@ -265,9 +265,9 @@ def _T_map_odom(outcome: Outcome) -> Float64:
 
 
 def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
-    """Copy the stamps of an imported log, with which `tccm evaluate` matches references.
+    """Copy the stamps of an imported log, which `tccm evaluate` needs to match references.
 
-    The stamps belong to the scans of one log: those of several logs are not copied.
+    The stamps belong to the scans of a single log, so those of several logs are not copied.
     """
     stamps = bags[0] / "stamps.csv"
     if len(bags) == 1 and stamps.is_file():
@@ -306,7 +306,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
 
 
 def software_versions() -> dict[str, str]:
-    """Return the versions of the package, of Python and of the libraries that compute results."""
+    """Return the versions of the package, Python and the libraries that compute results."""
     found = {"tccm_ros": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
@@ -331,9 +331,9 @@ def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> P
     target
         A result folder, a saved map or a bag.
     config
-        For a map or a bag.
+        Configuration for a map or a bag.
     bars
-        Shows the progress.
+        Progress bars.
 
     Raises
     ------

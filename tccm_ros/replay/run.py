@@ -1,4 +1,4 @@
-"""Process a bag with the pipeline: topics, records, and checks that its lasers were used."""
+"""Process a bag with the pipeline: topics, records, and checks that its lasers are used."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.warm_up.compilation import compile_kernels
 
 PROGRESS_STEP_NS = 100_000_000
-"""Time of the bag between two updates of the progress bar, ns; chosen."""
+"""Bag time between updates of the progress bar, ns. Chosen."""
 
 
 def run_bag(
@@ -48,24 +48,24 @@ def run_bag(
     config
         The configuration.
     remap
-        ``scan:=/base_scan`` for topics with other names.
+        Remappings of topics such as ``scan:=/base_scan``.
     saved
         A saved map to continue.
     events
-        Whether the map is solved after each view for what has changed.
+        Whether to solve the map after each view to find changes.
     on_cycle
-        Called with each complete tilt cycle, and the integration map after it.
+        Called with each complete tilt cycle and the integration map after it.
     on_event
-        Called with each event of the intake, in order; None where nobody listens.
+        Called with each event of the intake, in order; None if not needed.
     bars
-        Shows the progress.
+        Progress bars.
     clock
-        Adds up the time of each stage.
+        Measures the time of each stage.
 
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
-        If the bag cannot be read, or none of its scans could be used.
+        If the bag cannot be read, or none of its scans can be used.
     MapError
         If the bag could not be localised in the saved map.
     """
@@ -125,12 +125,12 @@ def run_bag(
 
 
 def _processors(choice: TopicChoice) -> set[str]:
-    """Return the processors that a recording needs: SLAM gives each its trajectory."""
+    """Return the processors that a recording needs; SLAM always, for the trajectory."""
     return {"slam"} | {s.processor for s in choice.streams if choice.counts[s.role]}
 
 
 def _check_there(reader: BagReader, choice: TopicChoice) -> None:
-    """Raise TopicError without any sensor, or without a topic that was named."""
+    """Raise TopicError if there is no sensor, or if a topic set by the user is missing."""
     names = {info.name for info in reader.topics()}
     absent = [role for role in sorted(choice.named) if not choice.counts[role]]
     measured = [stream.role for stream in choice.streams if not stream.is_occasional]
@@ -144,7 +144,7 @@ def _check_there(reader: BagReader, choice: TopicChoice) -> None:
 def _feed(
     pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
 ) -> Counter[str]:
-    """Add all records to the pipeline; return the numbers of messages by topic."""
+    """Add all records to the pipeline and return the number of messages by topic."""
     messages: Counter[str] = Counter()
     last_ns = reader.start_ns
     records = reader.records(topics)
@@ -163,7 +163,7 @@ def _feed(
 
 
 def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:
-    """Raise an error with the reason where nothing that a kind of sensor recorded could be used."""
+    """Raise an error with the reason if no record of a kind of sensor could be used."""
     mapped = [s for s in choice.streams if s.processor == "tccm"]
     level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
     for streams, used in (
@@ -198,7 +198,7 @@ def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[
 
 
 def _missing_extra(pipeline: Pipeline) -> Iterator[str]:
-    """Yield what is missing to read the door signs of pictures that there are."""
+    """Yield the missing requirement for reading door signs, if there are pictures."""
     if pipeline.signs.problem:
         yield f"door signs are not read: {pipeline.signs.problem}"
 

@@ -1,1 +1,1 @@
-"""Pictures and the report of a run."""
+"""Pictures and the HTML report of a run."""

@@ -1,7 +1,7 @@
-"""Find the planar pose of one map in another from the surfaces and walls that both have.
+"""Find the planar pose of one map in another from their common surfaces and walls.
 
-Every recording has its own map frame, the first pose of its base. Pairs of surfaces with the same
-heights and distance in both maps propose a planar transform. The transform with the most matching
+The map frame of a recording is the first pose of its base. Each pair of surfaces with the same
+heights and distance in both maps gives a candidate transform. The candidate with the most matching
 surfaces and walls is chosen, and refined by least squares over the matches.
 """
 
@@ -94,7 +94,7 @@ def find_alignment(before: Results, after: Results) -> Float64 | None:
     Returns
     -------
     float64 (3,) or None
-        (x, y, yaw), m and rad; None where too few surfaces and walls match.
+        (x, y, yaw), m and rad; None if too few surfaces and walls match.
     """
     a, b = _features(before), _features(after)
     best, best_score = None, 0.0
@@ -124,7 +124,7 @@ def _features(results: Results) -> MapFeatures:
 
 
 def _proposals(a: MapFeatures, b: MapFeatures) -> Iterator[Float64]:
-    """Yield the transforms that move two surfaces of the second map onto two of the first."""
+    """Yield transforms that move two surfaces of the second map onto two of the first."""
     same_height = np.abs(a.middles[:, None, 2] - b.middles[None, :, 2]) <= MAX_HEIGHT_DIFFERENCE_M
     ratio = np.maximum(a.areas[:, None], 1e-6) / np.maximum(b.areas[None], 1e-6)
     similar = np.argwhere(same_height & (ratio <= MAX_AREA_RATIO) & (ratio >= 1.0 / MAX_AREA_RATIO))
@@ -163,7 +163,7 @@ def _matches(a: MapFeatures, b: MapFeatures, guess: Float64) -> tuple[Float64, F
 
 
 def _wall_costs(a: MapFeatures, b: MapFeatures, guess: Float64) -> Float64:
-    """Return the distances across walls (N, M), m; `NO_MATCH_COST` where not parallel or far."""
+    """Return the distances across walls (N, M), m; `NO_MATCH_COST` if not parallel or far."""
     angle = _line_angle(a.directions[:, None] - (b.directions + guess[2])[None])
     across = np.stack([-np.sin(a.directions), np.cos(a.directions)], axis=1)
     between = transform2(guess, b.wall_middles)[None] - a.wall_middles[:, None]
@@ -209,20 +209,20 @@ def _refine(a: MapFeatures, b: MapFeatures, guess: Float64) -> Float64:
     return np.array([*shift, float(wrap_angle(yaw))])
 
 
-# --- a map in another frame ---------------------------------------------------------------------
+# --- transformation of a map ---------------------------------------------------------------------
 
 
 def moved_results(results: Results, pose: Float64) -> Results:
-    """Return a map with surfaces, walls and trajectory in another frame.
+    """Return a map with surfaces, walls and trajectory transformed into another frame.
 
-    Cuboids, cycles and planes, which a comparison does not use, are not transformed.
+    Cuboids, cycles and planes are not transformed, as a comparison does not use them.
 
     Parameters
     ----------
     results
         The map.
     pose
-        float64 (3,), planar pose (x, y, yaw) of its frame in the other, m and rad.
+        float64 (3,), planar pose (x, y, yaw) of its frame in the other frame, m and rad.
     """
     T = spatial(pose)
     trajectory = results.trajectory
@@ -262,5 +262,5 @@ def _moved_wall(wall: WallEntry, pose: Float64) -> WallEntry:
 
 
 def pose_text(pose: Sequence[float]) -> str:
-    """Return a planar pose in words."""
+    """Return a planar pose as text."""
     return f"{pose[0]:.2f} m, {pose[1]:.2f} m, {np.degrees(pose[2]):.1f} deg"

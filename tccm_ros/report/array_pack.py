@@ -1,4 +1,4 @@
-"""Pack arrays into an HTML page: one block of bytes, compressed, as base64 text."""
+"""Pack arrays into an HTML page as one compressed, base64-encoded block."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 Reference = tuple[str, int, int]
-"""Type (f4, f8, i2, u2), byte offset and count: how the page finds an array."""
+"""Type (f4, f8, i2, u2), byte offset and count of an array, for the page's script."""
 
 TYPES = {"f4": np.float32, "f8": np.float64, "i2": np.int16, "u2": np.uint16}
 ALIGNMENT = 8
-"""Bytes: typed arrays of a page begin at multiples of their element size."""
+"""Alignment, bytes: typed arrays must begin at multiples of their element size."""
 
 ZIP_LEVEL = 9
-"""Deflate level. Chosen: the smallest page."""
+"""Deflate level. Chosen: it gives the smallest page."""
 
 
 class ArrayPack:
-    """Collects flat arrays; `text` is what goes into the page."""
+    """Collects flat arrays; `text` returns them for the page."""
 
     def __init__(self) -> None:
         self._chunks: list[bytes] = []
         self._size = 0
 
     def add(self, values: NDArray[Any], kind: str) -> Reference:
-        """Append an array, flattened, as little-endian numbers of one kind; see `Reference`.
+        """Append a flattened array as little-endian numbers of a type; return its `Reference`.
 
-        Whole numbers must fit; they wrap otherwise.
+        Integers wrap if they do not fit.
         """
         data = np.ascontiguousarray(np.asarray(values).astype(TYPES[kind])).ravel()
         content = data.astype(data.dtype.newbyteorder("<")).tobytes()
@@ -41,14 +41,14 @@ class ArrayPack:
         return reference
 
     def text(self) -> str:
-        """Return everything, deflated (RFC 1950) and in base64."""
+        """Return all arrays, deflated (RFC 1950) and base64-encoded."""
         return base64.b64encode(zlib.compress(b"".join(self._chunks), ZIP_LEVEL)).decode("ascii")
 
 
 def differences(column: NDArray[Any]) -> NDArray[np.int16]:
-    """Return int16 steps from row to row, modulo 2^16, from whole numbers (N,).
+    """Return the steps between successive integers (N,), int16, modulo 2^16.
 
-    Sorted cells differ little from row to row, and small numbers compress to a fraction.
+    Sorted cells have small steps, which compress well.
     """
     values = np.asarray(column).astype(np.int64)
     return np.diff(values, prepend=0).astype(np.int16)

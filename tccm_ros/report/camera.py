@@ -27,7 +27,7 @@ class Camera:
     def project(self, points: Float64) -> Float64:
         """Project points (..., 3) in map, m, in front of the camera, to the picture (..., 2).
 
-        The picture's unit is the distance to its plane: x right, y up, 0 in the middle.
+        Unit: the distance of the picture plane. x right, y up, origin at the centre.
         """
         seen = (points - self.eye) @ self.R_camera_map.T
         return seen[..., :2] / np.maximum(-seen[..., 2:], 1e-6)
@@ -47,7 +47,7 @@ def look_at(target: Float64, azimuth: float, elevation: float, distance: float) 
     azimuth, elevation
         Direction from the target to the camera, rad: azimuth from x towards y, elevation up.
     distance
-        From the target, m.
+        Distance from the target, m.
     """
     back = np.array(
         [

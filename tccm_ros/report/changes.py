@@ -24,9 +24,9 @@ class Kind(StrEnum):
     SAME = "same"
     MOVED = "moved"
     CAME = "came"
-    """Only in the second."""
+    """Only in the second map."""
     WENT = "went"
-    """Only in the first."""
+    """Only in the first map."""
 
 
 MIN_OVERLAP = 0.3
@@ -55,14 +55,14 @@ Item = TypeVar("Item", SurfaceEntry, WallEntry)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change(Generic[Item]):
-    """One surface or wall in two maps; None where a map does not have it.
+    """A surface or wall in two maps; None in a map that does not have it.
 
     Attributes
     ----------
     kind
         Same, moved, came or went.
     before, after
-        As in the first and the second map.
+        Item in the first and in the second map.
     """
 
     kind: Kind
@@ -71,9 +71,9 @@ class Change(Generic[Item]):
 
 
 def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry]]:
-    """Match the surfaces of two maps in one frame; heights count from each map's floor.
+    """Match the surfaces of two maps in one frame, with heights above each map's own floor.
 
-    Surfaces with overlapping outlines are matched first, then the others with the same shape and
+    Surfaces with overlapping outlines are matched first, then the remaining ones of equal shape and
     label by their shift.
     """
     old = [(s, _outline(s), s.height - before.ground) for s in before.above_floor]
@@ -111,7 +111,7 @@ def _unmatched(before: Iterable[Item], after: Iterable[Item]) -> Iterator[Change
 
 
 def _best_pairs(candidates: Iterable[tuple[float, int, int]]) -> dict[int, int]:
-    """Match greedily, the lowest cost first; return first index -> second index."""
+    """Match greedily, lowest cost first; return first index -> second index."""
     pairs: dict[int, int] = {}
     for _, i, j in sorted(candidates):
         if i not in pairs and j not in pairs.values():
@@ -145,7 +145,7 @@ def _shape_iou(a: shapely.Geometry, b: shapely.Geometry) -> float:
 
 
 def _kind(a: shapely.Geometry, b: shapely.Geometry) -> Kind:
-    """Return whether a matched surface moved: small shifts come from the parts that were seen."""
+    """Return whether a matched surface moved; partial views also cause small shifts."""
     moved = _shift(a, b) > MIN_MOVE_M and _shape_iou(a, b) >= MIN_SHAPE_IOU
     return Kind.MOVED if moved else Kind.SAME
 
@@ -166,7 +166,7 @@ def wall_changes(old: Sequence[WallEntry], new: Sequence[WallEntry]) -> list[Cha
 
 
 def _wall_distance(a: WallEntry, b: WallEntry) -> float:
-    """Return the distance of the middle of one from the line of the other, the larger one, m."""
+    """Return the larger distance of one wall's middle from the line of the other, m."""
     return max(
         abs(float(_normal(wall) @ other.endpoints.mean(axis=0)) - wall.rho)
         for wall, other in ((a, b), (b, a))

@@ -1,7 +1,7 @@
 """Compare two maps of the same rooms: surfaces that came, went or moved, walls and paths.
 
-Two replays of a bag, or a map and its continuation, have one frame. Other recordings have frames of
-their own: there the second map is laid over the first by the surfaces and walls that both have.
+Two replays of a bag, or a map and its continuation, have the same map frame. Other recordings have
+their own frames, and the second map is aligned to the first by their common surfaces and walls.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
 
 MAX_STAMP_DIFFERENCE_S = 0.05
-"""Poses of two trajectories this near in time are compared, s; chosen: a scan of 20 Hz."""
+"""Maximum time between compared poses of two trajectories, s. Chosen: a scan at 20 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,9 @@ class PathDifference:
     length_before, length_after
         Path lengths, m.
     poses
-        Number of poses at stamps of both trajectories.
+        Number of compared poses.
     rms, largest
-        Of the distances, m; None where there are no such poses.
+        RMS and maximum distance, m; None if no poses are compared.
     """
 
     length_before: float
@@ -56,8 +56,8 @@ class Comparison:
     surfaces, walls, path
         Their differences.
     laid_over
-        Planar pose (x, y, yaw) of the second map's frame in the first's, m and rad, where it was
-        found by `find_alignment`; None where both have one frame.
+        Planar pose (x, y, yaw) of the second map's frame in the first's, m and rad, found by
+        `find_alignment`; None if both have the same frame.
     """
 
     before: Results
@@ -68,7 +68,7 @@ class Comparison:
     laid_over: tuple[float, float, float] | None = None
 
     def counts(self, changes: Sequence[Change[Item]]) -> str:
-        """Return how many of each kind there are, in words."""
+        """Return the number of changes of each kind, as text."""
         counts = Counter(change.kind for change in changes)
         return ", ".join(f"{counts[kind]} {kind}" for kind in Kind)
 
@@ -91,7 +91,7 @@ class Comparison:
             )
 
     def text(self) -> str:
-        """Return everything as lines for a terminal."""
+        """Return the comparison as lines for a terminal."""
         head = ("", "label", "id", "height, m", "area, m2", "shift, m")
         rows = [head, *self.surface_rows()]
         widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
@@ -104,7 +104,7 @@ class Comparison:
         return "\n".join(lines)
 
     def path_text(self) -> str:
-        """Return the paths' lengths and difference in words."""
+        """Return the lengths and the difference of the paths, as text."""
         path = self.path
         text = f"{path.length_before:.2f} m and {path.length_after:.2f} m"
         if path.rms is None:
@@ -114,25 +114,25 @@ class Comparison:
 
 
 def _old_and_new(shown: Sequence[str]) -> str:
-    """Return the value of one or two maps, ``old -> new`` where they differ."""
+    """Return the value of one or two maps, ``old -> new`` if they differ."""
     return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
 
 
 def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = False) -> Comparison:
-    """Compare two result folders, the first with the older map.
+    """Compare two result folders; the first has the older map.
 
     Parameters
     ----------
     folder_a, folder_b
-        What ``tccm replay --out`` wrote.
+        Output folders of ``tccm replay --out``.
     lay_over
-        Whether the second map has another frame and is moved into the first's.
+        Whether the second map has another frame and must be aligned to the first.
 
     Raises
     ------
     MapError
-        If a folder or one of its files is missing or damaged, or if too few surfaces and walls are
-        in both maps.
+        If a folder or one of its files is missing or damaged, or if the maps have too few common
+        surfaces and walls.
     """
     before, after = load_results(folder_a), load_results(folder_b)
     if not lay_over:

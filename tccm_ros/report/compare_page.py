@@ -69,7 +69,7 @@ def write_comparison(comparison: Comparison, folder: Path | str) -> tuple[Path, 
 
 
 def comparison_png(comparison: Comparison) -> bytes:
-    """Draw both maps with the same limits as a PNG file, the same bytes for the same maps."""
+    """Draw both maps with the same limits as a PNG file, byte-identical for the same maps."""
     corners = [extent(comparison.before), extent(comparison.after)]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
     scale = WIDTH_IN / 2.0 / (high[0] - low[0])

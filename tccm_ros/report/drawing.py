@@ -1,4 +1,4 @@
-"""Draw with matplotlib: canvases, polygons, labels and PNG files, repeatable byte for byte."""
+"""Draw with matplotlib: canvases, polygons, labels and PNG files, byte-identical between runs."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from tccm_ros.arrays import Float64
 from tccm_ros.report.label_layout import LabelRequest, place_labels
 
 DPI = 200
-"""Twice the width that a README shows, for sharp text."""
+"""Resolution, twice the displayed width in a README, for sharp text."""
 
 FONT_PT = 9.0
 """Font size, points; 12 pixels at README size."""
 
 OBSTACLE_STEP_PX = 6.0
-"""Distance between the points that represent a line that labels avoid, pixels; chosen."""
+"""Spacing of the points that represent a line as an obstacle for labels, pixels; chosen."""
 
 
 @contextmanager
 def canvas(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
-    """Return an empty figure of width x height inches with one frameless axes over all of it.
+    """Yield an empty figure of width x height inches with one frameless axes over all of it.
 
-    The user's own matplotlib settings have no effect; the font is the one that matplotlib installs.
+    The user's matplotlib settings have no effect; the font is the one installed with matplotlib.
     """
     settings: dict[Any, Any] = {"font.family": ["DejaVu Sans"], "font.size": FONT_PT}
     with matplotlib.style.context("default"), matplotlib.rc_context(settings):
@@ -52,7 +52,7 @@ def show_extent(axes: Axes, low: Float64, high: Float64) -> None:
     Parameters
     ----------
     axes
-        With its final size.
+        Axes with their final size.
     low, high
         float64 (2,), corners of the rectangle, data units.
     """
@@ -68,7 +68,7 @@ def png(figure: Figure) -> bytes:
     drawn = FigureCanvasAgg(figure)
     drawn.draw()
     pixels = np.ascontiguousarray(np.asarray(drawn.buffer_rgba())[..., :3])
-    # Flat colours and their edges: a palette looks the same and takes a quarter of the bytes.
+    # Flat colours and their edges: a palette looks the same and takes a quarter of the size.
     image = Image.fromarray(pixels).quantize(
         256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
     )
@@ -89,7 +89,7 @@ def polygon(rings: Sequence[Float64], **style: Any) -> PathPatch:
 
 
 def _oriented(ring: Float64, *, ccw: bool) -> Float64:
-    """Return the ring counter-clockwise or clockwise: a ring of the other direction is a hole."""
+    """Return the ring counter-clockwise or clockwise; a hole has the opposite direction."""
     x, y = ring[:, 0], ring[:, 1]
     area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
     return ring if (area > 0.0) == ccw else ring[::-1]
@@ -117,18 +117,18 @@ def draw_labels(
     size: float = FONT_PT,
     zorder: float = 20.0,
 ) -> None:
-    """Write labels near their anchors without overlaps, with leader lines where they moved.
+    """Draw labels near their anchors without overlaps, with leader lines for moved labels.
 
     Parameters
     ----------
     axes
-        With its final limits set.
+        Axes with their final limits.
     texts, anchors, colors
         One each per label, the most important first; anchors float64 (N, 2) in data units.
     obstacles
         float64 (M, 2), pixels; see `place_labels`.
     size, zorder
-        Points, and drawing order.
+        Font size in points, and drawing order.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None

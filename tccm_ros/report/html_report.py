@@ -28,11 +28,11 @@ from tccm_ros.report.tables import (
 from tccm_ros.results.folder_reader import Results, load_results
 
 SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main", "start")
-"""Parts of the page's script, each after those that it uses."""
+"""Modules of the page's script, in order of dependency."""
 
 TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"
 TIMING_END = "<!-- end of timing -->"
-"""Two reports of the same input may differ between these marks, and nowhere else."""
+"""Marks around the only section in which reports of the same input may differ."""
 
 LAYERS = {
     "surfaces": ("surfaces", True),
@@ -50,7 +50,7 @@ LAYERS = {
     "cores": ("center cores", False),
     "floor": ("floor", True),
 }
-"""Layer -> its name on the page, and whether it is visible at first."""
+"""Name on the page and initial visibility, by layer."""
 
 
 def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
@@ -59,9 +59,9 @@ def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
     Parameters
     ----------
     folder
-        What ``tccm replay --out`` wrote.
+        Output folder of ``tccm replay --out``.
     truth
-        A truth.json whose outlines are drawn dashed; the folder's own, if any, when None.
+        A truth.json whose outlines are drawn dashed; None for the folder's own, if any.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path
     results
         The map.
     pictures
-        Of the same results.
+        Pictures of the same results.
     folder
-        Where the page goes; created if needed.
+        Output folder, created if needed.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path
 
 
 def report_html(results: Results, pictures: Pictures) -> str:
-    """Return the whole page; the same results give the same text."""
+    """Return the page; the same results give the same text."""
     scene, pack = build_scene(results)
     return Template(_asset("page.html")).substitute(
         style=_asset("page.css"),

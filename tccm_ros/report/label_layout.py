@@ -1,10 +1,10 @@
-"""Place the labels of a picture so that none covers another.
+"""Place the labels of a picture without overlaps.
 
-adjustText 1.4 was slower and worse on map.png and map3d.png of bags/flat. It stops after 1 s of
-clock time by default, so that two runs drew different pictures. With 200 iterations instead and the
-same obstacle points, it took minutes for map.png, where `place_labels` takes 0.5 s (27 labels,
-3,057 points), and the labels of shelves one above the other still covered each other: it does not
-separate labels with the same anchor.
+adjustText 1.4 was slower and worse on map.png and map3d.png of bags/flat. By default it stops after
+1 s of clock time, so that two runs drew different pictures. With 200 iterations instead and the
+same obstacle points, it took minutes for map.png, compared with 0.5 s by `place_labels` (27 labels,
+3,057 points), and the labels of stacked shelves still overlapped, because it does not separate
+labels with the same anchor.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ POLE_TOLERANCE_M = 0.01
 """Tolerance of the innermost point of an outline, m; chosen."""
 
 MIN_CENTROID_ROOM = 0.6
-"""A label is at the centroid where that has this fraction of the innermost point's distance from
-the outline; chosen."""
+"""Minimum distance of the centroid from the outline, relative to the innermost point's, for a label
+at the centroid; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelRequest:
-    """A label to be placed.
+    """A label to place.
 
     Attributes
     ----------
     anchor
-        float64 (2,), where its centre should be, pixels.
+        float64 (2,), desired centre, pixels.
     size
         float64 (2,), width and height, pixels.
     """
@@ -128,7 +128,7 @@ def _outside(boxes: Float64, canvas: Float64) -> Bool:
 
 
 def _overlap(boxes: Float64, placed: Float64) -> Float64:
-    """Return the fraction of each box that placed boxes cover, summed, float64 (K,)."""
+    """Return the sum of the fractions of each box covered by placed boxes, float64 (K,)."""
     if len(placed) == 0:
         return np.zeros(len(boxes))
     low = np.maximum(boxes[:, None, 0], placed[None, :, 0])

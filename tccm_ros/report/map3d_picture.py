@@ -1,7 +1,7 @@
 """Draw map3d.png: the map in perspective, as Fig. 8 of the surface mapping paper.
 
-The map is divided into flat polygons, projected and painted from far to near (painter's algorithm),
-so that outlines with holes, text and lines keep the quality of the picture from above.
+The map is divided into flat polygons, which are projected and painted from far to near (painter's
+algorithm), so that outlines with holes, text and lines have the quality of the picture from above.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ HEIGHTS_IN = (3.6, 8.0)
 """Limits of its height, inches."""
 
 WALL_HEIGHT_M = 0.9
-"""Walls are drawn this high, m; chosen: rooms are recognised, and seen over the walls."""
+"""Drawn height of walls, m. Chosen: rooms are recognisable and not hidden."""
 
 WALL_PIECE_M = 0.5
-"""Length of the pieces in which a wall is painted, m; chosen: far and near are in order."""
+"""Length of the separately painted pieces of a wall, m. Chosen: it keeps the depth order right."""
 
 ELEVATION_RAD = np.deg2rad(38.0)
 """Elevation of the camera, rad; chosen."""
 
 AZIMUTHS_RAD = np.deg2rad([-66.0, 24.0])
-"""Azimuths of the camera for a map that is longer in x, and one longer in y, rad; chosen."""
+"""Camera azimuths for maps with the longer side in x and in y, rad; chosen."""
 
 PAINT_STEP_M = 1e-3
-"""Depth by which a body above another is painted nearer, m; chosen."""
+"""Depth offset by which a body is painted in front of the one below it, m; chosen."""
 
 CAMERA_DISTANCE = 1.9
 """Camera distance in units of the map's longer side; chosen."""
@@ -67,7 +67,7 @@ class Piece:
     is_line
         Whether it is an open line.
     body
-        Index within `_bodies`: pieces of one body are painted together; None for a piece that is
+        Index in `_bodies`; pieces of one body are painted together. None for a piece that is
         painted by its own distance.
     """
 
@@ -78,7 +78,7 @@ class Piece:
 
 
 def map3d_png(results: Results) -> bytes:
-    """Draw the map in perspective as a PNG file, the same bytes for the same results."""
+    """Draw the map in perspective as a PNG file, byte-identical for the same results."""
     camera = view_camera(results)
     low, high = _picture_limits(results, camera)
     scale = WIDTH_IN / (high[0] - low[0])
@@ -96,7 +96,7 @@ def map3d_png(results: Results) -> bytes:
 
 
 def view_camera(results: Results) -> Camera:
-    """Return a camera that sees the whole map with its longer side across the picture."""
+    """Return a camera that sees the whole map, with its longer side across the picture."""
     low, high = extent(results)
     side = high - low
     azimuth = AZIMUTHS_RAD[0] if side[0] >= side[1] else AZIMUTHS_RAD[1]
@@ -105,7 +105,7 @@ def view_camera(results: Results) -> Camera:
 
 
 def _picture_limits(results: Results, camera: Camera) -> tuple[Float64, Float64]:
-    """Return the corners of everything in the picture's units, with a margin."""
+    """Return the corners of the drawn map in picture units, with a margin."""
     rings = [r for piece in (*_ground(results), *_pieces(results)) for r in piece.rings]
     if not rings:
         (x0, y0), (x1, y1) = extent(results)
@@ -136,7 +136,7 @@ def _ground(results: Results) -> Iterator[Piece]:
 
 
 def _pieces(results: Results) -> Iterator[Piece]:
-    """Yield the pieces above the floor: walls, surfaces and objects, in no order."""
+    """Yield the pieces above the floor, unordered: walls, surfaces and objects."""
     for wall in results.walls:
         yield from _wall(wall, results.ground)
     colors = palette.surface_colors(results.surfaces)
@@ -155,10 +155,10 @@ def _bodies(results: Results) -> list[Float64]:
 
 
 def _body_depths(results: Results, camera: Camera) -> list[float]:
-    """Return the depth of each body for the order of painting, m.
+    """Return the depth of each body for the painting order, m.
 
-    A body above another must be painted after it although its middle may be farther away (a mug at
-    the far end of a table).
+    A body above another must be painted after it even if its centre is farther away (a mug at the
+    far end of a table).
     """
     bodies = _bodies(results)
     depths = [camera.distance(body) if len(body) else 0.0 for body in bodies]
@@ -171,12 +171,12 @@ def _body_depths(results: Results, camera: Camera) -> list[float]:
 
 
 def _overlap(a: Float64, b: Float64) -> bool:
-    """Return whether the bounding boxes of two outlines (N, 2) share a point."""
+    """Return whether the bounding boxes of two outlines (N, 2) intersect."""
     return bool(np.all((a.min(axis=0) <= b.max(axis=0)) & (b.min(axis=0) <= a.max(axis=0))))
 
 
 def _order(piece: Piece, camera: Camera, depths: Sequence[float]) -> tuple[float, float]:
-    """Return the key of painting: far bodies first, and of one body the far sides first."""
+    """Return the painting order key: far bodies first, and within a body the far sides first."""
     own = camera.distance(piece.rings[0])
     return -(own if piece.body is None else depths[piece.body]), -own
 
@@ -191,7 +191,7 @@ def _surface(surface: SurfaceEntry, color: str, ground: float, body: int) -> Ite
 
 
 def _corners(ring: Float64) -> Float64:
-    """Return the extreme points of a ring in the diagonal directions, each once, (<= 4, 3)."""
+    """Return the distinct extreme points of a ring in the diagonal directions, (<= 4, 3)."""
     directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return ring[np.unique(np.argmax(ring[:, :2] @ directions.T, axis=0))]
 

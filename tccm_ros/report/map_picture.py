@@ -46,7 +46,7 @@ YAW_ARROW_M = 0.16
 
 
 def map_png(results: Results) -> bytes:
-    """Draw the map from above as a PNG file, the same bytes for the same results."""
+    """Draw the map from above as a PNG file, byte-identical for the same results."""
     low, high = extent(results)
     scale = WIDTH_IN / (high[0] - low[0])
     height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS_IN)) + LEGEND_IN
@@ -85,7 +85,7 @@ def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
     Parameters
     ----------
     axes
-        With its final size.
+        Axes with their final size.
     results
         The map.
     low, high
@@ -134,7 +134,7 @@ def _draw_front(axes: Axes, space: CompartmentEntry) -> None:
 
 
 def box_corners(box: ObjectEntry) -> Float64:
-    """Return the corners of an object's box seen from above, float64 (4, 2), m."""
+    """Return the corners of an object's box from above, float64 (4, 2), m."""
     half = 0.5 * box.size[:2]
     c, s = np.cos(box.yaw), np.sin(box.yaw)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
@@ -142,7 +142,7 @@ def box_corners(box: ObjectEntry) -> Float64:
 
 
 def _draw_room(axes: Axes, room: RoomEntry) -> None:
-    """Draw a room that has a name: a faint outline, and the name large and pale in its middle."""
+    """Draw a named room: a faint outline, and the name large and pale in the middle."""
     axes.add_patch(polygon([room.boundary], fill=False, ec=palette.ROOM, lw=1.0, zorder=2))
     middle = shapely.maximum_inscribed_circle(shapely.Polygon(room.boundary), tolerance=0.05)
     x, y = middle.coords[0]
@@ -156,13 +156,13 @@ def _draw_surface(axes: Axes, surface: SurfaceEntry, color: str) -> None:
     if surface.is_floor:
         axes.add_patch(polygon(rings, fc=color, ec="none", zorder=1))
         return
-    # Lower surfaces first and half transparent, so that shelves one above the other are visible.
+    # Lower surfaces first and half transparent, so that stacked shelves are all visible.
     axes.add_patch(polygon(rings, fc=color, ec="none", alpha=0.62, zorder=3))
     axes.add_patch(polygon(rings, fill=False, ec=color, lw=1.6, zorder=4))
 
 
 def _draw_object(axes: Axes, box: ObjectEntry) -> None:
-    """Draw an object's box half transparent: the surface below stays visible."""
+    """Draw an object's box half transparent, so that the surface below stays visible."""
     corners = box_corners(box)
     axes.add_patch(polygon([corners], fc=palette.OBJECT, ec="none", alpha=0.35, zorder=5))
     axes.add_patch(polygon([corners], fill=False, ec=palette.OBJECT, lw=0.9, zorder=7))
@@ -184,7 +184,7 @@ def _draw_path(axes: Axes, results: Results) -> None:
 
 
 def _draw_landmark(axes: Axes, position: Float64, name: str) -> None:
-    """Draw a diamond and a landmark's name: there is no symbol for each kind."""
+    """Draw a landmark as a diamond with its name, for lack of a symbol per kind."""
     x, y = position[:2]
     axes.plot(x, y, "D", ms=5, color=palette.LANDMARK, mec="white", zorder=12)
     axes.annotate(

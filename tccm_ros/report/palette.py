@@ -23,7 +23,7 @@ PALETTE = (
     "#332288",
     "#aa4499",
 )
-"""Okabe and Ito's colours, then Tol's muted ones where they differ enough from the first."""
+"""Okabe and Ito's colours, then those of Tol's muted palette that differ enough from them."""
 
 FLOOR = "#eef0f2"
 WALL = "#3a3f47"
@@ -36,15 +36,15 @@ ROOM = "#c79ab8"
 
 
 def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
-    """Assign every surface a colour of `PALETTE`: surfaces of equal colour are far from each other.
+    """Assign every surface a colour of `PALETTE`, with equal colours far from each other.
 
-    In the order of ids, each surface gets the colour whose nearest surface is farthest from it, the
-    first of the palette among equals; the floor is pale.
+    In order of ids, each surface gets the colour whose nearest surface is farthest, the first of
+    the palette among equals. The floor is pale.
 
     Parameters
     ----------
     surfaces
-        In any order; the result depends on ids and centroids alone.
+        Surfaces in any order; the result depends only on ids and centroids.
 
     Returns
     -------

@@ -26,23 +26,23 @@ from tccm_ros.results.models import (
 )
 
 MAX_CUBOIDS = 400_000
-"""Of a larger final map only the newest cuboids are shown; chosen: smooth in a browser."""
+"""Maximum number of cuboids; the newest of a larger map are shown. Chosen: smooth in a browser."""
 
 MIN_UNIT_M = 1e-3
 """Unit of the heights of cuboids and of center cores, m; chosen."""
 
 MAX_UNITS = 32_000
-"""Largest number of units in an int16; the unit is larger where a map extends farther."""
+"""Maximum number of units in an int16; the unit is larger for larger maps."""
 
 MIN_CORE_POINTS = 3
 """Smallest number of points of a center core; chosen."""
 
 HALF_LENGTH_PER_STD = 3.0**0.5
-"""Half the length of a uniformly covered line, in standard deviations of its points."""
+"""Half length of a uniformly covered line, in standard deviations of its points."""
 
 
 def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
-    """Return the values for the page's script, and the arrays that they refer to."""
+    """Return the values for the page's script, and the arrays that they reference."""
     pack = ArrayPack()
     colors = palette.surface_colors(results.surfaces)
     window = results.cycles.window if results.cycles else 10
@@ -88,7 +88,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
 
 
 def _extent(results: Results) -> tuple[Float64, Float64]:
-    """Return the corners of the map, or of most cuboids where there is no map."""
+    """Return the corners of the map, or of most cuboids if there is no map."""
     if results.surfaces or results.walls or results.cuboids is None or len(results.cuboids) == 0:
         return extent(results)
     low, high = np.percentile(results.cuboids.mean[:, :2], [2, 98], axis=0)
@@ -220,7 +220,7 @@ def _plane(pack: ArrayPack, plane: PlaneEntry, ground: float) -> dict[str, Any]:
 
 
 def _newest(cuboids: FinalCuboids) -> FinalCuboids:
-    """Return at most `MAX_CUBOIDS`, the newest, in the same order."""
+    """Return the newest cuboids, at most `MAX_CUBOIDS`, in the same order."""
     if len(cuboids) <= MAX_CUBOIDS:
         return cuboids
     kept = np.sort(np.argsort(-cuboids.newest, kind="stable")[:MAX_CUBOIDS])

@@ -1,4 +1,4 @@
-"""Tables of the report as HTML; all text from files is escaped."""
+"""Tables of the report as HTML; text from files is escaped."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[
     rows
         Cells: text is escaped, `Markup` is not.
     numbers
-        Columns that are aligned to the right.
+        Indices of right-aligned columns.
     """
     kind = [' class="number"' if i in numbers else "" for i in range(len(head))]
     titles = "".join(f"<th{k}>{escape(title)}</th>" for k, title in zip(kind, head, strict=True))
@@ -91,7 +91,7 @@ def surfaces_table(results: Results) -> str:
 
 
 def racks_table(results: Results) -> str:
-    """Return the compartments of racks; empty where there are none."""
+    """Return the compartments of racks; empty if there are none."""
     if not results.compartments:
         return ""
     rows = []
@@ -120,7 +120,7 @@ def racks_table(results: Results) -> str:
 
 
 def signs_table(results: Results) -> str:
-    """Return the door signs with their places; empty where there are none."""
+    """Return the door signs with their positions; empty if there are none."""
     if not results.signs:
         return ""
     rows = []
@@ -137,7 +137,7 @@ def signs_table(results: Results) -> str:
 
 
 def loops_table(results: Results) -> str:
-    """Return the proposed loop closures; empty where there were none."""
+    """Return the proposed loop closures; empty if there are none."""
     if not results.graph.loops:
         return ""
     rows = [
@@ -157,7 +157,7 @@ def counts_table(summary: SummaryFile) -> str:
 
 
 def drops_table(summary: SummaryFile) -> str:
-    """Return the scans that were dropped, by reason."""
+    """Return the numbers of dropped scans by reason."""
     dropped = summary.counts.dropped
     if not dropped:
         return '<p class="note">no scan was dropped</p>'
@@ -171,7 +171,7 @@ def timing_table(timing: TimingFile) -> str:
 
 
 def configuration_table(summary: SummaryFile) -> str:
-    """Return the configuration; values that differ from the defaults are marked."""
+    """Return the configuration, with values marked that differ from the defaults."""
     found = dict(flatten(summary.config, joiner="."))
     known = {p.name: p for p in parameters()}
     lines = ["<table><thead><tr><th>parameter</th><th>value</th><th>unit</th><th>meaning</th>"]
@@ -194,14 +194,14 @@ SEPARATOR = ": "
 
 
 def flatten(tree: Any, prefix: str = "", joiner: str = SEPARATOR) -> Iterator[tuple[str, Any]]:
-    """Yield the leaves of nested mappings with their joined keys, in their order.
+    """Yield the leaves of nested mappings with their joined keys, in order.
 
     Parameters
     ----------
     tree
         Mappings and leaves.
     prefix
-        Keys of the mappings around, joined.
+        Joined keys of the outer mappings.
     joiner
         Text between the keys.
     """

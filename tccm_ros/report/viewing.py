@@ -20,14 +20,14 @@ REPORT = "report.html"
 
 
 def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.open) -> Path:
-    """Show the report of a result folder in the browser; a missing one is written first.
+    """Open the report of a result folder in the browser; write it first if it is missing.
 
     Parameters
     ----------
     target
         A result folder, or a report.html.
     open_page
-        Opens an address; returns False where that fails.
+        Opens a URL; returns False on failure.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.
     MapError
         If the target is missing, of another kind, or damaged.
     OutputError
-        If the report cannot be written, or no browser opens (the path is named).
+        If the report cannot be written, or no browser opens (the message has its path).
     """
     report = find_report(Path(target))
     if open_page(report.resolve().as_uri()) is False:
@@ -48,7 +48,7 @@ def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.
 
 
 def find_report(target: Path) -> Path:
-    """Return the report of a result folder; one that is missing or older than the map is written.
+    """Return the report of a result folder; write it if it is missing or older than the map.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Write and read .npz files of named arrays: the same arrays give the same bytes, no pickle.
+"""Write and read .npz files of named arrays: byte-identical for the same arrays, without pickle.
 
-A file that is read may be damaged, or made to harm: what its arrays declare is compared with what
-is stored before memory is taken. ``numpy.load`` takes the memory first.
+A file may be damaged or malicious, so the declared size of its arrays is compared with the stored
+size before memory is allocated. ``numpy.load`` allocates first.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from tccm_ros.errors import one_line
 
 ZIP_LEVEL = 1
-"""Deflate level; half of a map is noise: level 6 takes twice as long for 7 % less."""
+"""Deflate level; half of a map is noise, and level 6 takes twice as long for 7 % less."""
 
 ZIP_TIME = (1980, 1, 1, 0, 0, 0)
-"""Time of each entry: the clock's would make two runs differ."""
+"""Time of each entry; the clock's time would make two runs differ."""
 
 MAX_ARCHIVE_BYTES = 2**31
-"""Max size of all arrays together (chosen: the map of a day takes a twentieth of it)."""
+"""Maximum size of all arrays together. Chosen: the map of a day takes a twentieth of it."""
 
 
 def array_archive(arrays: Mapping[str, NDArray[Any] | np.generic]) -> bytes:
@@ -48,8 +48,8 @@ def read_arrays(file: Path | io.BytesIO) -> dict[str, NDArray[Any]]:
     Raises
     ------
     ValueError
-        If the file is damaged, has arrays of objects, or declares more than
-        `MAX_ARCHIVE_BYTES` or than it stores.
+        If the file is damaged, has arrays of objects, or declares more than `MAX_ARCHIVE_BYTES` or
+        than it stores.
     OSError
         If it cannot be read.
     """
@@ -65,7 +65,7 @@ def read_arrays(file: Path | io.BytesIO) -> dict[str, NDArray[Any]]:
 
 
 def _array(content: bytes) -> NDArray[Any]:
-    """Return the array of an .npy file, whose header is compared with the bytes that follow."""
+    """Return the array of an .npy file after comparing its header with the size of its data."""
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     read_header = {

@@ -19,22 +19,22 @@ from tccm_ros.results.array_archive import array_archive, read_arrays
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinalCuboids:
-    """The arrays of cuboids.npz that the report shows.
+    """The arrays of cuboids.npz that the report uses.
 
     Attributes
     ----------
     cell_size
-        Edge of a cell, m.
+        Edge length of a cell, m.
     ix, iy
         int64 (N,), cell indices; a cell may hold several cuboids.
     bottom, top
         float64 (N,), heights in the odometry frame, m.
     count
-        float64 (N,), points.
+        float64 (N,), numbers of points.
     mean, cov
         float64 (N, 3) and (N, 6: xx xy xz yy yz zz) of the points, m and m2.
     newest
-        int64 (N,), newest tilt cycle that each cuboid has points of.
+        int64 (N,), newest tilt cycle with points in each cuboid.
     """
 
     cell_size: float

@@ -1,8 +1,8 @@
-"""Write and read cycles.npz: the part map of every tilt cycle, coarsened, for the report.
+"""Write and read cycles.npz: the coarsened part map of every tilt cycle, for the report.
 
-The report shows with it what the integration map held after any tilt cycle: the newest n part maps.
-Cells are merged to at least `MIN_CELL_SIZE_M` and heights rounded outwards to centimetres, so that
-an hour of mapping stays a few megabytes. ``cuboids.npz`` has the exact final map.
+From it the report shows the integration map after any tilt cycle, the newest n part maps. Cells are
+merged to at least `MIN_CELL_SIZE_M` and heights rounded outwards to centimetres, so that an hour of
+mapping takes a few megabytes. ``cuboids.npz`` has the exact final map.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from tccm_ros.errors import MapError, one_line
 from tccm_ros.results.array_archive import array_archive, read_arrays
 
 MIN_CELL_SIZE_M = 0.05
-"""Smallest edge of a coarse cell, m; chosen: about a pixel of the report's view of a flat."""
+"""Minimum edge length of a coarse cell, m. Chosen: about a pixel of the report's view of a flat."""
 
 MAX_CUBOIDS = 1_200_000
-"""Cells grow until no more cuboids than this are left; chosen: about 5 MB, smooth in a browser."""
+"""Maximum number of cuboids; cells grow until it is met. Chosen: 5 MB, smooth in a browser."""
 
 TICKS_PER_CM = TICKS_PER_M // 100
 MAX_MERGE_GAP_CM = 2
-"""Coarse cuboids with a smaller gap in height are merged, cm; chosen: not visible at this scale."""
+"""Coarse cuboids with a smaller vertical gap are merged, cm. Chosen: invisible at this scale."""
 
 FORMAT = 1
 """Version of the file."""
 
 MAX_INDEX = np.iinfo(np.int16).max
-"""Largest cell index and height that the file's integers hold."""
+"""Maximum cell index and height in the file's integer type."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +43,9 @@ class CycleParts:
     Attributes
     ----------
     cell_size
-        Edge of a coarse cell, m.
+        Edge length of a coarse cell, m.
     window
-        Part maps that the integration map held (``map.window_cycles``).
+        Number of part maps in the integration map (``map.window_cycles``).
     cycles
         int32 (C,), increasing.
     stamps_ns
@@ -57,7 +57,7 @@ class CycleParts:
     bottom, top
         int16 (N,), cm.
     T_map_odom
-        float64 (C, 4, 4), where the odometry frame was in map at each cycle, after the last
+        float64 (C, 4, 4), pose of the odometry frame in map at each cycle, after the last
         optimisation.
     """
 
@@ -77,12 +77,12 @@ class CycleParts:
 
 
 class CycleHistory:
-    """Collects the part map of each tilt cycle, coarsened at once so that memory stays small.
+    """Collects the part map of each tilt cycle, coarsened at once to save memory.
 
     Parameters
     ----------
     window
-        Part maps that the integration map holds (``map.window_cycles``).
+        Number of part maps in the integration map (``map.window_cycles``).
     """
 
     def __init__(self, window: int):
@@ -98,9 +98,9 @@ class CycleHistory:
         Parameters
         ----------
         cycle
-            Number of the tilt cycle, larger than those before.
+            Number of the tilt cycle, larger than the previous ones.
         stamp_ns
-            Stamp of the tilt cycle.
+            Stamp of the tilt cycle, ns.
         part
             Its part map, in the odometry frame.
         """
@@ -123,8 +123,8 @@ class CycleHistory:
         Parameters
         ----------
         T_map_odom
-            float64 (C, 4, 4), one for each cycle that was added. A cycle without cuboids has no
-            pose of its own: it takes that of the cycle before (at the beginning, of the one after).
+            float64 (C, 4, 4), one for each cycle. A cycle without cuboids has no pose of its own
+            and gets the pose of the previous cycle (at the beginning, of the next).
         """
         parts, cell_size = self._parts, self._cell_size
         while _must_grow(parts):
@@ -147,7 +147,7 @@ class CycleHistory:
 
 
 def _fill_poses(T_map_odom: Float64, parts: list[Int64]) -> Float64:
-    """Return the poses, those of empty part maps replaced by the last before or first after."""
+    """Return the poses, with those of empty part maps replaced by a neighbour."""
     known = np.flatnonzero([part.shape[1] > 0 for part in parts])
     if len(known) == 0:
         return T_map_odom
@@ -156,7 +156,7 @@ def _fill_poses(T_map_odom: Float64, parts: list[Int64]) -> Float64:
 
 
 def _must_grow(parts: list[Int64]) -> bool:
-    """Return whether the cells have to be larger for the limits of the file."""
+    """Return whether the cells must grow to meet the limits of the file."""
     if sum(p.shape[1] for p in parts) > MAX_CUBOIDS:
         return True
     return any(p.size > 0 and np.abs(p[:2]).max() > MAX_INDEX for p in parts)
@@ -168,7 +168,7 @@ def coarsen(
     bottom: Int64,
     top: Int64,
 ) -> Int64:
-    """Merge the intervals of each cell that touch or nearly touch (`MAX_MERGE_GAP_CM`).
+    """Merge the intervals of each cell that touch or have a gap of at most `MAX_MERGE_GAP_CM`.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def coarsen(
     if len(ix) == 0:
         return np.zeros((4, 0), np.int64)
     new_cell = np.r_[True, (np.diff(ix) != 0) | (np.diff(iy) != 0)]
-    # A running maximum that restarts in each cell: every cell gets its own range of numbers.
+    # A running maximum that restarts in each cell: every cell is shifted to its own value range.
     span = int(top.max() - top.min()) + 1
     base = np.cumsum(new_cell) * span - top.min()
     top_so_far = np.maximum.accumulate(top + base) - base
@@ -196,7 +196,7 @@ def coarsen(
 
 
 def save_cycles(path: Path | str, parts: CycleParts) -> None:
-    """Write cycles.npz; the same parts give the same bytes.
+    """Write cycles.npz; byte-identical for the same parts.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Write the data files of a result folder; the same run gives the same bytes."""
+"""Write the data files of a result folder; byte-identical for the same run."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_ros.tabletop.placements import PlacementRequest
 
 PLACED_HEIGHT_M = 0.2
-"""Height of the object for which objects.json has placements, m; chosen: a bottle's, less than the
-distance of shelf boards."""
+"""Object height for the placements in objects.json, m. Chosen: a bottle, lower than the spacing of
+shelf boards."""
 
 MAX_PLACEMENTS = 20
-"""Placements in objects.json, at most; chosen: more than a robot tries."""
+"""Maximum number of placements in objects.json. Chosen: more than a robot tries."""
 
 
 def write_results(
@@ -48,16 +48,16 @@ def write_results(
     cuboids: Cuboids,
     config: Config,
 ) -> None:
-    """Write the data files of a run into a folder that is made ready (see `output_folder`).
+    """Write the data files of a run into a folder (see `output_folder`).
 
     Parameters
     ----------
     folder
-        Exists; the files are written under their final names.
+        An existing folder; the files are written under their final names.
     solution
-        Trajectory, walls and surfaces.
+        Solution with trajectory, walls and surfaces.
     cycles
-        Every tilt cycle, in order.
+        All tilt cycles, in order.
     cuboids
         The final integration map.
     config
@@ -80,9 +80,9 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
     Parameters
     ----------
     folder
-        Exists; the files are written under their final names.
+        An existing folder; the files are written under their final names.
     solution
-        Trajectory, walls and surfaces.
+        Solution with trajectory, walls and surfaces.
     config
         Group ``frames``.
 
@@ -95,7 +95,7 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
 
 
 def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes]:
-    """Return the content of the files of `write_solution` by their names."""
+    """Return the contents of the files of `write_solution` by name."""
     map_frame, slam, stages = config.frames.map_name, solution.slam, solution.stages
     placements = stages.run("placements", lambda: ranked_placements(solution))
     if placements is None:
@@ -127,12 +127,12 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
 
 
 def ranked_placements(solution: SurfaceSolution) -> PlacementsEntry:
-    """Return where an object can be put down, as ``~/find_placements`` would answer.
+    """Return the positions where an object can be put down, as ``~/find_placements`` does.
 
     Parameters
     ----------
     solution
-        Its `place_size` is the footprint of the object.
+        Solution; its `place_size` is the footprint of the object.
     """
     queries = SurfaceQueries(
         solution.surfaces, solution.objects, solution.floor_z, solution.compartments

@@ -1,4 +1,4 @@
-"""Floor plan: walls as line segments whose corners are closed."""
+"""Floor plan: walls as line segments with closed corners."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from tccm_ros.arrays import Float64
 from tccm_ros.records import Wall
 
 MIN_CORNER_ANGLE_RAD = np.radians(15.0)
-"""Walls that are nearer to parallel form no corner; chosen: the crossing is uncertain there."""
+"""Minimum angle between walls with a corner. Chosen: the crossing of flatter ones is uncertain."""
 
 MAX_SEEN_CORNER_GAP_M = 0.6
-"""An end is moved at most this far, m, to a corner that a scan showed; chosen."""
+"""Maximum shift of an end to a corner that a scan observed, m. Chosen."""
 
 MAX_CORNER_GAP_M = 0.25
-"""The same, m, where no scan showed the corner; chosen: no door is as narrow."""
+"""Maximum shift of an end to an unobserved corner, m. Chosen: narrower than any door."""
 
 END_TOLERANCE_M = 0.05
-"""Ends are known to this, m; chosen: the noise of a scan's line ends."""
+"""Uncertainty of ends, m. Chosen: the noise of a scan's line ends."""
 
 End = tuple[int, int]
-"""Wall id, and which of its ends."""
+"""Wall id, and index of the end."""
 
 
 def close_corners(walls: Sequence[Wall]) -> list[Float64]:
-    """Return the ends (2, 2) of each wall, moved onto the corners with others.
+    """Return the ends (2, 2) of each wall, moved to its corners with other walls.
 
-    Walls that share an endpoint (`Wall.corners`) both end where their lines cross. Then, in the
-    order of distance, two ends that are near their crossing are moved to it, and an end that is
-    near the middle of another wall is moved onto it. Each end is moved once.
+    Walls with a common endpoint (`Wall.corners`) both end at the crossing of their lines. Then, in
+    order of distance, two ends near their crossing are moved to it, and an end near the middle of
+    another wall is moved onto that wall. Each end is moved at most once.
     """
     by_id = {wall.id: wall for wall in walls}
     ends = {wall.id: np.array(wall.endpoints, float) for wall in walls}
@@ -57,9 +57,9 @@ def close_corners(walls: Sequence[Wall]) -> list[Float64]:
 def _near_crossing(
     a: Wall, b: Wall, ends: Mapping[int, Float64]
 ) -> tuple[float, tuple[End, ...], Float64] | None:
-    """Return the gap, the ends to move and the crossing of two walls; None where they are distant.
+    """Return the gap, the ends to move and the crossing of two walls; None if they are too far.
 
-    A wall that continues beyond the crossing is not cut: the other's end lies on its middle.
+    A wall that continues beyond the crossing is not shortened; only the other wall's end is moved.
     """
     corner = _crossing(a, b)
     if corner is None:
@@ -79,7 +79,7 @@ def _near_crossing(
 
 
 def _crossing(a: Wall, b: Wall) -> Float64 | None:
-    """Return where two lines x cos phi + y sin phi = rho cross; None where they are parallel."""
+    """Return the crossing of two lines x cos phi + y sin phi = rho; None if they are parallel."""
     N = np.array([[np.cos(a.phi), np.sin(a.phi)], [np.cos(b.phi), np.sin(b.phi)]])
     if abs(np.linalg.det(N)) < np.sin(MIN_CORNER_ANGLE_RAD):
         return None

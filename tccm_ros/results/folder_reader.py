@@ -1,8 +1,7 @@
 """Read a result folder as typed values, for pictures, report and comparison.
 
-The report is made from these files and nothing else, so that a folder can be viewed years later,
-on another machine. ``surfaces.json``, ``walls.json`` and ``trajectory.tum`` are required; the other
-files are optional.
+The report uses only these files, so that a folder can be viewed years later on another machine.
+``surfaces.json``, ``walls.json`` and ``trajectory.tum`` are required; the other files are optional.
 """
 
 from __future__ import annotations
@@ -46,14 +45,14 @@ FileType = TypeVar("FileType")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """The content of a result folder; what is missing is None or empty.
+    """Content of a result folder; missing parts are None or empty.
 
     Attributes
     ----------
     folder
         The folder that was read.
     floor_z
-        Height of the floor in map, m; None where the floor was never seen.
+        Height of the floor in map, m; None if it was never seen.
     surfaces, walls
         Contents of surfaces.json and walls.json, in map.
     trajectory
@@ -67,7 +66,7 @@ class Results:
     objects, free
         Boxes on surfaces, and free places on surfaces, in map.
     compartments
-        Of racks, in map.
+        Compartments of racks, in map.
     planes
         Tracked planes by tilt cycle.
     cuboids
@@ -111,18 +110,18 @@ class Results:
 
     @property
     def ground(self) -> float:
-        """Height of the floor in map, 0 where it was never seen, m."""
+        """Height of the floor in map, m; 0 if it was never seen."""
         return 0.0 if self.floor_z is None else self.floor_z
 
     @property
     def start(self) -> float:
-        """Stamp that times are shown relative to: the first of trajectory and tilt cycles, s."""
+        """Origin of displayed times: the first stamp of trajectory and tilt cycles, s."""
         first = [float(stamp) for stamp in self.trajectory.stamps[:1]]
         first += [cycle.stamp for cycle in self.planes[:1]]
         return min(first, default=0.0)
 
     def view_stamps(self) -> Float64:
-        """Return the stamps of all views, sorted, each once, float64 (V,), s."""
+        """Return the distinct stamps of all views, sorted, float64 (V,), s."""
         return np.unique([view.stamp for s in self.surfaces for view in s.views])
 
 
@@ -132,14 +131,14 @@ def load_results(folder: Path | str, truth: Path | str | None = None) -> Results
     Parameters
     ----------
     folder
-        What ``tccm replay --out`` wrote.
+        Output folder of ``tccm replay --out``.
     truth
-        A truth.json to draw with the map; None for the one in the folder, if any.
+        A truth.json to draw with the map; None for the folder's own, if any.
 
     Raises
     ------
     MapError
-        If the folder or one of the three required files is missing, or a file is damaged.
+        If the folder or one of the three required files is missing, or if a file is damaged.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -178,7 +177,7 @@ def read_json(path: Path, model: type[FileType]) -> FileType:
     Raises
     ------
     MapError
-        If the file is missing or damaged; the key of a wrong value is named.
+        If the file is missing or damaged; the message names the key of an invalid value.
     """
     kind: Any = model
     try:

@@ -18,14 +18,14 @@ def feature_collection(
 ) -> dict[str, Any]:
     """Return surfaces as polygons with holes, and walls as a floor plan with closed corners.
 
-    The coordinates are x, y, z in m in `frame_id`, not longitude and latitude: a reader that needs
-    those must georeference the map. Rings are closed; outer ones run counter-clockwise and holes
+    The coordinates are x, y, z in m in `frame_id`, not longitude and latitude; readers that need
+    these must georeference the map. Rings are closed; outer rings are counter-clockwise and holes
     clockwise, as RFC 7946 requires.
 
     Parameters
     ----------
     surfaces, walls
-        In the frame `frame_id`.
+        Surfaces and walls in the frame `frame_id`.
     frame_id
         Name of the map frame.
     """

@@ -1,4 +1,4 @@
-"""An occupancy grid as the files that nav2_map_server reads."""
+"""Occupancy grid files for nav2_map_server."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 
 
 def grid_files(name: str, grid: OccupancyGrid) -> dict[str, bytes]:
-    """Return ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary)."""
+    """Return ``name.pgm`` and ``name.yaml`` in the trinary mode of nav2_map_server."""
     shades = np.full(grid.cells.shape, 205, np.uint8)
     shades[grid.cells == 0] = 254
     shades[grid.cells == 100] = 0

@@ -1,4 +1,4 @@
-"""labels.json beside a saved map: the labels that a person has corrected, and may edit there."""
+"""labels.json beside a saved map: the labels corrected by a user, who may edit the file."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tccm_ros.surfaces.labels import SurfaceLabel
 from tccm_ros.surfaces.saved_map import SavedMap
 
 MAP_FILE, LABELS_FILE = "map.mcap", "labels.json"
-"""A saved map, and what stands beside it."""
+"""Names of a saved map and of its labels file."""
 
 
 def labels_beside(map_path: Path) -> dict[int, SurfaceLabel] | None:
-    """Return the labels of the labels.json beside a map.mcap, by surface id; None without one.
+    """Return the labels of the labels.json beside a map.mcap, by surface id; None without the file.
 
     Raises
     ------
     MapError
-        Where it is damaged, has no such label, or one surface twice.
+        If the file is damaged, or has an unknown label or a surface twice.
     """
     path = map_path.with_name(LABELS_FILE)
     if map_path.name != MAP_FILE or not path.exists():
@@ -40,19 +40,19 @@ def labels_beside(map_path: Path) -> dict[int, SurfaceLabel] | None:
 
 
 def with_labels(saved: SavedMap, labels: Mapping[int, SurfaceLabel] | None) -> SavedMap:
-    """Return a saved map with these corrected labels, and no others.
+    """Return a saved map with the given corrected labels and no others.
 
     Parameters
     ----------
     saved
         The map.
     labels
-        By surface id; None: those of the map stay.
+        By surface id; None to keep the labels of the map.
 
     Raises
     ------
     MapError
-        For a surface that the map does not have.
+        If a surface is not in the map.
     """
     if labels is None:
         return saved

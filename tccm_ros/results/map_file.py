@@ -1,7 +1,7 @@
-"""Write and read a saved map: one mcap that a new session continues and that opens in Foxglove.
+"""Write and read a saved map: an mcap file that a new session continues and that opens in Foxglove.
 
-The map is an attachment, an .npz of named arrays with a checksum of its own. Topics in the same
-file show the surfaces, points and walls. A file is written under a temporary name and then renamed.
+The map is an attachment, an .npz of named arrays with its own checksum. Topics in the same file
+show the surfaces, points and walls. A file is written under a temporary name and then renamed.
 """
 
 from __future__ import annotations
@@ -30,37 +30,37 @@ from tccm_ros.results.numbers import Stamp
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 
-if TYPE_CHECKING:  # slam_node does without the graph: its child solves
+if TYPE_CHECKING:  # slam_node does not import the graph; its child process solves
     from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 Arrays = dict[str, NDArray[Any]]
 
 FORMAT = "tccm_ros/map"
 VERSION = 3
-"""Version of the arrays; older ones are refused."""
+"""Version of the arrays; other versions are refused."""
 
 ATTACHMENT = "map.npz"
 CHECKSUM = "sha256"
-"""Key of the attachment's checksum in the metadata."""
+"""Metadata key of the attachment's checksum."""
 
 TOPICS = ("surfaces", "surface_cloud", "walls")
-"""Topics of the SLAM node that a saved map holds; not its path, which is of one session alone."""
+"""Topics of the SLAM node in a saved map. Its path is left out, as it covers one session only."""
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<QQI")
-"""Last record of an mcap: start of the summary, start of its offsets, checksum of the summary."""
+"""Last record of an mcap: offset of the summary, of its offset section, checksum of the summary."""
 
 DATA_END = 13
-"""Bytes of the record before the summary: opcode, length, checksum of all before it."""
+"""Size of the record before the summary, bytes: opcode, length, checksum of all data before it."""
 
 
 class MapContent(NamedTuple):
-    """How much a map holds.
+    """Amount of content in a map.
 
     Attributes
     ----------
     keyframes, views, surfaces
-        Numbers of each, over all sessions.
+        Numbers over all sessions.
     """
 
     keyframes: int
@@ -69,7 +69,7 @@ class MapContent(NamedTuple):
 
     @classmethod
     def of(cls, saved: SavedMap, solution: SurfaceSolution) -> MapContent:
-        """Count what the map of a solution holds."""
+        """Return the amount of content in the map of a solution."""
         return cls(len(solution.slam.keyframes), len(saved.views), len(solution.surfaces))
 
     def __str__(self) -> str:
@@ -81,17 +81,17 @@ class MapContent(NamedTuple):
         return not (self.keyframes or self.views)
 
     def is_less_than(self, other: MapContent) -> bool:
-        """Return whether it holds fewer keyframes or views; how surfaces merge does not matter."""
+        """Return whether it has fewer keyframes or views; surfaces do not count, as they merge."""
         return self.keyframes < other.keyframes or self.views < other.views
 
 
 class MapSummary(NamedTuple):
-    """What a saved map is made of, from the metadata of its file.
+    """Contents of a saved map, from the metadata of its file.
 
     Attributes
     ----------
     sessions, surfaces, objects, walls, signs
-        Numbers of each; 0 where an older version did not write it.
+        Numbers of each; 0 if the version that wrote the file did not count them.
     """
 
     sessions: int
@@ -102,12 +102,12 @@ class MapSummary(NamedTuple):
 
 
 def read_summary(path: Path) -> MapSummary:
-    """Return what a saved map is made of.
+    """Return the contents of a saved map.
 
     Raises
     ------
     MapError
-        If it is missing, damaged or no map.
+        If the file is missing, damaged or not a map.
     """
     try:
         with path.open("rb") as file:
@@ -118,12 +118,12 @@ def read_summary(path: Path) -> MapSummary:
 
 
 def read_content(path: Path) -> MapContent:
-    """Return how much the map of a file holds.
+    """Return the amount of content in the map of a file.
 
     Raises
     ------
     MapError
-        If it is missing, damaged or no map.
+        If the file is missing, damaged or not a map.
     """
     with suppress(OSError, McapError, ValueError, EOFError, struct.error, KeyError):
         with path.open("rb") as file:
@@ -136,9 +136,9 @@ def read_content(path: Path) -> MapContent:
 def save_map(
     path: Path | str, saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map"
 ) -> None:
-    """Write a map; an older file of that name is replaced in one step.
+    """Write a map and replace an older file of that name atomically.
 
-    The same map gives the same bytes.
+    The file is byte-identical for the same map.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def save_map(
     saved
         `SurfaceSlam.saved` of the same solution.
     solution
-        Its surfaces, points and walls are the topics of the file.
+        Solution whose surfaces, points and walls are written as topics.
     frame_id
         Name of the map frame.
 
@@ -206,7 +206,7 @@ def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_i
 
 
 def is_map(path: Path | str) -> bool:
-    """Return whether the metadata of a file names it a map, whole or damaged."""
+    """Return whether the metadata of a file identifies it as a map, intact or damaged."""
     with suppress(OSError, McapError, ValueError, EOFError, struct.error), open(path, "rb") as file:
         summary = make_reader(file).get_summary()
         return summary is not None and any(m.name == FORMAT for m in summary.metadata_indexes)
@@ -214,12 +214,13 @@ def is_map(path: Path | str) -> bool:
 
 
 def load_map(path: Path | str) -> SavedMap:
-    """Read a map, with the corrected labels that a labels.json beside a map.mcap has.
+    """Read a map, with the corrected labels of a labels.json beside a map.mcap.
 
     Raises
     ------
     MapError
-        If the file is missing, damaged, no map or of another version, or labels.json does not fit.
+        If the file is missing, damaged, not a map or of another version, or if labels.json does not
+        fit.
     """
     path = Path(path)
     return with_labels(_read_map(path), labels_beside(path))
@@ -227,7 +228,7 @@ def load_map(path: Path | str) -> SavedMap:
 
 def _read_map(path: Path) -> SavedMap:
     try:
-        with suppress(OSError):  # a folder that cannot be written is read as it is
+        with suppress(OSError):  # a read-only folder is read as it is
             finish_moves(path.parent)
         content = path.read_bytes()
         _check_sums(content)
@@ -248,12 +249,12 @@ def _read_map(path: Path) -> SavedMap:
 
 
 def _check_sums(content: bytes) -> None:
-    """Check the checksums over the whole data and summary sections of an mcap file.
+    """Check the checksums of the data and summary sections of an mcap file.
 
     Raises
     ------
     ValueError, struct.error
-        Where they do not fit, or where the file is cut off.
+        If they do not match, or if the file is truncated.
     """
     end = len(content) - len(MAGIC)
     start, _, summary_sum = FOOTER.unpack(content[end - FOOTER.size : end])
@@ -269,7 +270,7 @@ def _check_sums(content: bytes) -> None:
 
 
 def _read(stream: Any) -> tuple[Mapping[str, str], bytes]:
-    """Return the file's metadata and its map; empty where they are missing."""
+    """Return the file's metadata and the attached map; empty if they are missing."""
     reader = make_reader(stream, validate_crcs=True)
     metadata = next((m.metadata for m in reader.iter_metadata() if m.name == FORMAT), {})
     archives = (a.data for a in reader.iter_attachments() if a.name == ATTACHMENT)
@@ -277,7 +278,7 @@ def _read(stream: Any) -> tuple[Mapping[str, str], bytes]:
 
 
 def _check(path: Path, metadata: Mapping[str, str], archive: bytes) -> None:
-    """Raise MapError where a file is no map, of another version, or damaged."""
+    """Raise MapError if a file is not a map, of another version, or damaged."""
     if metadata.get("format") != FORMAT:
         raise MapError(f"{path}: an mcap, but not a map; expected the map.mcap of 'tccm replay'")
     version = metadata.get("version", "")

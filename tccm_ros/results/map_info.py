@@ -18,11 +18,11 @@ class MapInfo:
     path
         The file.
     size
-        Bytes.
+        Size of the file, bytes.
     sessions, views, keyframes
         Numbers of each.
     first, last
-        Stamps of the first and the last view, s; None where there is none.
+        Stamps of the first and the last view, s; None if there is none.
     """
 
     path: Path
@@ -34,11 +34,11 @@ class MapInfo:
     last: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return all values as plain data."""
         return {**asdict(self), "path": str(self.path)}
 
     def text(self) -> str:
-        """Return the same as lines for a terminal."""
+        """Return all values as lines for a terminal."""
         counts = (
             f"{self.views} views of {self.sessions} session{'' if self.sessions == 1 else 's'}, "
             f"{self.keyframes} keyframes"
@@ -49,7 +49,7 @@ class MapInfo:
 
 
 def map_info(path: Path | str) -> MapInfo:
-    """Count what a saved map holds.
+    """Return the size and counts of a saved map.
 
     Raises
     ------

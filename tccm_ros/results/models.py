@@ -1,9 +1,9 @@
-"""Models of the JSON files of a result folder: one class for each file and each kind of entry.
+"""Models of the JSON files of a result folder: a class for each file and each kind of entry.
 
-Writer, report, evaluation and comparison use these classes; `docs/reference/schema` is made from
-them. The names of the fields are the keys of the files, in their order; a trailing underscore
-(`from_`) is no part of the key. Lengths are in m, angles in rad, stamps in s; numbers that are not
-finite are written as null. Readers ignore unknown keys.
+Writer, report, evaluation and comparison use these classes; `docs/reference/schema` is generated
+from them. Field names are the keys of the files, in order; a trailing underscore (`from_`) is not
+part of the key. Lengths are in m, angles in rad, stamps in s; numbers that are not finite are
+written as null. Readers ignore unknown keys.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from tccm_ros.tabletop.placements import Placement, PlacementRequest
 
 
 def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
-    """Return the validator and JSON Schema of a float64 array; a length of None is any length."""
+    """Return the validator and JSON Schema of a float64 array; None stands for any length."""
 
     def check(value: Any) -> Float64:
         array = np.asarray(value, np.float64)
@@ -71,7 +71,7 @@ EntryType = TypeVar("EntryType")
 
 
 def _entry(kind: type[EntryType], record: Any, **others: Any) -> EntryType:
-    """Return the entry of a record: attributes of the same names, except those in `others`."""
+    """Return the entry of a record: its attributes of the same names, except those in `others`."""
     names = (name for name in kind.__dataclass_fields__ if name not in others)  # type: ignore[attr-defined]
     return kind(**{name: getattr(record, name) for name in names}, **others)
 
@@ -81,16 +81,16 @@ def _entry(kind: type[EntryType], record: Any, **others: Any) -> EntryType:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEntry:
-    """One view that a surface was measured in.
+    """A view in which a surface was measured.
 
     Attributes
     ----------
     stamp
         Stamp of the view, s.
     keyframe
-        Keyframe nearest in time; -1 where there is none.
+        Keyframe nearest in time; -1 if there is none.
     points
-        Points measured on the surface.
+        Number of points measured on the surface.
     """
 
     stamp: float
@@ -100,18 +100,18 @@ class ViewEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeEntry:
-    """One edge of a surface's boundary, in map, as `records.SurfaceEdge`.
+    """An edge of a surface's boundary, in map, as `records.SurfaceEdge`.
 
     Attributes
     ----------
     start, end
-        float64 (3,), m; the surface is to the left of the way from start to end.
+        float64 (3,), m; the surface is to the left of the direction from start to end.
     state
-        Whether it was seen, hidden, or cut by the views.
+        Whether it was seen, hidden, or cut by the limits of the views.
     sigma
-        Standard deviation of its position across, m; null where it was not seen.
+        Standard deviation of its position across the edge, m; null if it was not seen.
     hidden_by
-        Id of the surface that hides it; null where that is no surface, or it is not hidden.
+        Id of the surface that hides it; null if no known surface does, or it is not hidden.
     """
 
     start: Vector
@@ -123,7 +123,7 @@ class EdgeEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceEntry:
-    """One surface, in map, as `records.Surface`.
+    """A surface, in map, as `records.Surface`.
 
     Attributes
     ----------
@@ -134,13 +134,13 @@ class SurfaceEntry:
     normal, offset
         Unit normal float64 (3,), up; ``normal . p = offset``, m.
     area
-        m2, of the boundary without the holes.
+        Area of the boundary without the holes, m2.
     centroid
         float64 (3,), mean of the points, m.
     boundary, holes
         float64 (N, 3), open rings, m; the boundary is counter-clockwise from above.
     points
-        Points measured, before thinning.
+        Number of points measured, before thinning.
     height_std
         Standard deviation of the points' distances from the plane, m.
     first_seen, last_seen
@@ -150,19 +150,18 @@ class SurfaceEntry:
     took
         Merged ids: ids of the surfaces that were merged into this one.
     shape
-        The model of the boundary.
+        Shape model of the boundary.
     edges
-        Of the boundary, in its order, one from each corner to the next.
+        Edges of the boundary, in order, each from one corner to the next.
     area_seen, boundary_seen
-        What the views measured, without a model: m2, and an open ring, m; with the same holes.
+        Measured extent, without a shape model: m2, and an open ring, m; with the same holes.
     room
-        Name of the room that it stands in; empty where that is not known.
+        Name of its room; empty if unknown.
     near
         Texts of the door signs near it, the nearest first.
     plane_sigma, plane_correlation
-        Standard deviations of z at the centroid (m), dz/dx and dz/dy of its plane, and the
-        correlations of the first and the second of them, the first and the third, the second and
-        the third.
+        Standard deviations of z at the centroid (m), dz/dx and dz/dy of its plane, and their
+        correlations: first and second, first and third, second and third.
     """
 
     id: int
@@ -219,15 +218,15 @@ class RoomEntry(Room):
     Attributes
     ----------
     id
-        From the largest room to the smallest.
+        Numbered from the largest room to the smallest.
     name
-        Number on its door sign; empty where none was read.
+        Room number on its door sign; empty if none was read.
     boundary
         float64 (N, 2), open ring, counter-clockwise, m.
     area
-        m2.
+        Area, m2.
     signs
-        Ids of the door signs that name it.
+        Ids of the door signs with its number.
     """
 
     boundary: Ring2
@@ -244,11 +243,11 @@ class SurfacesFile:
     frame_id
         Frame of all coordinates.
     floor_z
-        Height of the floor, m; None where it was never seen.
+        Height of the floor, m; None if it was never seen.
     surfaces
-        By id.
+        Surfaces, by id.
     rooms
-        From the largest to the smallest.
+        Rooms, from the largest to the smallest.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"
@@ -273,11 +272,11 @@ class SurfacesFile:
         surfaces
             In the frame `frame_id`.
         floor_z
-            Height of the floor, m; None where it was never seen.
+            Height of the floor, m; None if it was never seen.
         frame_id
             Name of the map frame.
         rooms
-            Of the map.
+            Rooms of the map.
         """
         entries = tuple(map(SurfaceEntry.of, surfaces))
         found = tuple(_entry(RoomEntry, room) for room in rooms)
@@ -289,14 +288,14 @@ class SurfacesFile:
 
 @dataclass(frozen=True, slots=True)
 class LabelEntry:
-    """The label that a person gave a surface.
+    """A user's label of a surface.
 
     Attributes
     ----------
     surface
         Id of the surface.
     label
-        What it is: a label of surfaces.json but ``floor``.
+        A label of surfaces.json except ``floor``.
     """
 
     surface: int
@@ -305,16 +304,16 @@ class LabelEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelsFile:
-    """labels.json: which labels of surfaces a person has corrected.
+    """labels.json: the labels of surfaces that a user has corrected.
 
-    Beside a saved map it may be edited: what it says replaces what the map holds.
+    The file beside a saved map may be edited; its labels replace those in the map.
 
     Attributes
     ----------
     format, version
         Name and version of the file format.
     labels
-        By surface.
+        Labels, by surface.
     """
 
     format: Literal["tccm_ros/labels"] = "tccm_ros/labels"
@@ -323,7 +322,7 @@ class LabelsFile:
 
     @classmethod
     def of(cls, corrected: Mapping[int, str]) -> LabelsFile:
-        """Return the model of labels.json, of labels by surface id."""
+        """Return the model of labels.json for labels by surface id."""
         return cls(labels=tuple(LabelEntry(k, str(v)) for k, v in sorted(corrected.items())))
 
 
@@ -343,13 +342,13 @@ class ObjectEntry:
     center
         float64 (3,), m.
     size
-        float64 (3,), edges along its own x, y and z axes, m.
+        float64 (3,), edge lengths along its own x, y and z axes, m.
     yaw
         Yaw of its x axis, in (-pi/2, pi/2], rad.
     label
-        Class that detectors gave it; empty where none did.
+        Class assigned by detectors; empty if there is none.
     confidence
-        Mean score of that class, 0 to 1; null where there is none.
+        Mean score of that class, 0 to 1; null if there is none.
     """
 
     id: int
@@ -379,20 +378,20 @@ class FreePlacesEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacementEntry:
-    """Where an object can be put down, in map, as ``~/find_placements`` answers.
+    """A position where an object can be put down, in map, as in ``~/find_placements``.
 
     Attributes
     ----------
     surface
         Id of the surface.
     position
-        float64 (3,), middle of the object's bottom, on the surface, m.
+        float64 (3,), centre of the object's bottom face, on the surface, m.
     yaw
-        Yaw of its length, in (-pi, pi], rad.
+        Yaw of its longer side, in (-pi, pi], rad.
     clearance
         Distance of its footprint from the nearest edge, hole, object or earlier placement, m.
     free_height
-        Height that is free over its footprint, m; null where nothing is known above.
+        Free height over its footprint, m; null if nothing is known above.
     """
 
     surface: int
@@ -404,16 +403,16 @@ class PlacementEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacementsEntry:
-    """Where one object can be put down on all surfaces but the floor.
+    """Placements of one object on all surfaces except the floor.
 
     Attributes
     ----------
     size
         float64 (3,), length, width and height of the object, m.
     clearance
-        Distance that stays free around and above it, m.
+        Free distance around and above the object, m.
     ranked
-        The best first: those with more clearance; all of them may be used at once.
+        Placements by clearance, the largest first; all of them can be used at the same time.
     """
 
     size: Vector
@@ -422,7 +421,7 @@ class PlacementsEntry:
 
     @classmethod
     def of(cls, request: PlacementRequest, found: Iterable[Placement]) -> PlacementsEntry:
-        """Return the entry of what was asked for and what was found."""
+        """Return the entry of a request and its placements."""
         size = np.array([request.size_x, request.size_y, request.height])
         return cls(size, request.clearance, tuple(_entry(PlacementEntry, p) for p in found))
 
@@ -434,11 +433,11 @@ class ObjectsFile:
     Attributes
     ----------
     objects
-        By surface and id.
+        Objects, by surface and id.
     free
-        By surface.
+        Free places, by surface.
     placements
-        Of an object of `objects.place_size`; None in files of older versions.
+        Placements of an object of `objects.place_size`; None in files of older versions.
     """
 
     objects: tuple[ObjectEntry, ...] = ()
@@ -457,11 +456,11 @@ class ObjectsFile:
         Parameters
         ----------
         objects
-            By surface and id.
+            Objects, by surface and id.
         free
             Rings by surface (`free_places`).
         placements
-            What was asked for, and the answer.
+            Entry of the placements; None without them.
         """
         return cls(
             tuple(map(_object_entry, objects)),
@@ -481,29 +480,28 @@ def _object_entry(item: SceneObject) -> ObjectEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompartmentEntry:
-    """The space over a board, or over a part of it, that something goes into by its front, in map.
+    """The space over a board or a part of it, accessible from its front, in map.
 
     Attributes
     ----------
     rack
         Id of the lowest board of its rack.
     board
-        Id of the surface that it is over.
+        Id of the surface below it.
     above
-        Id of the surface that is its ceiling; null where the ceiling is the lower side of what has
-        no surface.
+        Id of the surface above it; null if its ceiling belongs to no surface of the map.
     front
-        float64 (2, 3), left and right end of its front edge, on the board, m, seen from before it.
+        float64 (2, 3), left and right end of its front edge, on the board, m, from outside.
     insertion
-        float64 (3,), unit vector from its front inward.
+        float64 (3,), unit vector from the front inwards.
     width, depth, height
-        Clear lengths, m. A face that was not measured is taken to be at the edge of the board; a
-        lower side that was not measured, 4 cm below the top of its board.
+        Clear lengths, m. A face that was not measured is assumed at the edge of the board, and an
+        unmeasured lower side of a board 4 cm below its top.
     left, right, back, ceiling
-        ``measured``: beams ended on it; ``open``: beams passed through it; ``unknown``: too few
-        came there to tell.
+        ``measured``: beams ended on it; ``open``: beams passed through it; ``unknown``: there were
+        too few beams.
     front_seen
-        Fraction of its front through which beams passed, 0 to 1.
+        Fraction of the front through which beams passed, 0 to 1.
     """
 
     rack: int
@@ -533,7 +531,7 @@ class RacksFile:
     Attributes
     ----------
     compartments
-        By rack and height.
+        Compartments, by rack and height.
     """
 
     compartments: tuple[CompartmentEntry, ...] = ()
@@ -549,7 +547,7 @@ class RacksFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallEntry(Wall):
-    """One wall, in map, as `records.Wall`.
+    """A wall, in map, as `records.Wall`.
 
     Attributes
     ----------
@@ -560,7 +558,7 @@ class WallEntry(Wall):
     endpoints
         float64 (2, 2), ends of the observed extent, m.
     observations
-        Line measurements that support it.
+        Number of line measurements that support it.
     covariance
         float64 (2, 2) of (phi, rho), rad and m.
     corners
@@ -578,7 +576,7 @@ class WallsFile:
     Attributes
     ----------
     walls
-        By id.
+        Walls, by id.
     """
 
     walls: tuple[WallEntry, ...]
@@ -624,7 +622,7 @@ class LoopEntry:
     accepted
         Whether it is a factor of the graph.
     reason
-        Why it was accepted or rejected.
+        Reason why it was accepted or rejected.
     """
 
     __pydantic_config__ = ConfigDict(alias_generator=key_of)
@@ -643,13 +641,13 @@ class LandmarkEntry(Landmark):
     Attributes
     ----------
     kind, id
-        Its kind, and its number within the kind.
+        Kind, and number within the kind.
     position
         float64 (3,), in map, m.
     covariance
         float64 (3, 3) of the position, m2.
     observations
-        Measurements that support it.
+        Number of measurements that support it.
     """
 
     position: Vector
@@ -664,7 +662,7 @@ class GraphFile:
     Attributes
     ----------
     keyframes
-        By id.
+        Keyframes, by id.
     loops
         Proposed loop closures.
     landmarks
@@ -698,7 +696,7 @@ class GraphFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneEntry:
-    """One tracked plane of a tilt cycle, in the odometry frame, as `records.PlaneRecord`.
+    """A tracked plane of a tilt cycle, in the odometry frame, as `records.PlaneRecord`.
 
     Attributes
     ----------
@@ -711,9 +709,9 @@ class PlaneEntry:
     covariance
         float64 (3, 3) of two rotations and the offset, rad and m, as in `records.PlaneRecord`.
     support
-        Points.
+        Number of points.
     area
-        m2.
+        Area, m2.
     quality
         val of Eq. (8), m2.
     boundary, holes
@@ -748,7 +746,7 @@ class CycleEntry:
     frame_id
         The odometry frame.
     planes
-        In that frame.
+        Planes in that frame.
     """
 
     cycle: int
@@ -770,7 +768,7 @@ class PlanesFile:
     Attributes
     ----------
     cycles
-        In the order of time.
+        Tilt cycles, in order of time.
     """
 
     cycles: tuple[CycleEntry, ...] = ()
@@ -785,17 +783,17 @@ class PlanesFile:
 
 
 class SessionKind(StrEnum):
-    """Whether a recording starts a map or continues one."""
+    """Relation of a recording to a saved map."""
 
     FIRST = "first"
-    """It starts a map."""
+    """The recording starts a map."""
     NEW = "new"
-    """It continues a saved map, in which it was localised."""
+    """The recording continues a saved map in which the robot was localised."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """How the recording relates to a saved map.
+    """Relation of the recording to a saved map.
 
     Attributes
     ----------
@@ -808,7 +806,7 @@ class SessionEntry:
 
 @dataclass(frozen=True, slots=True)
 class ScansUsedEntry:
-    """Scans of each laser that were used.
+    """Numbers of scans used, by laser.
 
     Attributes
     ----------
@@ -829,23 +827,23 @@ class CountsEntry:
     Attributes
     ----------
     messages
-        Messages read, by topic.
+        Numbers of messages read, by topic.
     scans_used
-        Scans of each laser.
+        Numbers of records that were not used, by reason.
     dropped
-        Records that were not used, by reason.
+        Numbers of tilt cycles, and of planes with a track id of their own.
     cycles, planes
-        Tilt cycles, and planes with a track id of their own.
+        Numbers in the graph.
     keyframes, walls
-        Their numbers in the graph.
+        Numbers of proposed loop closures.
     loops_accepted, loops_rejected
-        Proposed loop closures.
+        Numbers of surfaces as counted by `count_surfaces`.
     surfaces, small_surfaces
-        As `count_surfaces` counts them.
+        Number of objects on surfaces.
     objects
-        On surfaces.
+        Optional stages after the map that failed, by name and error.
     failed_stages
-        Stages that hang on the map and were left out, by name and error.
+        Number of trajectories whose poses in the map are unknown.
     unjoined_trajectories
         Trajectories beside the map, whose places in it are not known.
     """
@@ -878,7 +876,7 @@ class SummaryFile:
     Attributes
     ----------
     versions
-        Versions of the package, Python and libraries.
+        Duration of the bag, s.
     bag_duration
         s.
     session
@@ -898,7 +896,7 @@ class SummaryFile:
 
 @dataclass(frozen=True, slots=True)
 class TimingFile:
-    """timing.json: the time that a replay took.
+    """timing.json: the processing time of a replay.
 
     Attributes
     ----------
@@ -1009,17 +1007,17 @@ class TruthFile:
     floor_z
         Height of the floor, m.
     surfaces
-        That are there at the end of the recording.
+        Surfaces present at the end of the recording.
     gone
-        That were removed during the recording.
+        Surfaces removed during the recording.
     others
-        Horizontal tops that are too small or too hidden to count as missed.
+        Horizontal tops too small or too hidden to count as missed.
     objects
         Boxes on surfaces.
     signs
         Door signs.
     rooms
-        Rooms, the corridor too.
+        Rooms, including the corridor.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"

@@ -1,6 +1,6 @@
-"""Numbers and arrays as JSON: rounded to 1e-6, the same values give the same bytes.
+"""Numbers and arrays as JSON, rounded to 1e-6 and byte-identical for the same values.
 
-A negative zero is written as 0, what is not finite as null.
+Negative zero is written as 0, and numbers that are not finite as null.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 DIGITS = 6
-"""Floats are rounded to this many decimals; chosen: a micrometre."""
+"""Number of decimals of floats. Chosen: a micrometre."""
 
 OPEN_LEVELS = 3
-"""Levels of a JSON file that have a line for each entry; deeper ones are on one line."""
+"""Levels of a JSON file with a line per entry; deeper levels are written on one line."""
 
 
 class Stamp(float):
-    """A time in s that keeps its nanoseconds: it is written exactly, with 9 decimals.
+    """A time in s that keeps its nanoseconds and is written exactly, with 9 decimals.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Stamp(float):
     stamp_ns: int
 
     def __new__(cls, stamp_ns: int) -> Stamp:
-        """Make the time of integer nanoseconds."""
+        """Return the time of integer nanoseconds."""
         stamp = super().__new__(cls, stamp_ns * 1e-9)
         stamp.stamp_ns = int(stamp_ns)
         return stamp
@@ -52,7 +52,7 @@ def key_of(name: str) -> str:
 
 
 def rounded(value: float) -> float | None:
-    """Round a number to 1e-6; None where it is not finite, 0.0 for a negative zero."""
+    """Round a number to 1e-6; return None if it is not finite, 0.0 for a negative zero."""
     return round(float(value), DIGITS) + 0.0 if math.isfinite(value) else None
 
 
@@ -67,7 +67,7 @@ def json_text(value: Any) -> str:
     Raises
     ------
     TypeError
-        For anything else.
+        If a value has another type.
     """
     return _json(value, 0) + "\n"
 
@@ -103,7 +103,7 @@ def _keys(kind: type) -> list[tuple[str, str]]:
 
 
 def _array_json(values: NDArray[Any]) -> str:
-    """Return an array on one line; faster than value by value, and a file is mostly outlines."""
+    """Return an array on one line, which is faster than value by value."""
     plain = rounded_list(values) if values.dtype.kind == "f" else values.tolist()
     return json.dumps(plain, ensure_ascii=False)
 
@@ -114,8 +114,8 @@ def rounded_list(values: NDArray[np.floating[Any]]) -> list[Any]:
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = exact * 10.0**DIGITS
         whole = np.rint(scaled)
-        # Up to 1e6 a product is wrong by less than 1e-4: elsewhere the nearest whole is the right
-        # one, and its quotient is the double nearest to the decimal.
+        # Below 1e6 the product has an error below 1e-4, so rounding to the nearest integer is right
+        # except near halves, and the quotient is the double nearest to the decimal.
         is_sure = (np.abs(scaled - whole) < 0.499) & (np.abs(exact) < 1e6)
     result = whole / 10.0**DIGITS + 0.0
     if is_sure.all():

@@ -1,6 +1,4 @@
-"""The planning scene as text, which MoveIt reads: "Import" in RViz, or
-``PlanningScene::loadGeometryFromStream``.
-"""
+"""MoveIt planning scene as text, for "Import" in RViz."""
 
 from __future__ import annotations
 
@@ -22,8 +20,8 @@ TITLE = "tccm_ros"
 def scene_text(surfaces: Iterable[Surface], compartments: Sequence[Compartment] = ()) -> str:
     """Return surfaces and racks (`structure_shapes`) as a MoveIt planning scene (``.scene``).
 
-    The format is the older one of two, which all versions of MoveIt read: for each object its
-    shapes, for each shape its pose (x y z, then the quaternion x y z w) and its colour.
+    The format is the older of two, which all versions of MoveIt read: for each object its shapes,
+    for each shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
     lines = [TITLE]
     for name, shape in structure_shapes(surfaces, compartments).items():

@@ -1,4 +1,4 @@
-"""Write the points of surfaces as binary PLY, with a colour for each surface."""
+"""Write the points of surfaces as binary PLY, with a colour per surface."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLY_TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
 
 
 def surface_ply(points: Float32, surface_id: NDArray[np.uint32]) -> bytes:
-    """Return points (N, 3) with their surfaces (N,) as a binary little-endian PLY file.
+    """Return points (N, 3) with their surface ids (N,) as a binary little-endian PLY file.
 
     The properties are x y z float32, red green blue uint8, surface_id uint32.
     """

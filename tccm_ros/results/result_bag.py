@@ -1,14 +1,15 @@
 """Write result.mcap: the messages that the live nodes would have published.
 
-The messages of a tilt cycle are made when the cycle is complete, from the integration map at that
-time, and stored in a temporary file until the poses are known: memory stays bounded in a bag of
-hours.
+The messages of a tilt cycle are built when the cycle is complete, from the integration map at that
+time, and stored in a temporary file until the poses are known, so that memory stays bounded for a
+bag of hours.
 
 Log time, publish time and order follow the records that caused the messages. Poses, walls and
-surfaces are those of the final solution, each from the time at which it was first seen, so that the
-map grows while the bag plays. Events are those of the solutions after each view, where a replay
-makes them. Markers of cuboids and center cores and the obstacles are large and written once, for
-the last tilt cycle; ``map_cloud`` has the exact values of every tilt cycle.
+surfaces are those of the final solution. Surfaces are written from the time at which they were
+first seen, so that the map grows while the bag plays. Events are those of the solutions after each
+view, if the replay computes these. Markers of cuboids and center cores, and obstacles, are large
+and are written once, for the last tilt cycle; ``map_cloud`` has the exact values of every tilt
+cycle.
 """
 
 from __future__ import annotations
@@ -72,11 +73,11 @@ MAP_ODOM_TOPIC = SLAM + "map_to_odom"
 MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 
 LAST_CYCLE_TOPICS = ("cuboids", "center_cores", "obstacles")
-"""Topics of a tilt cycle that are written for the last one alone."""
+"""Topics of a tilt cycle that are written only for the last one."""
 
 GROWING_TOPICS = ("surfaces",)
-"""Topics of the solution that are written whenever a surface is new. The others are written once:
-the whole cloud each time would make the file grow with the square of the recording's length."""
+"""Topics of the solution that are written at each new surface. The others are written once, because
+the file would otherwise grow with the square of the recording's length."""
 
 
 class _StoredMessage(NamedTuple):
@@ -88,20 +89,20 @@ class _StoredMessage(NamedTuple):
 
 
 class CycleMessageStore:
-    """The serialised messages of tilt cycles, in a temporary file.
+    """Serialised messages of tilt cycles in a temporary file.
 
     Parameters
     ----------
     config
         Groups `map` and `markers`.
     folder
-        Folder of the temporary file, which ends with the process; None for the system's.
+        Folder of the temporary file, which is deleted with the process; None for the system's.
     """
 
     def __init__(self, config: Config, folder: Path | None = None):
         self.types = TypestoreMessages()
         self._builder = CycleMessageBuilder(self.types, config)
-        self._file = TemporaryFile(dir=folder)  # noqa: SIM115  (it lives as long as this does)
+        self._file = TemporaryFile(dir=folder)  # noqa: SIM115  (closed with this object)
         self._stored: dict[int, dict[str, _StoredMessage]] = {}
         self._newest: dict[str, TopicMessage] = {}
 
@@ -111,14 +112,14 @@ class CycleMessageStore:
         Parameters
         ----------
         cycle
-            Newer than those before.
+            Result of the tilt cycle, newer than the previous ones.
         cuboids
-            The integration map after it.
+            Integration map after it.
 
         Raises
         ------
         OutputError
-            If they cannot be written.
+            If the messages cannot be written.
         """
         messages = {m.topic: m for m in self._builder.of(cycle, lambda: cuboids)}
         self._newest = {topic: messages.pop(topic) for topic in LAST_CYCLE_TOPICS}
@@ -132,14 +133,14 @@ class CycleMessageStore:
             raise OutputError(f"result.mcap: cannot be written ({one_line(error)})") from None
 
     def of(self, cycle: int, *, is_last: bool) -> Iterator[tuple[str, str, Any]]:
-        """Yield topic, type and message of every message of a tilt cycle.
+        """Yield topic, type and message of each message of a tilt cycle.
 
         Parameters
         ----------
         cycle
-            Number of a tilt cycle that was added.
+            Number of an added tilt cycle.
         is_last
-            Whether it is the last one, which has the `LAST_CYCLE_TOPICS` too.
+            Whether it is the last one, which also has the `LAST_CYCLE_TOPICS`.
         """
         stored = self._stored[cycle]
         for topic in CYCLE_TOPICS:
@@ -153,7 +154,7 @@ class CycleMessageStore:
 
 
 class _TimedWrite(NamedTuple):
-    """A write at a time; writes at the same time are ordered by rank."""
+    """A write at a time; writes at equal times are ordered by rank."""
 
     stamp_ns: int
     rank: int
@@ -161,14 +162,14 @@ class _TimedWrite(NamedTuple):
 
 
 class ResultBag:
-    """Writes the messages of tilt cycles and of the solution in the order of time.
+    """Writes the messages of tilt cycles and of the solution in order of time.
 
     Parameters
     ----------
     bag
-        An open bag; its file is complete when that is closed.
+        An open bag; its file is complete when it is closed.
     messages
-        Messages of the cycles.
+        Messages of the tilt cycles.
     config
         Groups `frames` and `tf`.
     """
@@ -200,18 +201,18 @@ class ResultBag:
         events: Iterable[tuple[int, Change]] = (),
         grid: OccupancyGrid | None = None,
     ) -> None:
-        """Write everything, in the order of time.
+        """Write all messages in order of time.
 
         Parameters
         ----------
         cycles
-            All cycles in order.
+            All tilt cycles, in order.
         solution
-            The final one.
+            The final solution.
         events
-            Changes, and the stamps of the views that they are told with, ns.
+            Changes with the stamps of the views that revealed them, ns.
         grid
-            Of the level scans, if there are any.
+            Grid of the level scans, if any.
         """
         self._grid = grid
         due = [*self._cycle_writes(cycles, solution), *self._solution_writes(cycles, solution)]
@@ -227,7 +228,7 @@ class ResultBag:
         for cycle in cycles:
             T_map_base = solution.slam.T_map_base_at(cycle.stamp_ns)[0]
             is_last = cycle is cycles[-1]
-            if cycle.scans:  # a tilt cycle without scans has no pose of the base
+            if cycle.scans:  # without scans, the base has no pose at the cycle
                 due = partial(self._write_frames, cycle, T_map_base, solution)
                 yield _TimedWrite(cycle.end_ns, 0, due)
             yield _TimedWrite(cycle.end_ns, 1, partial(self._write_cycle, cycle, is_last))
@@ -237,7 +238,7 @@ class ResultBag:
     ) -> None:
         """Write the poses of the odometry frame and the base at the stamp of the tilt cycle.
 
-        Where they are asked for, those of the surfaces that had been seen too.
+        With `tf.surfaces`, also write the frames of the surfaces seen by then.
         """
         stamp_ns, types = cycle.stamp_ns, self._bag.types
         T_map_odom = T_map_base @ inverse(cycle.T_odom_base)
@@ -301,7 +302,7 @@ class ResultBag:
         self._bag.write(POSE_TOPIC, POSE, stamp_ns, message)
 
     def _write_surfaces(self, solution: SurfaceSolution, seen_ns: int, stamp_ns: int) -> None:
-        """Write the surfaces that had been seen at a time."""
+        """Write the surfaces first seen by a time."""
         seen = _seen_by(solution, seen_ns)
         messages = self._solution_builder.of(seen, seen_ns)
         self._write_messages(stamp_ns, (m for m in messages if m.topic in GROWING_TOPICS))
@@ -333,7 +334,7 @@ def _ends(cycles: Sequence[CycleResult]) -> dict[int, int]:
 
 
 def _seen_by(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
-    """Return the solution with only those surfaces that were first seen by a time."""
+    """Return the solution with only the surfaces first seen by a time."""
     mapped = solution.mapped
     kept = [surface.first_seen_ns <= seen_ns for surface in mapped.surfaces]
     surfaces = tuple(s for s, keep in zip(mapped.surfaces, kept, strict=True) if keep)
@@ -362,17 +363,17 @@ def write_result_bag(
     Parameters
     ----------
     path
-        The file; an older one is replaced.
+        Output file; an older one is replaced.
     cycles, solution
-        Results of the processors.
+        Results of tilt cycles, and the final solution.
     messages
         Messages of the same tilt cycles.
     config
         Groups ``frames`` and ``tf``.
     events
-        Changes, and the stamps of the views that they are told with, ns.
+        Changes with the stamps of the views that revealed them, ns.
     grid
-        Of the level scans, if there are any.
+        Grid of the level scans, if any.
 
     Raises
     ------

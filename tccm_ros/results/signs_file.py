@@ -21,11 +21,11 @@ class SignViewEntry:
     Attributes
     ----------
     stamp
-        Of the picture, s.
+        Stamp of the picture, s.
     keyframe
-        The keyframe that it hangs on.
+        Keyframe to which the picture is attached.
     pixel
-        float64 (2,), middle of the number, from the left and the top of the picture.
+        float64 (2,), centre of the number, from the left and the top of the picture.
     """
 
     stamp: float
@@ -40,21 +40,21 @@ class SignEntry:
     Attributes
     ----------
     id
-        Stays with the sign over solutions and sessions.
+        Id, stable over solutions and sessions.
     text, number
-        What the plate says, and the number of the room in it.
+        Text on the plate, and the room number in it.
     confidence
-        In the number, 0 to 1.
+        Confidence in the number, 0 to 1.
     position
-        float64 (3,), middle of the number, m.
+        float64 (3,), centre of the number, m.
     normal
-        float64 (3,), unit vector from the wall to who reads the sign.
+        float64 (3,), unit normal of the wall towards the reader of the sign.
     covariance
         float64 (3, 3) of the position, m2.
     wall
-        Id of its wall in walls.json; null where none is known.
+        Id of its wall in walls.json; null if unknown.
     views
-        The pictures, in the order of sessions and stamps.
+        Pictures, in order of sessions and stamps.
     """
 
     id: int
@@ -70,16 +70,16 @@ class SignEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefusedEntry:
-    """What was read as a room's number and is no door sign, as `records.RefusedSign`.
+    """Text that was read as a room number but is not a door sign, as `records.RefusedSign`.
 
     Attributes
     ----------
     number
-        As most pictures say.
+        Number read in most pictures.
     position
         float64 (3,), in map, m.
     reason
-        Why it is none.
+        Reason for the refusal.
     """
 
     number: str
@@ -94,9 +94,9 @@ class SignsFile:
     Attributes
     ----------
     signs
-        By id.
+        Signs, by id.
     refused
-        What was read at one place and is no sign.
+        Texts read at one position that are not signs.
     """
 
     signs: tuple[SignEntry, ...] = ()

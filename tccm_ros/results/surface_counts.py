@@ -1,7 +1,7 @@
-"""Count surfaces above the floor, in one way wherever a number is shown.
+"""Count surfaces above the floor, in the same way for all displayed numbers.
 
-A surface counts if it is above the floor and at least 0.1 m2 large: a robot can put an object on
-it, and evaluations count the same. Smaller ones are counted separately; parts of the floor are not
+A surface counts if it is above the floor and has at least 0.1 m2, so that a robot can put an object
+on it; evaluations count the same. Smaller ones are counted separately; pieces of the floor are not
 counted.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
 MIN_COUNTED_AREA_M2 = 0.1
-"""Smaller surfaces are counted separately, m2; chosen: an object of a hand's size fits on it."""
+"""Minimum area of a counted surface, m2. Chosen: a hand-sized object fits on it."""
 
 
 class _Surface(Protocol):
@@ -28,16 +28,16 @@ class SurfaceCounts(NamedTuple):
     Attributes
     ----------
     counted
-        At least `MIN_COUNTED_AREA_M2` large.
+        Surfaces of at least `MIN_COUNTED_AREA_M2`.
     small
-        Smaller.
+        Smaller surfaces.
     """
 
     counted: int
     small: int
 
     def text(self) -> str:
-        """Return the numbers in words."""
+        """Return the numbers as text."""
         text = f"{self.counted} surface{'' if self.counted == 1 else 's'}"
         return text + (f" (and {self.small} below {MIN_COUNTED_AREA_M2} m²)" if self.small else "")
 

@@ -1,6 +1,6 @@
 """Trajectories in TUM format, and text files with rows of stamps and numbers.
 
-Stamps are read as integer nanoseconds from their digits, never through a float.
+Stamps are parsed from their digits to integer nanoseconds, without floats.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from tccm_ros.geometry import pose_from_quaternion, quaternion
 from tccm_ros.results.numbers import Stamp, rounded
 
 MAX_STAMP_S = Decimal(9_000_000_000)
-"""Largest stamp, s: nanoseconds of int64 end a little later."""
+"""Maximum stamp, s, a little below the limit of int64 nanoseconds."""
 
 MAX_NORM_ERROR = 0.01
-"""Largest difference of a quaternion's norm from 1; chosen: files with two decimals pass."""
+"""Maximum deviation of a quaternion's norm from 1. Chosen: files with two decimals pass."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class Trajectory:
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 
     def nearest(self, stamps: Float64) -> Int64:
-        """Return the index int64 (M,) of the pose nearest to each stamp in s; N must not be 0."""
+        """Return the index int64 (M,) of the pose nearest to each stamp, s; N must not be 0."""
         known = self.stamps
         right = np.clip(np.searchsorted(known, stamps), 1, max(len(known) - 1, 1))
         right = np.minimum(right, len(known) - 1)
@@ -67,7 +67,7 @@ class Trajectory:
         return np.where(earlier, left, right)
 
     def tum(self) -> str:
-        """Return trajectory.tum: ``stamp x y z qx qy qz qw``, a line for each pose."""
+        """Return trajectory.tum: ``stamp x y z qx qy qz qw``, one line per pose."""
         if not len(self):
             return ""
         rows = np.concatenate([self.positions, quaternion(self.T_map_base)], axis=1)
@@ -78,14 +78,14 @@ class Trajectory:
 
 
 def read_tum(path: Path | str, *, first: int = 0) -> Trajectory:
-    """Read ``stamp x y z qx qy qz qw`` lines; rows of one stamp keep the last.
+    """Read ``stamp x y z qx qy qz qw`` lines; the last row of equal stamps is kept.
 
     Parameters
     ----------
     path
         The file.
     first
-        Columns before the stamp, which are not read.
+        Number of columns before the stamp, which are skipped.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def read_tum(path: Path | str, *, first: int = 0) -> Trajectory:
 
 
 def text_rows(path: Path | str) -> list[list[str]]:
-    """Return the words of each line without comments; blanks or commas separate words.
+    """Return the words of each line except comments, separated by blanks or commas.
 
     Raises
     ------
@@ -131,11 +131,11 @@ def number_columns(
     path
         The file.
     stamps
-        How many columns are stamps, s.
+        Number of stamp columns, s.
     numbers
-        How many columns after those are numbers.
+        Number of columns with numbers after the stamps.
     first
-        How many columns before the stamps are not read.
+        Number of columns before the stamps, which are skipped.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def number_columns(
     Raises
     ------
     LogError
-        If the file is missing, or a row has other content.
+        If the file is missing, or a row cannot be parsed.
     """
     times, values = [], []
     for k, row in enumerate(text_rows(path)):

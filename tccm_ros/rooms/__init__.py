@@ -1,1 +1,1 @@
-"""Rooms of a map: what walls enclose, named by door signs."""
+"""Rooms of a map: areas enclosed by walls, named by door signs."""

@@ -1,4 +1,4 @@
-"""Borders between cells: how much of each is wall, and which cells too little of it separates."""
+"""Borders between cells: their fraction of wall, and merging of cells with too little wall."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.rooms.cells import SNAP, extended
 
 MIN_WALL_FRACTION = 0.42
-"""Cells between which less of the border is wall are one room. Chosen: a door of 0.8 m in a wall of
+"""Minimum fraction of wall in the border between two rooms. Chosen: a door of 0.8 m in a wall of
 1.5 m leaves 0.47."""
 
 ON_WALL = 0.10
-"""A border that is this near to a wall is wall, m. Chosen: the noise of walls."""
+"""Maximum distance of a border from its wall, m. Chosen: the noise of walls."""
 
 MAX_THICKNESS = 0.3
-"""Thickest wall, m: cells on both sides of it have a border. Chosen."""
+"""Maximum thickness of a wall, across which cells have a border, m. Chosen."""
 
 Pair = tuple[int, int]
 
@@ -32,11 +32,11 @@ class Border:
     Attributes
     ----------
     length
-        m.
+        Length of the border, m.
     wall
-        How much of it is wall, m.
+        Length of wall in it, m.
     support
-        Length of the walls whose lines it lies on, m.
+        Length of the walls on whose lines it lies, m.
     """
 
     length: float
@@ -44,7 +44,7 @@ class Border:
     support: float
 
     def added(self, other: Border | None) -> Border:
-        """Return this border and another one of the same two groups as one."""
+        """Return the sum of this border and another one of the same two groups."""
         if other is None:
             return self
         support = max(self.support, other.support)
@@ -59,11 +59,11 @@ def cell_borders(
     Parameters
     ----------
     cells
-        Of the plane.
+        Cells of the plane.
     lines
-        float64 (2, 2) each, walls that made the cells, m.
+        float64 (2, 2) each, walls that define the cells, m.
     walls
-        float64 (2, 2) each, all walls, as they were seen, m.
+        float64 (2, 2) each, all walls as observed, m.
     """
     near, behind = (
         shapely.union_all([LineString(w).buffer(far, cap_style="flat") for w in (*lines, *walls)])
@@ -77,7 +77,7 @@ def cell_borders(
         if a >= b:
             continue
         common, of_wall = shapely.intersection(cells[a].exterior, cells[b].exterior), near
-        if common.length <= MAX_THICKNESS:  # a wall is between them
+        if common.length <= MAX_THICKNESS:  # there is a wall between them
             beside = cells[b].buffer(MAX_THICKNESS, join_style="mitre")
             common, of_wall = shapely.intersection(cells[a].exterior, beside), behind
         if common.length > SNAP:
@@ -90,17 +90,17 @@ def cell_borders(
 
 
 def merged_cells(borders: dict[Pair, Border], is_used: Bool) -> Int64:
-    """Return the number of the group of each cell, -1 for cells that are not used.
+    """Return the group number of each cell, -1 for unused cells.
 
-    Groups whose border is wall for less than `MIN_WALL_FRACTION` are merged, first across what
-    short walls extend to: sides of furniture are shorter than walls.
+    Groups are merged if less than `MIN_WALL_FRACTION` of their border is wall, beginning with
+    borders on extensions of short walls, because sides of furniture are shorter than walls.
 
     Parameters
     ----------
     borders
-        Between cells.
+        Borders between cells.
     is_used
-        bool (N,), which cells are merged.
+        bool (N,), cells to merge.
     """
     group = np.where(is_used, np.arange(len(is_used)), -1)
     left = {pair: b for pair, b in borders.items() if is_used[pair[0]] and is_used[pair[1]]}

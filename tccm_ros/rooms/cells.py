@@ -1,4 +1,4 @@
-"""Cells into which walls cut the plane, once the gaps of doors are closed."""
+"""Cells of the plane between walls, with the gaps of doors closed."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 DOOR_WIDTH = 1.3
-"""Widest gap between walls that is a door, m. Chosen: a double door of an office."""
+"""Maximum width of a door between walls, m. Chosen: a double door of an office."""
 
 MIN_WALL_LENGTH = 0.3
-"""Shorter walls cut nothing, m. Chosen: what is beside a door in a corner."""
+"""Minimum length of a wall that separates cells, m. Chosen: the wall beside a door in a corner."""
 
 IN_LINE = 0.07
-"""Walls whose ends are this near to the line of a longer one are in line with it, m. Chosen: less
-than the thickness of a wall."""
+"""Maximum distance of a wall's ends from the line of a longer wall to be aligned with it, m.
+Chosen: less than the thickness of a wall."""
 
 TICK = 0.15
-"""Length to each side of a tick at the end of an extended wall, m. Chosen: twice `IN_LINE`."""
+"""Length of the cross lines at the ends of an extended wall to each side, m. Chosen: twice
+`IN_LINE`."""
 
 SNAP = 1e-3
-"""Grid of the coordinates of cells, m."""
+"""Grid size of the cells' coordinates, m."""
 
 
 def aligned(walls: Sequence[Float64]) -> list[Float64]:
-    """Return the longer walls, those nearly in line moved into line with the longest of them.
+    """Return the walls that are long enough, aligned with the longest nearly collinear one.
 
     Parameters
     ----------
@@ -51,10 +52,10 @@ def aligned(walls: Sequence[Float64]) -> list[Float64]:
 
 
 def frame(walls: Sequence[Float64]) -> list[Float64]:
-    """Return the sides of the rectangle around all walls, in the direction of the longest.
+    """Return the sides of the bounding rectangle of all walls, aligned with the longest wall.
 
-    They close rooms of which a wall was not seen. Walls on one line have no rectangle around them
-    but that line: sides shorter than `SNAP` are left out.
+    They close rooms with a wall that was not observed. Sides shorter than `SNAP`, as of collinear
+    walls, are dropped.
 
     Parameters
     ----------
@@ -72,13 +73,13 @@ def frame(walls: Sequence[Float64]) -> list[Float64]:
 
 
 def extended(wall: Float64) -> LineString:
-    """Return a wall that is extended by the width of a door at both ends."""
+    """Return a wall extended by the width of a door at both ends."""
     beyond = DOOR_WIDTH * (wall[1] - wall[0]) / _length(wall)
     return LineString([wall[0] - beyond, wall[1] + beyond])
 
 
 def plane_cells(walls: Sequence[Float64]) -> list[Polygon]:
-    """Return the cells into which walls cut the plane, each extended by the width of a door.
+    """Return the cells of the plane between walls, each extended by the width of a door.
 
     Parameters
     ----------
@@ -87,23 +88,24 @@ def plane_cells(walls: Sequence[Float64]) -> list[Polygon]:
     """
     lines = [extended(wall) for wall in walls]
     for wall, line in zip(walls, list(lines), strict=True):
-        # Pieces of one wall are not quite in line: a tick at the end of one reaches the other.
+        # Pieces of a wall are not exactly collinear: a cross line at the end of one meets the
+        # other.
         across = TICK * _normal(wall)
         lines += [LineString([end - across, end + across]) for end in np.array(line.coords)]
-    # Not shapely.node: it gives up where many lines nearly coincide; rounding to a grid does not.
+    # Not shapely.node, which fails for many nearly coincident lines; a grid makes it robust.
     noded = shapely.union_all(lines, grid_size=SNAP)
     return list(shapely.polygonize([noded]).geoms)
 
 
 def free_fraction(cell: Polygon, grid: OccupancyGrid) -> float:
-    """Return the part of a cell that the level laser saw as free, 0 to 1.
+    """Return the fraction of a cell observed as free by the level laser.
 
     Parameters
     ----------
     cell
-        In map.
+        Cell in map.
     grid
-        What the level laser saw.
+        Grid of the level scans.
     """
     low, high = np.array(cell.bounds).reshape(2, 2)
     first = np.floor((low - grid.origin) / grid.resolution).astype(int)
@@ -124,7 +126,7 @@ def free_fraction(cell: Polygon, grid: OccupancyGrid) -> float:
 
 
 def half_width(shape: shapely.Geometry) -> float:
-    """Return the radius of the largest circle in an area, m."""
+    """Return the radius of the largest inscribed circle of an area, m."""
     return float(shapely.maximum_inscribed_circle(shape, tolerance=0.02).length)
 
 

@@ -1,7 +1,7 @@
-"""Names of rooms by their door signs, and the rooms in which surfaces stand.
+"""Names of rooms from door signs, and assignment of surfaces to rooms.
 
-A sign hangs on the outside of the room that it names: the room is behind its wall. On the other
-side of a thick wall, or of two walls with a shaft between them, it is looked for further behind.
+A sign hangs outside its room, on the wall of the room. If the wall is thick, or there are two walls
+with a shaft between them, the room is searched for further behind the sign.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from tccm_ros.arrays import Float64
 from tccm_ros.records import Room, Sign, Surface
 
 BEHIND = (0.2, 0.35, 0.5)
-"""Distances behind a sign at which its room is looked for, m. Chosen: walls of up to half a
+"""Distances behind a sign at which its room is searched for, m. Chosen: walls of up to half a
 metre."""
 
 BEFORE = 0.3
-"""Distance before a sign at which the room is that it hangs in, m. Chosen."""
+"""Distance in front of a sign at which the room that contains the sign is searched for, m.
+Chosen."""
 
 NEAR = 4.0
-"""Signs that hang in the room of a surface are near it up to this distance, m. Chosen."""
+"""Maximum distance of a near sign from a surface in the same room, m. Chosen."""
 
 
 def named_rooms(boundaries: Sequence[Float64], signs: Sequence[Sign]) -> tuple[Room, ...]:
-    """Return rooms with the names that their door signs give them.
+    """Return rooms with the names of their door signs.
 
-    Where several signs are before one room, the most confident gives the name.
+    If a room has several signs, the most confident one names it.
 
     Parameters
     ----------
@@ -59,22 +60,22 @@ def _room_behind(sign: Sign, areas: Sequence[Polygon]) -> int | None:
 
 
 def _room_at(point: Float64, areas: Sequence[Polygon]) -> int | None:
-    """Return the index of the room in which a point is, None for none."""
+    """Return the index of the room that contains a point; None if there is none."""
     return next((k for k, a in enumerate(areas) if shapely.contains_xy(a, *point)), None)
 
 
 def placed_surfaces(
     surfaces: Iterable[Surface], rooms: Sequence[Room], signs: Sequence[Sign]
 ) -> tuple[Surface, ...]:
-    """Return surfaces with the rooms that they stand in, and the signs near them.
+    """Return surfaces with their rooms and near signs.
 
-    A surface is in the room that holds the largest part of it; the floor, which is in many, is in
-    none. Near it are the signs of its room, and those that hang within it.
+    A surface is in the room with the largest part of it; the floor, which extends over many, is in
+    none. Near signs are those of its room, and those that hang inside the room within `NEAR`.
 
     Parameters
     ----------
     surfaces, rooms, signs
-        In map.
+        Surfaces, rooms and signs in map.
     """
     areas = [Polygon(room.boundary) for room in rooms]
     before = [(sign.position + BEFORE * sign.normal)[:2] for sign in signs]
@@ -98,6 +99,6 @@ def placed_surfaces(
 
 
 def _fullest_room(outline: shapely.Geometry, areas: Sequence[Polygon]) -> int | None:
-    """Return the index of the room with the largest part of an outline, None for none."""
+    """Return the index of the room with the largest part of an outline; None if there is none."""
     common = [float(shapely.area(shapely.intersection(outline, area))) for area in areas]
     return int(np.argmax(common)) if common and max(common) > 0.0 else None

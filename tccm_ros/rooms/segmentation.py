@@ -1,8 +1,8 @@
-"""Rooms of a map: what walls enclose once doors are closed.
+"""Rooms of a map: areas enclosed by walls once doors are closed.
 
-A door is a gap between walls: each wall is extended at both ends by the width of a door, and the
-lines cut the plane into cells. Cells that the level laser saw as free and that little wall
-separates are one room; furniture that stands in it, or against its walls, belongs to it.
+A door is a gap between walls. Each wall is extended at both ends by the width of a door, and the
+lines divide the plane into cells. Cells that the level laser observed as free, and that little wall
+separates, form a room. Furniture in it or along its walls belongs to the room.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from tccm_ros.rooms.cells import aligned, frame, free_fraction, half_width, plan
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 MIN_WALLS = 3
-"""Fewer walls enclose nothing."""
+"""Minimum number of walls around a room."""
 
 MIN_HALF_WIDTH = 0.5
-"""Radius of the largest circle in a room, m. Chosen: narrower cells are in front of a wall or
-beside a cupboard."""
+"""Minimum radius of the largest inscribed circle of a room, m. Chosen: narrower cells are in front
+of a wall or beside a cupboard."""
 
 MIN_AREA = 1.2
-"""m2, of a room. Chosen: a closet."""
+"""Minimum area of a room, m2. Chosen: a closet."""
 
 MIN_FREE_FRACTION = 0.35
-"""Part of a cell of a room that was seen as free. Chosen: of rooms that are seen through a door."""
+"""Minimum free fraction of a room's cell. Chosen: that of rooms seen through a door."""
 
 MAX_HIDDEN_HALF_WIDTH = 0.6
-"""Radius of the largest circle in furniture, m: what hides behind its front. Chosen."""
+"""Maximum radius of the largest inscribed circle of furniture, m, whose inside is hidden.
+Chosen."""
 
 MIN_CONTACT = 0.3
-"""Part of the outline of furniture that is on the room which it stands in. Chosen."""
+"""Minimum fraction of the outline of furniture on its room. Chosen."""
 
 PASSES = 4
-"""How often narrow parts are given to the rooms that they touch: parts behind parts. Chosen."""
+"""Number of passes that assign narrow cells to adjacent rooms, for cells behind cells. Chosen."""
 
 SIMPLE = 0.02
-"""Corners of a room that are this near to the line of their neighbours are left out, m."""
+"""Corners nearer than this to the line of their neighbours are removed, m."""
 
 
 def find_rooms(walls: Sequence[Float64], grid: OccupancyGrid) -> list[Float64]:
@@ -53,7 +54,7 @@ def find_rooms(walls: Sequence[Float64], grid: OccupancyGrid) -> list[Float64]:
     walls
         float64 (2, 2) each, ends of the walls' observed extent in map, m.
     grid
-        What the level laser saw.
+        Grid of the level scans.
 
     Returns
     -------
@@ -95,7 +96,7 @@ def _with_parts(
     widths: Float64,
     is_free: Bool,
 ) -> Int64:
-    """Give narrow free cells, and furniture with what it hides, to the rooms that they touch."""
+    """Assign narrow free cells, and furniture with its hidden inside, to adjacent rooms."""
     touched: list[dict[int, float]] = [{} for _ in cells]
     for (a, b), border in borders.items():
         for cell, other in ((a, b), (b, a)):

@@ -1,1 +1,1 @@
-"""Convert records to ROS messages and back, for rosidl and rosbags message classes."""
+"""Conversion between records and ROS messages, for rosidl and rosbags message classes."""

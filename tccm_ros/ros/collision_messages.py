@@ -1,7 +1,7 @@
 """Surfaces and the objects on them as moveit_msgs/CollisionObject.
 
-A surface is a thin slab under it: a box, or a mesh where a box would block much more than the
-surface (`surface_shape`). An object is its bounding box.
+A surface is a thin slab below its plane: a box, or a mesh if a box would block a much larger area
+than the surface (`surface_shape`). An object is its bounding box.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tccm_ros.surfaces.scene_objects import SceneObject
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 
 ITEM_PREFIX = "tccm_object_"
-"""Before the id of an object; those of surfaces and racks are in `planning_shapes`."""
+"""Prefix of an object's id; the prefixes of surfaces and racks are in `planning_shapes`."""
 
 ADD, REMOVE = 0, 1
-"""moveit_msgs/CollisionObject: an object of the same name is replaced; removed."""
+"""Operations of moveit_msgs/CollisionObject; ADD replaces an object of the same id."""
 
 SOLID_BOX = 1
-"""shape_msgs/SolidPrimitive BOX."""
+"""BOX of shape_msgs/SolidPrimitive."""
 
 Shapes = Mapping[str, Box | Mesh]
 """Shapes in map by the name of the collision object."""
@@ -38,12 +38,12 @@ def collision_shapes(
     objects: Iterable[SceneObject],
     compartments: Sequence[Compartment] = (),
 ) -> Shapes:
-    """Return the shapes of surfaces and racks (`structure_shapes`), and of what stands on surfaces.
+    """Return the shapes of surfaces and racks (`structure_shapes`), and of objects on surfaces.
 
     Parameters
     ----------
     surfaces, objects, compartments
-        In map.
+        Contents of a solution, in map.
     """
     structure = structure_shapes(surfaces, compartments)
     return structure | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
@@ -52,7 +52,7 @@ def collision_shapes(
 def collision_messages(
     types: MessageTypes, stamp_ns: int, frame_id: str, shapes: Shapes, gone: Iterable[str] = ()
 ) -> Iterator[Any]:
-    """Yield a moveit_msgs/CollisionObject that removes each that is gone, and one for each shape.
+    """Yield a moveit_msgs/CollisionObject for each removed object, then for each shape.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def collision_messages(
     stamp_ns, frame_id
         Header; the shapes are in that frame.
     shapes
-        Of those to add or replace.
+        Shapes to add or replace.
     gone
-        Names of those to remove.
+        Names of objects to remove.
     """
     header = header_message(types, stamp_ns, frame_id)
     for name in sorted(gone):

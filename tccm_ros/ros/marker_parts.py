@@ -19,23 +19,23 @@ ARROW, CUBE, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 5, 6, 9, 11
 ADD, DELETE = 0, 2
 
 TEXT_HEIGHT_M = 0.06
-"""Height of a capital letter, m; chosen."""
+"""Height of a capital letter, m. Chosen."""
 
 GOLDEN_RATIO = 0.618033988749895
-"""Steps of hue, in turns: successive multiples stay far from each other."""
+"""Step of hue in full circles; successive multiples differ strongly."""
 
 Color = tuple[float, float, float]
 
 
 class MessageContext(NamedTuple):
-    """Message classes, stamp and frame that the messages of one topic have in common.
+    """Message classes, stamp and frame of the messages of one topic.
 
     Attributes
     ----------
     types
         Message classes.
     stamp_ns, frame_id
-        Of the header.
+        Stamp and frame of the header.
     """
 
     types: MessageTypes
@@ -44,7 +44,7 @@ class MessageContext(NamedTuple):
 
 
 class MarkerSet:
-    """Makes marker arrays that also delete the markers of the message before that are gone.
+    """Builds marker arrays that also delete the markers of the previous message that are gone.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class MarkerSet:
 
 
 def moved_markers(types: MessageTypes, markers: Sequence[Any], T: Float64) -> Sequence[Any]:
-    """Return markers by their poses in another frame, in which T (4, 4) is that of theirs."""
+    """Return markers with their poses transformed by T (4, 4) into another frame."""
     if not np.array_equal(T, np.eye(4)):
         for marker in markers:
             p, q = marker.pose.position, marker.pose.orientation
@@ -87,12 +87,12 @@ def moved_markers(types: MessageTypes, markers: Sequence[Any], T: Float64) -> Se
 
 
 def identity_color(identity: int, *, brightness: float = 0.95) -> Color:
-    """Return the colour of an id, red green blue from 0 to 1; neighbouring ids differ strongly."""
+    """Return the colour of an id, red green blue from 0 to 1; successive ids differ strongly."""
     return colorsys.hsv_to_rgb(identity * GOLDEN_RATIO % 1.0, 0.65, brightness)
 
 
 def scale_color(fraction: float) -> Color:
-    """Return the colour at 0 (blue) to 1 (red) of a scale."""
+    """Return the colour for a value from 0 (blue) to 1 (red)."""
     return colorsys.hsv_to_rgb(0.67 * (1.0 - min(max(fraction, 0.0), 1.0)), 0.85, 0.95)
 
 
@@ -106,7 +106,7 @@ def marker_points(types: MessageTypes, xyz: ArrayLike, chosen: ArrayLike | None 
     xyz
         (N, 3), m, in the marker's frame.
     chosen
-        int (M,), rows of them; all if None.
+        int (M,), indices of rows; all if None.
     """
     rows = np.asarray(xyz, np.float64).reshape(-1, 3)
     return types.rows("geometry_msgs/msg/Point", rows, chosen)
@@ -134,13 +134,13 @@ def make_marker(
     context
         Message classes and header.
     ns, identity
-        Namespace and number: together the identity of the marker.
+        Namespace and number, the identity of the marker.
     kind
         `ARROW`, `CUBE` and so on.
     scale
-        (3,), m, as the kind defines it.
+        (3,), m, with the meaning defined by the kind.
     color, alpha
-        Red green blue, and opacity, 0 to 1.
+        Red green blue, and opacity, from 0 to 1.
     **fields
         Other fields of the message.
     """

@@ -1,7 +1,8 @@
 """Records as lists of visualization_msgs/Marker, for RViz and Foxglove.
 
-A function returns the markers of one message; `MarkerSet` makes a complete MarkerArray of them that
-also deletes those of the message before. Many boxes or lines are one marker (CUBE_LIST, LINE_LIST).
+Each function returns the markers of one message. `MarkerSet` builds a MarkerArray from them that
+also deletes markers of the previous message. Many boxes or lines are one marker (CUBE_LIST,
+LINE_LIST).
 """
 
 from __future__ import annotations
@@ -36,22 +37,22 @@ from tccm_ros.ros.types import pose_message
 from tccm_ros.surfaces.scene_objects import SceneObject
 
 NORMAL_LENGTH_M = 0.2
-"""Length of the arrow along a plane's normal, m; chosen."""
+"""Length of the arrow along a plane's normal, m. Chosen."""
 
 WALL_HEIGHT_M = 0.5
-"""Walls are drawn this high, m; chosen: low enough to see over."""
+"""Drawn height of walls, m. Chosen: low enough to see over."""
 
 LABEL_LIFT_M = 0.05
-"""Distance of an object's label from its upper side, m; chosen."""
+"""Height of an object's label above its top, m. Chosen."""
 
 PLATE_SIZE_M = (0.01, 0.3, 0.15)
-"""Door signs are drawn as plates of this depth, width and height, m; chosen."""
+"""Depth, width and height of the plate drawn for a door sign, m. Chosen."""
 
 MIN_EDGE_M = 1e-3
-"""Smallest edge of a marker, m: viewers refuse zero."""
+"""Minimum edge length of a marker, m; viewers reject zero."""
 
 COLOR_STEPS = 64
-"""Colours along a scale; chosen: equal ones share one message object."""
+"""Number of colours on a scale. Chosen; markers of equal colour use one message object."""
 
 
 def _area_markers(
@@ -66,7 +67,7 @@ def _area_markers(
     mesh = fill_outline(boundary, holes, normal)
     if not len(mesh.points):
         return []
-    # A corner is one message object, in however many triangles and edges it occurs.
+    # One message object per corner, for all triangles and edges with that corner.
     corners = np.concatenate([mesh.triangles.ravel(), _edges(mesh.rings)])
     points = marker_points(context.types, mesh.points, corners)
     markers = []
@@ -83,7 +84,7 @@ def _area_markers(
 
 
 def _edges(lengths: Sequence[int]) -> Int64:
-    """Return the corner indices of each edge of closed rings with these numbers of corners."""
+    """Return the corner indices of each edge of closed rings with the given numbers of corners."""
     ends = np.cumsum(lengths)
     edges = np.empty((ends[-1], 2), np.int64)
     edges[:, 0] = np.arange(ends[-1])
@@ -111,7 +112,7 @@ def plane_markers(context: MessageContext, planes: Iterable[PlaneRecord]) -> lis
 
 
 def surface_markers(context: MessageContext, surfaces: Iterable[Surface]) -> list[Any]:
-    """Return filled boundary, outline and text (label, height, area) of the surface map."""
+    """Return filled boundary, outline and text (id, label, height, area) of surfaces."""
     markers = []
     for surface in surfaces:
         color = identity_color(surface.id)
@@ -138,7 +139,7 @@ def compartment_markers(context: MessageContext, compartments: Iterable[Compartm
 
 
 def label_markers(context: MessageContext, objects: Iterable[SceneObject]) -> list[Any]:
-    """Return the class and score of each object that detectors gave one, above its box."""
+    """Return the class and score of each classified object, above its box."""
     markers = []
     for item in objects:
         if item.label is not None:
@@ -190,7 +191,7 @@ def sign_markers(context: MessageContext, signs: Iterable[Sign]) -> list[Any]:
 
 
 def core_markers(context: MessageContext, starts: ArrayLike, ends: ArrayLike) -> list[Any]:
-    """Return center cores as one LINE_LIST; no marker where there are none.
+    """Return center cores as one LINE_LIST; no marker if there are none.
 
     Parameters
     ----------
@@ -215,20 +216,20 @@ def cuboid_markers(
     cuboid_depth: float,
     fraction: ArrayLike,
 ) -> list[Any]:
-    """Return one CUBE_LIST per depth class, so that a map is a handful of markers.
+    """Return one CUBE_LIST per depth class, which keeps the number of markers small.
 
     Parameters
     ----------
     context
         Message classes and header.
     tops
-        (N, 3), m: centre of the cell and upper end of the cuboid.
+        (N, 3), m: centre of the cell, and top of the cuboid.
     depth
-        (N,), m; drawn as the nearest power of two times `cuboid_depth`, down from the top.
+        (N,), m; drawn as the nearest power of two times `cuboid_depth`, downwards from the top.
     cell_size, cuboid_depth
-        Edge of a cell and d0, m.
+        Edge length of a cell, and d0, m.
     fraction
-        (N,), 0 to 1 on the colour scale.
+        (N,), value on the colour scale, 0 to 1.
     """
     xyz = np.asarray(tops, np.float64).reshape(-1, 3)
     ratio = np.maximum(np.asarray(depth, np.float64) / cuboid_depth, 1e-6)

@@ -1,4 +1,4 @@
-"""Messages that are only published: map clouds, poses, paths and grids."""
+"""Messages that the package publishes but never reads: map clouds, poses, paths and grids."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_m
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 
 OBSTACLE_STEP_M = 0.05
-"""Distance of the points in a cuboid, m; chosen: the cell of an ordinary costmap."""
+"""Spacing of the points in a cuboid, m. Chosen: the cell of an ordinary costmap."""
 
 MAX_OBSTACLES = 40_000
-"""Points of ~/obstacles: with 12 bytes each a message has less than 0.5 MB. Chosen."""
+"""Maximum number of points in ~/obstacles. Chosen: at 12 bytes each, below 0.5 MB."""
 
 
 def map_cloud_message(
@@ -35,13 +35,13 @@ def map_cloud_message(
     types, stamp_ns, frame_id
         Message classes and header.
     tops
-        (N, 3), m: centre of the cell and upper end of the cuboid.
+        (N, 3), m: centre of the cell, and top of the cuboid.
     depth
         (N,), m.
     count
-        (N,), points, rounded to whole ones.
+        (N,), numbers of points, rounded to integers.
     cycle
-        (N,), newest cycle.
+        (N,), newest cycle of each cuboid.
     """
     xyz = np.asarray(tops, np.float32).reshape(-1, 3)
     rows = np.zeros(len(xyz), MAP_ROW)
@@ -58,7 +58,7 @@ def obstacle_cloud_message(
 ) -> Any:
     """Return ~/obstacles, a sensor_msgs/PointCloud2 that fills each cuboid with points.
 
-    A costmap marks the cells of points within a range of heights: a cuboid from the floor to above
+    A costmap marks the cells of points within a height range, so a cuboid from the floor to above
     the robot needs points over its whole height.
 
     Parameters
@@ -66,10 +66,10 @@ def obstacle_cloud_message(
     types, stamp_ns, frame_id
         Message classes and header.
     tops
-        (N, 3), m: centre of the cell and upper end of the cuboid.
+        (N, 3), m: centre of the cell, and top of the cuboid.
     depth
-        (N,), m; there is a point at the top, and one every `OBSTACLE_STEP_M` below it. One point
-        is kept in each cube of that size; the cubes grow until `MAX_OBSTACLES` are not exceeded.
+        (N,), m. There is a point at the top and one every `OBSTACLE_STEP_M` below it. One point is
+        kept per cube of that size; the cubes grow until there are at most `MAX_OBSTACLES` points.
     """
     xyz = _filled(tops, depth)
     size = OBSTACLE_STEP_M
@@ -82,7 +82,7 @@ def obstacle_cloud_message(
 
 
 def _filled(tops: ArrayLike, depth: ArrayLike) -> Float64:
-    """Return points (M, 3) that fill cuboids: one at the top, and one every step below it."""
+    """Return points (M, 3) that fill cuboids: one at the top, and one per step below it."""
     steps = np.floor(np.asarray(depth, np.float64) / OBSTACLE_STEP_M + 1e-9).astype(np.int64)
     ends = np.cumsum(steps + 1)
     below = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - steps - 1, steps + 1)
@@ -92,7 +92,7 @@ def _filled(tops: ArrayLike, depth: ArrayLike) -> Float64:
 
 
 def _one_per_voxel(xyz: Float64, size: float) -> Float64:
-    """Return the first of the points (N, 3) in each cube of a size, m, in their order."""
+    """Return the first of the points (N, 3) in each cube of a size, m, in order."""
     cubes = np.floor(xyz / size + 1e-9).astype(np.int64)
     keys = (cubes[:, 0] << 42) + (cubes[:, 1] << 21) + cubes[:, 2]
     first: Float64 = xyz[np.sort(np.unique(keys, return_index=True)[1])]
@@ -116,7 +116,7 @@ def surface_map_message(
     points
         (N, 3), m.
     ids
-        (N,), of the surfaces.
+        (N,), surface ids.
     colors
         (N, 3), red green blue, 0 to 255.
     """
@@ -173,7 +173,7 @@ def path_message(
     types, stamp_ns, frame_id
         Message classes and header.
     stamps_ns
-        (N,), stamps of the poses.
+        (N,), stamps of the poses, ns.
     T_a_b
         float64 (N, 4, 4), poses in the frame `frame_id`.
     """
@@ -204,9 +204,9 @@ def grid_message(
     types, stamp_ns, frame_id
         Message classes and header.
     cells
-        int8 (height, width), row 0 at the lowest y: 0 free to 100 occupied, -1 unknown.
+        int8 (height, width), row 0 at the lowest y: 0 (free) to 100 (occupied), -1 unknown.
     resolution
-        Edge of a cell, m.
+        Edge length of a cell, m.
     T_map_origin
         (4, 4), pose of the outer corner of cell (0, 0).
     """

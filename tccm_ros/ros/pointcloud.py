@@ -1,7 +1,7 @@
-"""Convert sensor_msgs/PointCloud2 to structured arrays and back, bit for bit.
+"""Convert sensor_msgs/PointCloud2 to structured arrays and back without loss.
 
-The points of a cloud have a NumPy structured dtype; its field names are those of the message.
-Messages are made and read by duck typing, as everywhere in this room.
+The points of a cloud have a NumPy structured dtype with the message's field names. Messages are
+built and read by duck typing, as everywhere in this package.
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ from tccm_ros.errors import MessageError, suggest
 from tccm_ros.ros.types import MessageTypes, header_message
 
 SURFACE_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("surface", "<u4")])
-"""What each row of ~/surfaces, the surface message, has."""
+"""A row of ~/surfaces, the surface message."""
 
 VIEWPOINT_ROW = np.dtype(
     [*SURFACE_ROW.descr, *((name, "<f4") for name in ("vp_x", "vp_y", "vp_z")), ("sensor", "<u4")]
 )
-"""A row of ~/surfaces with the sensor that measured it: its position, named as PCL does, and its
-`SensorKind`."""
+"""A row of ~/surfaces with the sensor's position, named as in PCL, and its `SensorKind`."""
 
 VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<f4")])
 """A row of ~/view."""
 
 HIT_ROW = np.dtype([*VIEW_ROW.descr, ("is_hit", "<u4")])
-"""A row of ~/view that tells what beams ended on (1) from what they passed (0)."""
+"""A row of ~/view with hits of beams (is_hit = 1) and free intervals (0)."""
 
 OBJECT_ROW = np.dtype(
     [(name, "<f8") for name in ("x", "y", "z", "size_x", "size_y", "size_z", "yaw")]
@@ -39,7 +38,7 @@ OBJECT_ROW = np.dtype(
 MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("depth", "<f4"), ("count", "<u4"), ("cycle", "<u4")]
 )
-"""A row of ~/map_cloud: a cuboid."""
+"""A row of ~/map_cloud, a cuboid."""
 
 POINT_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 """A row of ~/obstacles."""
@@ -47,7 +46,7 @@ POINT_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 SURFACE_MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("id", "<u4"), ("rgb", "<u4")]
 )
-"""A row of ~/surface_cloud; rgb is 0x00RRGGBB, stored as a float32 field as viewers expect."""
+"""A row of ~/surface_cloud; rgb is 0x00RRGGBB in a float32 field, as viewers expect."""
 
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 _NAMES = {code: name for name, code in _CODES.items()}
@@ -64,7 +63,7 @@ def cloud_message(types: MessageTypes, stamp_ns: int, frame_id: str, rows: NDArr
     stamp_ns, frame_id
         Header.
     rows
-        Structured array (N,), packed, little-endian; N may be 0.
+        Structured array (N,), packed, little-endian; may be empty.
     """
     offsets: Mapping[str, Any] = rows.dtype.fields or {}
     fields = [
@@ -94,12 +93,12 @@ def cloud_message(types: MessageTypes, stamp_ns: int, frame_id: str, rows: NDArr
 def cloud_rows(message: Any, row: np.dtype[Any]) -> NDArray[Any]:
     """Return the points of a sensor_msgs/PointCloud2 as a structured array (N,) of dtype `row`.
 
-    The message may have further fields, any offsets, padding, several lines and either byte order.
+    The message may have further fields, any offsets, padding, several rows and either byte order.
 
     Raises
     ------
     MessageError
-        For a field that is missing or of another type, or sizes that contradict each other.
+        If a field is missing or has another type, or if sizes are inconsistent.
     """
     formats, offsets = _layout(message, row)
     data = np.frombuffer(message.data, np.uint8)
@@ -126,7 +125,7 @@ def cloud_rows(message: Any, row: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _layout(message: Any, row: np.dtype[Any]) -> tuple[list[str], list[int]]:
-    """Return format and offset of each of `row`'s fields, as the message declares them."""
+    """Return format and offset of each field of `row`, as declared by the message."""
     step = int(message.point_step)
     found = {field.name: field for field in message.fields[:_MAX_FIELDS]}
     order = ">" if message.is_bigendian else "<"

@@ -1,8 +1,8 @@
 """Convert messages to records, for rosidl and rosbags message classes.
 
-Messages are read by duck typing, so that a live node (rosidl classes) and a bag (rosbags
-typestore) run the same lines. Readers raise `MessageError` for content that no processor can use;
-callers count it as a drop.
+Messages are read by duck typing, so that live nodes (rosidl classes) and bags (rosbags typestore)
+use the same code. Readers raise `MessageError` if no processor can use the content; callers count
+these as drops.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ from tccm_ros.sensors.registry import default_streams
 def joint_sample_from_message(message: Any) -> JointSample:
     """Return the positions of a sensor_msgs/JointState, without joints whose position is nan.
 
-    A message without positions (velocities or efforts alone) gives an empty sample.
+    A message without positions (velocities or efforts only) gives an empty sample.
 
     Raises
     ------
     MessageError
-        Where there are positions, but not as many as names.
+        If there are positions, but not one for each name.
     """
     positions = np.frombuffer(message.position, np.float64)
     return joint_sample(stamp_ns_from_message(message.header.stamp), message.name, positions)
@@ -68,7 +68,7 @@ def odometry_from_message(message: Any) -> Odometry:
     Raises
     ------
     MessageError
-        Where the pose is not finite or its quaternion is zero.
+        If the pose is not finite or its quaternion is zero.
     """
     position, q = message.pose.pose.position, message.pose.pose.orientation
     return Odometry(
@@ -85,7 +85,7 @@ def imu_from_message(message: Any) -> Imu:
     Raises
     ------
     MessageError
-        Where the angular velocity is not finite, or where the message says that it has none.
+        If the angular velocity is not finite, or marked as absent.
     """
     rate, force = message.angular_velocity, message.linear_acceleration
     return imu_record(
@@ -102,7 +102,7 @@ def transforms_from_message(message: Any, *, is_static: bool = False) -> list[Tr
     Raises
     ------
     MessageError
-        Where none of them is finite with a quaternion that is not zero.
+        If no transform is finite with a nonzero quaternion.
     """
     return transform_samples(map(_transform_row, message.transforms), is_static)
 
@@ -115,12 +115,13 @@ def robot_description_from_message(message: Any) -> RobotDescription:
 def surface_cloud_from_message(message: Any) -> SurfaceCloud:
     """Return the surface message of a sensor_msgs/PointCloud2 with fields x y z surface.
 
-    The fields vp_x vp_y vp_z sensor are optional; a cloud has one viewpoint, that of its first row.
+    The fields vp_x vp_y vp_z sensor are optional; a cloud has one viewpoint, taken from its first
+    row.
 
     Raises
     ------
     MessageError
-        For other fields, sizes that contradict each other, or points that are not finite.
+        If fields differ, sizes are inconsistent, or points are not finite.
     """
     has_viewpoint = "vp_x" in {field.name for field in message.fields}
     rows = cloud_rows(message, VIEWPOINT_ROW if has_viewpoint else SURFACE_ROW)
@@ -142,12 +143,12 @@ def surface_cloud_from_message(message: Any) -> SurfaceCloud:
 def view_from_message(message: Any) -> ViewIntervals:
     """Return the free intervals of a sensor_msgs/PointCloud2 with fields x y z_low z_high.
 
-    Rows whose field is_hit, where there is one, is not 0 are what beams ended on.
+    Rows with a nonzero field is_hit, which is optional, are returned as hits of beams.
 
     Raises
     ------
     MessageError
-        For other fields, sizes that contradict each other, or values that are nan.
+        If fields differ, sizes are inconsistent, or values are nan.
     """
     has_hits = any(field.name == "is_hit" for field in message.fields)
     cloud = cloud_rows(message, HIT_ROW if has_hits else VIEW_ROW)
@@ -168,7 +169,7 @@ def object_boxes_from_message(message: Any) -> ObjectBoxes:
     Raises
     ------
     MessageError
-        For other fields, sizes that contradict each other, or numbers that are not finite.
+        If fields differ, sizes are inconsistent, or numbers are not finite.
     """
     rows = cloud_rows(message, OBJECT_ROW)
     center = np.stack([rows[name] for name in "xyz"], axis=1)
@@ -186,7 +187,7 @@ def _reader(
     of_message: Callable[[Any], Any],
     of_bytes: Callable[[bytes], Sequence[Any]] | None = None,
 ) -> MessageReader:
-    """Return the reader of messages that give one record each."""
+    """Return the reader of messages with one record each."""
     return MessageReader(message_type, lambda message: (of_message(message),), of_bytes)
 
 
@@ -208,7 +209,7 @@ READERS: Mapping[str, MessageReader] = {
     "view": _reader("sensor_msgs/msg/PointCloud2", view_from_message),
     "object_boxes": _reader("sensor_msgs/msg/PointCloud2", object_boxes_from_message),
 }
-"""The reader of messages to records, by role of a topic."""
+"""Readers that convert messages to records, by role of the topic."""
 
 
 def _transform_row(message: Any) -> tuple[Any, ...]:
@@ -219,5 +220,5 @@ def _transform_row(message: Any) -> tuple[Any, ...]:
 
 
 def _float_columns(rows: NDArray[Any], names: Sequence[str]) -> Float32:
-    """Return named float32 columns as (N, len(names)), bit for bit."""
+    """Return float32 columns as (N, len(names)), without change of bits."""
     return np.stack([rows[name] for name in names], axis=1).astype(np.float32, copy=False)

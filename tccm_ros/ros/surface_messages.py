@@ -1,7 +1,7 @@
 """Typed messages of the surface map (`tccm_interfaces`): surfaces, objects, walls, free areas.
 
-Every field is described in docs/reference/interfaces.md. What is not known is nan, -1, 0 or empty,
-as interfaces/README.md says.
+docs/reference/interfaces.md describes every field. Unknown values are nan, -1, 0 or empty, as
+defined in interfaces/README.md.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.scene import object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
 
-if TYPE_CHECKING:  # tccm_node does without the graph
+if TYPE_CHECKING:  # tccm_node does not import the graph
     from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 PACKAGE = "tccm_interfaces/msg/"
@@ -43,7 +43,7 @@ EDGE_STATES = {EdgeState.SEEN: 1, EdgeState.HIDDEN: 2, EdgeState.CUT: 3}
 """Values of `Surface.EDGE_...`."""
 
 NOTHING = -1
-"""The id where nothing is known to be there: what hides an edge, what is above, what blocks."""
+"""Id of an unknown surface or object that hides an edge, is above a space, or blocks an access."""
 
 FACE_STATES = {FaceState.UNKNOWN: 0, FaceState.MEASURED: 1, FaceState.OPEN: 2}
 """Values of `Compartment.FACE_...`."""
@@ -52,7 +52,7 @@ ACCESS_STATES = {AccessState.UNKNOWN: 0, AccessState.FREE: 1, AccessState.BLOCKE
 """Values of `FoundObject.ACCESS_...`."""
 
 TRACKING, SEARCHING = 1, 2
-"""States of Localisation."""
+"""Values of `Localisation.state`."""
 
 
 def surface_message(
@@ -65,9 +65,9 @@ def surface_message(
     types, stamp_ns, frame_id
         Message classes and header.
     surface
-        In map.
+        Surface in map.
     floor_z
-        Height of the floor in map, m; None where it was never seen.
+        Height of the floor in map, m; None if it was never seen.
     """
     T, size = surface_pose(surface)
     hidden_by = [NOTHING if e.hidden_by is None else e.hidden_by for e in surface.edges]
@@ -111,7 +111,7 @@ def surface_message(
 
 
 def _plane_covariance(surface: Surface, T_map_surface: Float64) -> Float64:
-    """Return the covariance of a surface's plane by its own pose, as PlaneWithCovariance has it.
+    """Return the covariance of a surface's plane relative to its pose, as in PlaneWithCovariance.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def object_message(types: MessageTypes, stamp_ns: int, frame_id: str, item: Scen
     types, stamp_ns, frame_id
         Message classes and header.
     item
-        In map.
+        Object in map.
     """
     return types.make(
         SURFACE_OBJECT,
@@ -161,16 +161,16 @@ def objects_message(
 def typed_map_message(
     types: MessageTypes, stamp_ns: int, frame_id: str, solution: SurfaceSolution, map_name: str
 ) -> Any:
-    """Return a tccm_interfaces/SurfaceMap with all of a solution.
+    """Return a tccm_interfaces/SurfaceMap of a solution.
 
     Parameters
     ----------
     types, stamp_ns, frame_id
         Message classes and header.
     solution
-        In map.
+        Solution in map.
     map_name
-        Name that the map was saved or loaded under; empty where it has none.
+        Name under which the map was saved or loaded; empty if it has none.
     """
     header, floor_z = header_message(types, stamp_ns, frame_id), solution.floor_z
     return types.make(
@@ -212,15 +212,15 @@ def event_message(
     kind
         One of the constants of the message.
     ids
-        Of the surfaces before and after.
+        Ids of the surfaces before and after.
     poses
-        T_map of the object or the surface before and after; None where there was none.
+        Poses of the object or the surface in map before and after; None if there is none.
     label
-        Of the object, or the surface.
+        Label of the object or the surface.
     object_id
-        -1 for surfaces.
+        Id of the object; -1 for surfaces.
     last_seen_ns
-        Stamp of the last view that showed it as before.
+        Stamp of the last view in the previous state, ns.
     """
     before, after = (pose_message(types, _nowhere() if T is None else T) for T in poses)
     return types.make(
@@ -245,7 +245,7 @@ def change_message(types: MessageTypes, frame_id: str, change: Change) -> Any:
     types, frame_id
         Message classes and the map's frame.
     change
-        In map.
+        Change in map.
     """
     return event_message(
         types,
@@ -373,16 +373,18 @@ def localisation_message(
     solution: SurfaceSolution,
     map_name: str = "",
 ) -> Any:
-    """Return where the robot was at the stamp of a solution, without its covariance.
+    """Return a tccm_interfaces/Localisation with the robot's pose at the stamp of a solution.
+
+    The covariance is not known (nan).
 
     Parameters
     ----------
     types, stamp_ns, frame_id
         Message classes and header.
     solution
-        In map.
+        Solution in map.
     map_name
-        As for `typed_map_message`.
+        As in `typed_map_message`.
     """
     alignment = solution.alignment
     is_found = alignment is None or alignment.found

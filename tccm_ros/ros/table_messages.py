@@ -1,4 +1,4 @@
-"""Surfaces as object_recognition_msgs/TableArray, which pipelines of tabletop manipulation read."""
+"""Surfaces as object_recognition_msgs/TableArray, an input of tabletop manipulation pipelines."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ TABLE = "object_recognition_msgs/msg/Table"
 def tables_message(
     types: MessageTypes, stamp_ns: int, frame_id: str, surfaces: Iterable[Surface]
 ) -> Any:
-    """Return a TableArray with all surfaces but the floor, by id.
+    """Return a TableArray of all surfaces except the floor, by id.
 
     Parameters
     ----------
     types, stamp_ns, frame_id
         Message classes and header, of the array and of each table.
     surfaces
-        In that frame.
+        Surfaces in that frame.
     """
     header = header_message(types, stamp_ns, frame_id)
     tables = [_table(types, header, surface) for surface in surfaces if surface.label != "floor"]
@@ -36,7 +36,7 @@ def tables_message(
 
 
 def _table(types: MessageTypes, header: Any, surface: Surface) -> Any:
-    """Return a Table: z of its pose is the normal, x along the longer side; hull in that pose."""
+    """Return a Table: z of its pose is the normal, x along the longer side."""
     T_map_table, _ = surface_pose(surface)
     return types.make(
         TABLE,

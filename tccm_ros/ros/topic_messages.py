@@ -1,6 +1,6 @@
 """Build the messages of a tilt cycle and of a solution, by topic, for live nodes and result.mcap.
 
-Each message is built only when it is needed.
+Each message is built only when needed.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from tccm_ros.ros.table_messages import TABLES, tables_message
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import object_boxes_message, surface_cloud_message, view_message
 
-if TYPE_CHECKING:  # tccm_node does without the graph: with gtsam it has 40 MB more
+if TYPE_CHECKING:  # tccm_node does not import the graph; gtsam would add 40 MB
     from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
@@ -64,7 +64,8 @@ CYCLE_TOPICS = {
 """Private topics of the TCCM node and their types (docs/reference/nodes.md)."""
 
 SURFACE_MESSAGE_TOPICS = ("surfaces", "view", "object_boxes")
-"""Those of `CYCLE_TOPICS` that the SLAM node reads: one for each tilt cycle, never skipped."""
+"""The `CYCLE_TOPICS` that the SLAM node subscribes to: one message per tilt cycle, never
+skipped."""
 
 SOLUTION_TOPICS = {
     "path": "nav_msgs/msg/Path",
@@ -76,18 +77,18 @@ SOLUTION_TOPICS = {
     "objects": SURFACE_OBJECTS,
     "tables": TABLES,
 }
-"""Private topics of the SLAM node that show a solution, and their types."""
+"""Private topics of the SLAM node with a solution, and their types."""
 
 
 class TopicMessage(NamedTuple):
-    """A message for a private topic of a node, built when it is needed.
+    """A message for a private topic of a node, built when needed.
 
     Attributes
     ----------
     topic
         Name of the topic within the node's namespace.
     msgtype
-        Such as ``sensor_msgs/msg/PointCloud2``.
+        Message type, such as ``sensor_msgs/msg/PointCloud2``.
     build
         Returns the message.
     """
@@ -98,7 +99,7 @@ class TopicMessage(NamedTuple):
 
 
 class CycleMessageBuilder:
-    """Builds the messages of tilt cycles; marker arrays delete the markers that are gone.
+    """Builds the messages of tilt cycles; its marker arrays delete previous markers.
 
     Parameters
     ----------
@@ -107,8 +108,8 @@ class CycleMessageBuilder:
     config
         Groups `map`, `markers` and `center_core`.
     T_odom_near
-        Returns the pose float64 (4, 4) of the frame that tilt cycles are mapped in, in the
-        odometry frame as its messages have it: another where odometry begins far away.
+        Returns the pose float64 (4, 4) of the tilt cycles' frame in the published odometry frame.
+        The two differ if odometry starts far from its origin.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class CycleMessageBuilder:
     ) -> Iterator[TopicMessage]:
         """Yield all messages of a tilt cycle except the planes; arguments as `of`."""
         context = MessageContext(self._types, result.stamp_ns, result.frame_id)
-        # A costmap asks tf for the stamp, and forgets what is old: the newest for which tf is sure.
+        # A costmap looks up tf at the stamp and drops old points: use the newest stamp with tf.
         ended = MessageContext(self._types, result.end_ns, result.frame_id)
         markers: dict[str, Callable[[], list[Any]]] = {
             "objects": lambda: object_markers(context, result.objects),
@@ -234,9 +235,9 @@ class SolutionMessageBuilder:
     def of(
         self, solution: SurfaceSolution, stamp_ns: int, map_name: str = ""
     ) -> Iterator[TopicMessage]:
-        """Yield the messages of a solution, stamped with the newest record that it contains.
+        """Yield the messages of a solution, stamped with its newest record.
 
-        `map_name` is the name that the map was saved or loaded under, empty where it has none.
+        `map_name` is the name under which the map was saved or loaded, empty if it has none.
         """
         context = MessageContext(self._types, stamp_ns, self._frame)
         builders: dict[str, Callable[[], Any]] = {

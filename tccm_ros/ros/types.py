@@ -1,7 +1,7 @@
-"""Message classes, and the parts that most messages have: stamp, header, pose.
+"""Message classes, and the common parts of messages: stamp, header, pose.
 
-Messages are made through a `MessageTypes` namespace, so that a live node (rosidl classes) and a bag
-(rosbags typestore) run the same lines.
+Messages are built by a `MessageTypes` object, so that live nodes (rosidl classes) and bags (rosbags
+typestore) use the same code.
 """
 
 from __future__ import annotations
@@ -29,16 +29,17 @@ class MessageTypes(Protocol):
         ...
 
     def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
-        """Return the value of a list of messages that hold numbers alone (points, colours).
+        """Return the value of a list of purely numeric messages (points, colours).
 
         Parameters
         ----------
         msgtype
-            Such as ``geometry_msgs/msg/Point``.
+            Message type, such as ``geometry_msgs/msg/Point``.
         table
-            (N, number of fields), a message in each row.
+            (N, number of fields), one message per row.
         chosen
-            Rows to take, in their order, where many messages are equal; all by default.
+            Indices of the rows to take, in order; repeated rows are the same message. All by
+            default.
         """
         ...
 
@@ -48,7 +49,7 @@ class MessageTypes(Protocol):
 
 
 def stamp_message(types: MessageTypes, stamp_ns: int) -> Any:
-    """Return a builtin_interfaces/Time; MessageError where it does not fit (before 1901, 2038)."""
+    """Return a builtin_interfaces/Time; MessageError before 1901 and after 2038."""
     sec, nanosec = divmod(int(stamp_ns), _SECOND_NS)
     if not -(2**31) <= sec < 2**31:
         raise MessageError(f"stamp of {sec} s does not fit a message; expected 32 bits of seconds")
@@ -91,8 +92,7 @@ def quaternion_message(types: MessageTypes, T_a_b: Float64) -> Any:
 def _unit_quaternion(R: list[list[float]]) -> list[float]:
     """Return (x, y, z, w) of a rotation matrix; scipy takes twenty times as long for a single one.
 
-    Shepperd's method: the largest of the four squares is found first, so that nothing small is
-    divided by.
+    Shepperd's method: dividing by the largest of the four components avoids small divisors.
     """
     trace = R[0][0] + R[1][1] + R[2][2]
     squares = [R[0][0], R[1][1], R[2][2], trace]

@@ -1,7 +1,7 @@
 """Convert records to messages, for rosidl and rosbags message classes.
 
-Messages are made through a `MessageTypes` namespace: rosidl classes in a live node, those of the
-rosbags typestore in a bag.
+Messages are built by a `MessageTypes` object: rosidl classes in a live node, rosbags' typestore in
+a bag.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> 
     types
         Message classes.
     scan
-        What was measured.
+        The scan.
     scan_time
-        Time between two scans, s; 0 where it is unknown.
+        Time between two scans, s; 0 if unknown.
     """
     return types.make(
         "sensor_msgs/msg/LaserScan",
@@ -142,12 +142,12 @@ def camera_info_message(types: MessageTypes, camera: CameraInfo) -> Any:
 
 
 def point_cloud_message(types: MessageTypes, cloud: PointCloud) -> Any:
-    """Return a sensor_msgs/PointCloud2 with fields x y z and, where points have times, t (ns).
+    """Return a sensor_msgs/PointCloud2 with fields x y z and, if the points have times, t (ns).
 
     Raises
     ------
     MessageError
-        For points before the stamp, or more than 4 s after it: their times do not fit.
+        If a point's time is before the stamp or more than 4 s after it.
     """
     layout = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
     if cloud.since_ns is not None:
@@ -186,7 +186,7 @@ def odometry_message(types: MessageTypes, odometry: Odometry) -> Any:
 
 
 def imu_message(types: MessageTypes, imu: Imu) -> Any:
-    """Return a sensor_msgs/Imu; the covariance of what is not measured begins with -1."""
+    """Return a sensor_msgs/Imu; the covariance of a quantity not measured begins with -1."""
     unknown, force = np.array([-1.0, *[0.0] * 8]), imu.acceleration
     return types.make(
         "sensor_msgs/msg/Imu",

@@ -1,1 +1,1 @@
-"""Views of a map: a Rerun recording, and a live page. Each needs the extra `view`."""
+"""Views of a map: a Rerun recording and a live page. Both need the extra `view`."""

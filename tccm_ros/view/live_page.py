@@ -1,8 +1,8 @@
 """The live page: a small web server in a thread of its own.
 
-Pages are told of the map by server-sent events. What a page asks for is a POST to one of a few
-names, with the token that the node prints. No request is ever taken as a path of the disk: the
-pages are made before the server starts.
+Pages receive the map by server-sent events. A page sends requests as POST to one of a few names,
+with the token that the node prints. No request is ever interpreted as a file path, because the
+pages are built before the server starts.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from tccm_ros.report.html_report import SCRIPTS
 from tccm_ros.view.live_state import LiveState
 
 PERIOD_S = 0.2
-"""Between two messages to the pages, s: a pose that moves smoothly."""
+"""Period of messages to the pages, s, for a smoothly moving pose."""
 
 MAX_RATE = 50_000
-"""Bytes of the map in a second to each page, beside the first picture."""
+"""Rate limit of map updates to each page after the snapshot, bytes per second."""
 
 MAX_PAGES = 32
-"""Pages that are open at one time; further ones are refused."""
+"""Maximum number of open pages; further ones are refused."""
 
 MAX_WAITING = 20
-"""Messages that wait for a page: one that does not read them for so long is closed, and opens
-again by itself."""
+"""Length of a page's message queue; a page that does not read is closed when its queue is full, and
+reconnects by itself."""
 
 SILENCE_S = 15.0
-"""After so long without a message a comment is written, which finds pages that are gone."""
+"""Time without messages after which a comment is written to detect closed pages, s."""
 
 MAX_BODY = 10_000
-"""Bytes of a request."""
+"""Maximum size of a request, bytes."""
 
 ANSWER_S = 15.0
-"""Longest wait for the node's answer, s."""
+"""Timeout for the node's answer, s."""
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -56,32 +56,32 @@ HEADERS = {
 }
 
 Ask = Callable[[str, Mapping[str, Any]], Awaitable[Any]]
-"""Asks the node: the name of the question and its values; returns a JSON value."""
+"""Sends a request (name and values) to the node and returns a JSON value."""
 
 
 class LivePage:
-    """Serves the page until it is closed.
+    """Web server of the page, until it is closed.
 
     Parameters
     ----------
     ask
-        Answers what pages ask for; called in the server's thread.
+        Answers the requests of pages; called in the server's thread.
     questions
-        Names of what may be asked.
+        Names of allowed requests.
     host, port
-        Address to listen at; port 0 takes a free one.
+        Address of the server; port 0 takes a free port.
 
     Attributes
     ----------
     token
-        That requests have to bring.
+        Token required in requests.
     url
-        Of the page, with the token.
+        Address of the page, with the token.
 
     Raises
     ------
     OutputError
-        If the address cannot be listened at.
+        If the address cannot be bound.
     """
 
     def __init__(self, ask: Ask, questions: frozenset[str], host: str, port: int):
@@ -104,11 +104,11 @@ class LivePage:
         self.url = f"http://{shown}:{self.port}/#{self.token}"
 
     def update(self, change: Callable[[LiveState], object]) -> None:
-        """Have the state changed, in the server's thread."""
+        """Queue a change of the state for the server's thread."""
         self._loop.call_soon_threadsafe(change, self._state)
 
     def close(self) -> None:
-        """Tell the pages that the node ends, and stop."""
+        """Notify the pages of the end and stop the server."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._ended.set)
             self._thread.join()
@@ -119,7 +119,7 @@ class LivePage:
     def _run(self, port: int, started: Future[int]) -> None:
         try:
             self._loop.run_until_complete(self._serve(port, started))
-        except Exception as error:  # of the start; later ones end the page with a traceback
+        except Exception as error:  # of the start; a later one ends the server with a traceback
             if started.done():
                 raise
             started.set_exception(error)
@@ -154,7 +154,7 @@ class LivePage:
         await runner.cleanup()
 
     def _send(self, delta: Mapping[str, Any]) -> int:
-        """Send a delta to all pages; return its size, bytes."""
+        """Send a delta to all pages and return its size, bytes."""
         if not delta:
             return 0
         text = json.dumps(delta, separators=(",", ":"))
@@ -164,7 +164,7 @@ class LivePage:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:
-        """Refuse requests under other names (DNS rebinding) and from other origins."""
+        """Refuse requests with other host names (DNS rebinding) or from other origins."""
         if request.host not in self._names:
             return _refusal(403, "another host")
         origin = request.headers.get("Origin")
@@ -198,7 +198,7 @@ class LivePage:
         return response
 
     async def _answer(self, request: web.Request) -> web.Response:
-        """Answer a question of a page that has the token."""
+        """Answer a page's request if it has the token."""
         name, token = request.match_info["name"], request.headers.get("X-Token", "")
         if not hmac.compare_digest(token.encode(), self.token.encode()):
             return _refusal(403, "the token is wrong: take the address that the node prints")
@@ -220,7 +220,7 @@ class LivePage:
 
 
 async def _next(page: asyncio.Queue[str | None]) -> str | None:
-    """Return what is to be written next: a message, or a comment after a long silence."""
+    """Return the next text to write: a message, or a comment after a long silence."""
     try:
         text = await asyncio.wait_for(page.get(), SILENCE_S)
     except TimeoutError:
@@ -229,7 +229,7 @@ async def _next(page: asyncio.Queue[str | None]) -> str | None:
 
 
 def _put(page: asyncio.Queue[str | None], text: str | None) -> None:
-    """Queue a message; a page that does not read is told to begin anew."""
+    """Queue a message; if the queue is full, tell the page to reconnect."""
     if page.full():
         while not page.empty():
             page.get_nowait()
@@ -242,7 +242,7 @@ def _refusal(status: int, why: str) -> web.Response:
 
 
 def _page_texts() -> dict[str, tuple[str, str]]:
-    """Return what is served: its kind and its text, by name."""
+    """Return content type and text of the served files, by name."""
     viewer, live = files("tccm_ros.report") / "viewer", files("tccm_ros.view") / "live"
     scripts = [viewer / f"{name}.js" for name in SCRIPTS if name != "start"]
     colors = {

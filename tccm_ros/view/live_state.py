@@ -1,8 +1,7 @@
-"""What the live page shows, and what changes between two moments of it.
+"""State of the live page, and its changes between two moments.
 
 The map is a dictionary of entities, each a JSON value under a name such as ``surface/3``, in the
-form in which the report's viewer takes them. A page gets all of them once, then only those that
-have changed.
+format of the report's viewer. A page receives all of them once, then only those that changed.
 """
 
 from __future__ import annotations
@@ -19,30 +18,30 @@ from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.report import palette
 
 MAX_EVENTS = 100
-"""Events that a page shows, as many as the topic keeps."""
+"""Maximum number of events on a page, the queue depth of the topic."""
 
 MAX_PATH_POINTS = 500
-"""The path is thinned to at most this many points; chosen: a line of some pixels a piece."""
+"""Maximum number of points of the path. Chosen: segments of a few pixels."""
 
 MARGIN_M = 0.5
-"""Around the map in the first view, m."""
+"""Margin around the map in the first view, m."""
 
 Entities = dict[str, Any]
 
 
 class LiveState:
-    """The newest state; one thread writes and reads it.
+    """The newest state; it must be written and read by the same thread.
 
     Attributes
     ----------
     entities
-        The map by name.
+        Entities of the map, by name.
     pose
         (x, y, yaw) of the base in map, m and rad; None before the first.
     status
-        What is known of the nodes: JSON values by name.
+        State of the nodes: JSON values by name.
     events
-        The newest events, the oldest first, as lines.
+        The newest events as lines, the oldest first.
     """
 
     def __init__(self) -> None:
@@ -61,7 +60,7 @@ class LiveState:
         self._new_events = [*self._new_events, text][-MAX_EVENTS:]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all that was sent so far, for a page that opens."""
+        """Return everything sent so far, for a new page."""
         return {
             "set": {name: json.loads(text) for name, text in self._sent.items()},
             "pose": self._sent_pose,
@@ -70,12 +69,12 @@ class LiveState:
         }
 
     def delta(self, budget: int) -> dict[str, Any]:
-        """Return what has changed since the last delta, empty where nothing has.
+        """Return the changes since the last delta; empty if there are none.
 
         Parameters
         ----------
         budget
-            Bytes that entities may take; what does not fit comes later. The first one always does.
+            Maximum size of entities, bytes; the rest is sent later. At least one is always sent.
         """
         changed: dict[str, Any] = {}
         if self.pose != self._sent_pose:
@@ -111,16 +110,16 @@ def surface_entity(
     normal: Float64,
     middle: Sequence[float],
 ) -> dict[str, Any]:
-    """Return a surface as the viewer takes it.
+    """Return a surface in the viewer's format.
 
     Parameters
     ----------
     surface
-        ``id``, ``label``, ``height``, ``area`` and what else the page tells of it.
+        ``id``, ``label``, ``height``, ``area`` and further values for the page.
     boundary, holes, normal
         float64 (N, 3) rings in map, m, and the unit normal.
     middle
-        (x, y, z), where its name is written.
+        (x, y, z), position of its label.
     """
     mesh = fill_outline(boundary, holes, normal)
     is_floor = surface["label"] == "floor"
@@ -139,13 +138,13 @@ def surface_entity(
 
 
 def free_entity(name: str, rings: Sequence[Float64]) -> dict[str, Any]:
-    """Return the free places of a surface as the viewer takes them; rings are (N, 3), m."""
+    """Return the free places of a surface in the viewer's format; rings are (N, 3), m."""
     points = np.concatenate(rings).ravel() if rings else np.zeros(0)
     return {"on": name, "v": rounded(points), "rings": [len(ring) for ring in rings]}
 
 
 def path_entity(positions: Float64) -> dict[str, Any]:
-    """Return a path (N, 2), m, thinned, with its length."""
+    """Return a thinned path (N, 2), m, with its length."""
     step = -(-len(positions) // MAX_PATH_POINTS) or 1
     length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
     kept = np.concatenate([positions[::step], positions[-1:]])

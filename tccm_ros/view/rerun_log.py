@@ -1,8 +1,9 @@
-"""Write a replay, or a saved map, as a Rerun recording.
+"""Write a replay or a saved map as a Rerun recording.
 
-Measurements are logged when they were made, in the odometry frame or that of their sensor. The
-poses of these frames are those of the final solution, and so are surfaces, objects and signs, each
-from the time at which it was first seen: the map grows while the recording plays.
+Measurements are logged at their stamps, in the odometry frame or that of their sensor. The poses of
+these frames, and surfaces, objects and signs, are those of the final solution. Each surface, object
+and sign is logged at the time at which it was first seen, so that the map grows while the recording
+plays.
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ from tccm_ros.surfaces.scene import surface_pose
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 STAMP = "stamp"
-"""The timeline: stamps of messages."""
+"""Name of the timeline, which has message stamps."""
 
 ODOM = "map/odom"
 BASE = "map/odom/base"
-"""Entities of the frames; what is below moves with them."""
+"""Entities of the frames; their children move with them."""
 
 MAX_IMAGE_WIDTH = 320
-"""Depth images are thinned to at most this width, pixels: a megapixel a second fills a disk."""
+"""Maximum width of depth images after thinning, pixels: a megapixel a second fills a disk."""
 
 MAX_POINTS = 20_000
-"""Point clouds are thinned to at most this many points; chosen: a cloud is recognised by them."""
+"""Maximum number of points of a cloud after thinning. Chosen: it is still recognisable."""
 
 WALL_HEIGHT_M = 0.9
 """Drawn height of walls, as in the report."""
@@ -52,7 +53,7 @@ AXIS_M = 0.3
 """Drawn length of the base's arrow, m."""
 
 RADIUS_M = 0.008
-"""Of points and lines, m."""
+"""Drawn radius of points and lines, m."""
 
 
 class RerunLog:
@@ -61,9 +62,9 @@ class RerunLog:
     Parameters
     ----------
     config
-        Of the replay.
+        Configuration of the replay.
     stream
-        Where the data go; the caller opens and closes it.
+        Output stream; the caller opens and closes it.
     """
 
     def __init__(self, config: Config, stream: rr.RecordingStream):
@@ -78,7 +79,7 @@ class RerunLog:
     # --- while a replay runs ---
 
     def add(self, event: Event) -> None:
-        """Log what a sensor measured; other events are left alone."""
+        """Log a sensor measurement; ignore other events."""
         if not isinstance(event, Posed):
             return
         self._poses[int(event.pose_stamps_ns[0])] = event.T_odom_base[0]
@@ -102,7 +103,7 @@ class RerunLog:
         self._stream.log(entity, rr.Points3D(near, radii=RADIUS_M, colors=_rgb(palette.VIEW)))
 
     def _place_sensor(self, event: Posed) -> None:
-        """Log where a sensor is on the base, where that has changed."""
+        """Log the pose of a sensor on the base if it has changed."""
         before = self._sensors.get(event.role)
         if before is None or not np.array_equal(before.T_base_sensor[0], event.T_base_sensor[0]):
             self._stream.log(f"{BASE}/{event.role}", _transform(event.T_base_sensor[0]))
@@ -133,7 +134,7 @@ class RerunLog:
         encoded = rr.EncodedDepthImage(blob=packed.getvalue(), media_type="image/png", meter=1000.0)
         self._stream.log(f"{entity}/depth", encoded)
 
-    # --- once it is solved ---
+    # --- after the solution ---
 
     def finish(self, outcome: Outcome, parts: CycleParts) -> None:
         """Log the frames, the tilt cycles and the map of a finished replay."""
@@ -266,12 +267,12 @@ class RerunLog:
             self._lines(entity, ends, "#009e73" if accepted else "#d55e00")
 
     def _lines(self, entity: str, strips: Sequence[Float64], color: str) -> None:
-        """Log lines that are there at all times."""
+        """Log lines that are visible at all times."""
         lines = rr.LineStrips3D(strips, colors=_rgb(color), radii=RADIUS_M)
         self._stream.log(entity, lines, static=True)
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout: the map in 3D, beside it the depth cameras and the events."""
+        """Return the layout: the map in 3D, with depth cameras and events beside it."""
         hidden = [f"- /{ODOM}/{name}/**" for name in ("part_map", "planes")]
         hidden.append("- /map/rejected_loops/**")
         space = rrb.Spatial3DView(origin="/map", contents=["+ /map/**", *hidden], name="Map")
@@ -292,14 +293,14 @@ class RerunLog:
 
 @contextmanager
 def rerun_file(path: Path | str, config: Config) -> Iterator[RerunLog]:
-    """Return a log that writes an .rrd, which is complete when the context ends without an error.
+    """Yield a log that writes an .rrd, which is complete when the context ends without an error.
 
     Parameters
     ----------
     path
-        The file; an older one is replaced.
+        Output file; an older one is replaced.
     config
-        Of the replay or the map.
+        Configuration of the replay or the map.
 
     Raises
     ------
@@ -333,7 +334,7 @@ def _rgb(color: str) -> list[int]:
 
 
 def _colors(surfaces: Sequence[Surface]) -> dict[int, str]:
-    """Return a colour of the palette for each surface, pale for the floor."""
+    """Return a palette colour for each surface, pale for the floor."""
     cycle = len(palette.PALETTE)
     return {
         s.id: palette.FLOOR if s.label == "floor" else palette.PALETTE[s.id % cycle]

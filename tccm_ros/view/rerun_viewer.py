@@ -24,11 +24,12 @@ def rerun_of(target: Path | str, config: Config, bars: Bars | None = None) -> Pa
     Parameters
     ----------
     target
-        A result folder or a map: the map alone; a bag: it is replayed, with its measurements.
+        A result folder or a map, which shows only the map, or a bag, which is replayed and shows
+        its measurements too.
     config
-        For a map or a bag.
+        Configuration for a map or a bag.
     bars
-        Shows the progress.
+        Progress bars.
 
     Returns
     -------
@@ -59,7 +60,7 @@ def rerun_of(target: Path | str, config: Config, bars: Bars | None = None) -> Pa
 
 
 def open_rerun(recording: Path) -> Path:
-    """Open an .rrd in the viewer that rerun-sdk brings, which goes on by itself; return its path.
+    """Open an .rrd in rerun-sdk's viewer as an independent process, and return its path.
 
     Raises
     ------

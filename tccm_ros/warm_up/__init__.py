@@ -1,1 +1,1 @@
-"""Kernels are compiled before the first record, by made-up recordings that call them."""
+"""Compilation of kernels before the first record, by processing synthetic recordings."""

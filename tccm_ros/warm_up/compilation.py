@@ -1,9 +1,10 @@
-"""Kernels are compiled in processes of their own, side by side, before they are called.
+"""Compilation of kernels in parallel child processes, before the kernels are called.
 
-Compiling for the first time takes minutes of processor time and hundreds of megabytes, and holds
-the interpreter nearly all the time. Children do it, one for each part and as many at once as there
-are cores, leave the kernels on disk and end; their memory ends with them. Live nodes, replays and
-workers of a fleet start the same children: who comes second to a part waits for the first.
+The first compilation takes minutes of processor time and hundreds of megabytes, and holds the
+interpreter nearly all the time. Child processes do it, one per part and as many at once as there
+are cores. They leave the kernels on disk and exit, which frees their memory. Live nodes, replays
+and fleet workers start the same child processes; only one process compiles a part, and others wait
+for it.
 """
 
 from __future__ import annotations
@@ -31,23 +32,23 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.warm_up.parts import PARTS, run_part
 
 MODULE = "tccm_ros.warm_up.compilation"
-"""This module, which children run."""
+"""This module, which the child processes run."""
 
 
 class Compilation:
-    """Child processes that compile the kernels of processors; those that are on disk need none.
+    """Child processes that compile the kernels of processors, unless these are on disk.
 
     Parameters
     ----------
     processors
-        Names (`Stream.processor`); those without kernels are passed over.
+        Names (`Stream.processor`); those without kernels are ignored.
     config
-        Of the processors.
+        Configuration of the processors.
     """
 
     def __init__(self, processors: Collection[str], config: Config) -> None:
         self.problems: list[str] = []
-        """Why children failed: whoever calls the kernels compiles them then."""
+        """Reasons of failed child processes; their kernels are compiled when they are called."""
         self._config_json = config.model_dump_json()
         is_compiling = not numba_config.DISABLE_JIT  # type: ignore[attr-defined]
         self._parts = missing_parts(processors) if is_compiling else ()
@@ -58,21 +59,21 @@ class Compilation:
 
     @property
     def is_needed(self) -> bool:
-        """Whether anything has to be compiled."""
+        """Whether any kernel must be compiled."""
         return bool(self._parts)
 
     def start(self) -> None:
-        """Begin, with as many children at once as there are cores."""
+        """Start, with as many child processes at once as there are cores."""
         pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)), "compiling")
         self._jobs = [pool.submit(self._compile, part) for part in self._parts]
         pool.shutdown(wait=False)
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait for all children, at most for a time; return whether they have ended."""
+        """Wait until all child processes have ended, or a timeout; return whether they have."""
         return not wait(self._jobs, timeout_s).not_done
 
     def stop(self) -> None:
-        """End the children."""
+        """Kill the child processes."""
         with self._lock:
             self._is_ended = True
             for child in self._children:
@@ -103,16 +104,16 @@ class Compilation:
 
 
 def compile_kernels(processors: Collection[str], config: Config, bars: Bars | None = None) -> None:
-    """Compile the kernels of processors, unless they are on disk; return when they are.
+    """Compile the kernels of processors, unless they are on disk; return when all are.
 
     Parameters
     ----------
     processors
         Names (`Stream.processor`).
     config
-        Of the processors.
+        Configuration of the processors.
     bars
-        Shows that kernels are compiled.
+        Progress bars.
     """
     compilation = Compilation(processors, config)
     if not compilation.is_needed:
@@ -126,7 +127,7 @@ def compile_kernels(processors: Collection[str], config: Config, bars: Bars | No
 
 
 def missing_parts(processors: Collection[str]) -> tuple[str, ...]:
-    """Return the parts of processors whose kernels are not on disk, as the code is now."""
+    """Return the parts of processors whose kernels are not on disk for the current code."""
     fingerprint = _fingerprint()
     parts = (part for name, parts in PARTS.items() if name in processors for part in parts)
     return tuple(part for part in parts if not _is_compiled_for(part, fingerprint))
@@ -140,12 +141,12 @@ def _is_compiled_for(part: str, fingerprint: str) -> bool:
 
 
 def _marker(part: str) -> Path:
-    """Return the file beside the kernels that says for which code a part was compiled."""
+    """Return the file next to the kernels with the fingerprint of a part's compiled code."""
     return cache_folder() / f"compiled_for_{part}.txt"
 
 
 def _fingerprint() -> str:
-    """Return what tells one state of the kernels, of numba and of the interpreter from another."""
+    """Return a hash of the kernels' code and of the versions of numba and Python."""
     root = Path(tccm_ros.__file__).parent
     digest = hashlib.sha256(f"{numba_version} {sys.version}".encode())
     for path in sorted(root.rglob("*.py")):
@@ -157,21 +158,21 @@ def _fingerprint() -> str:
 
 @contextmanager
 def _only_one(part: str) -> Iterator[None]:
-    """Hold a part's lock of this user on this machine; the end of a process releases it."""
+    """Hold this user's lock of a part on this machine; it is released when the process ends."""
     with (cache_folder() / f"compiling_{part}.lock").open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent has ended, however that was."""
+    """Exit when the parent process has ended for any reason."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)
 
 
 def main() -> None:
-    """Compile the kernels of a part; the configuration is read from the standard input."""
+    """Compile the kernels of a part, with a configuration from standard input."""
     part, parent = sys.argv[1], int(sys.argv[2])
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     config = Config.model_validate_json(sys.stdin.read())

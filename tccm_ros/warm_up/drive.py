@@ -1,7 +1,7 @@
-"""Kernels of SLAM are compiled (or read from disk) before the first record.
+"""Compile the SLAM kernels, or load them from disk, before the first record.
 
-A throw-away processor drives the made-up robot through a made-up room, and gets made-up
-surface messages: the kernels of tilt cycles are not needed here, and would take memory.
+A temporary processor receives a synthetic robot's drive through a synthetic room, and synthetic
+surface messages. The kernels of tilt cycles are not needed here and would take memory.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from tccm_ros.warm_up.level_drive import level_drive
 from tccm_ros.warm_up.made_robot import PERIOD_NS, START_NS, with_own_robot
 
 SURFACES = ((0.0, 2.0), (0.7, 0.5), (0.73, 0.1))
-"""Floor, table, and a step on it: height and half the width, m."""
+"""Height and half width of floor, table, and a step on it, m."""
 
 VIEW_SCANS = (20, 60, 100)
-"""Scans at which the surfaces are seen."""
+"""Indices of scans at which the surfaces are seen."""
 
 
 def warm_up_slam(config: Config) -> None:
-    """Drive a throw-away SLAM processor through a room; once in a process for equal settings."""
+    """Process a drive in a temporary SLAM processor; once per process for equal settings."""
     _drive_once(config.model_dump_json())
 
 
@@ -45,7 +45,7 @@ def _drive_once(config_json: str) -> None:
 
 
 def _surfaces(stamp_ns: int) -> SurfaceCloud:
-    """Return the points of floor, table and step, each 2 cm from the next."""
+    """Return the points of floor, table and step, with a spacing of 2 cm."""
     parts = []
     for z, half in SURFACES:
         side = np.arange(-half, half, 0.02)
@@ -57,7 +57,7 @@ def _surfaces(stamp_ns: int) -> SurfaceCloud:
 
 
 def _seen_through(stamp_ns: int, end: float) -> ViewIntervals:
-    """Return what is free above the floor from x = 0.2 m on; the table stands from 1 m on."""
+    """Return the free intervals above the floor from x = 0.2 m on; the table begins at 1 m."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(0.2, end, 0.1), np.arange(-0.5, 0.5, 0.1)))
     intervals = np.column_stack([x, y, np.full(len(x), 0.2), np.full(len(x), 1.2)])
     return ViewIntervals(stamp_ns, "base", intervals.astype(np.float32))

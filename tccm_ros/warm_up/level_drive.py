@@ -1,4 +1,4 @@
-"""Level scans of the made-up robot in a made-up room."""
+"""Level scans of the synthetic robot in a synthetic room."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tccm_ros.warm_up.made_robot import (
 )
 
 DRIVE_SCANS, DRIVE_STEP = 150, 0.15
-"""Level scans, and metres between two of them at most."""
+"""Number of level scans, and maximum distance between two of them, m."""
 
 
 def level_drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
-    """Yield level scans of a drive to and fro in a room of 7 by 5 m, long enough for loops."""
+    """Yield the level scans of a drive back and forth in a room of 7 by 5 m, with loops."""
     yield "robot_description", ROBOT
     bearings = np.linspace(-2.0, 2.0, BEAMS)
     for k in range(DRIVE_SCANS):

@@ -1,4 +1,4 @@
-"""The made-up robot whose recordings call kernels before the first record."""
+"""The synthetic robot whose recordings call the kernels before the first record."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ PERIOD_NS = 25_000_000
 BEAMS = 161
 
 HEIGHT = 1.5
-"""Of the tilting laser, m."""
+"""Height of the tilting laser, m."""
 
 BEAM_S = 2e-5
-"""Between two beams: base and joints move during a scan."""
+"""Time between two beams, s, during which base and joints move."""
 
 LEVEL = "level_laser"
-"""The frame of the level laser; that of the tilting one is `laser`."""
+"""Frame of the level laser; that of the tilting one is `laser`."""
 
 ROBOT = RobotDescription(
     f"""<robot name="warm_up">
@@ -38,7 +38,7 @@ ROBOT = RobotDescription(
 
 
 def with_own_robot(config: Config) -> Config:
-    """Return the configuration for our own robot in place of the user's."""
+    """Return the configuration for the synthetic robot instead of the user's."""
     made = config.model_copy(deep=True)
     made.rig.kinematics = "urdf"
     made.frames.tilt_joint, made.frames.base = "tilt", "base"
@@ -47,7 +47,7 @@ def with_own_robot(config: Config) -> Config:
 
 
 def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
-    """Return a scan whose beams follow each other in time.
+    """Return a scan whose beams are measured one after another.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Kernels of outlines are compiled on one made-up plane."""
+"""Compile the kernels of outlines with a synthetic plane."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.outlines.boundary import members_by_plane, outlines
 
 SIDE = 12
-"""Cells along each edge of the plane."""
+"""Number of cells along each edge of the plane."""
 
 CELL_SIZE, HEIGHT = 0.02, 0.7
-"""Edge of a cell, and height of the plane, m."""
+"""Edge length of a cell, and height of the plane, m."""
 
 
 def warm_up_outlines() -> None:
-    """Outline a horizontal square."""
+    """Compute the outline of a horizontal square."""
     ix, iy = (a.ravel().astype(np.int32) for a in np.indices((SIDE, SIDE)))
     count, top = len(ix), round(HEIGHT * TICKS_PER_M)
     middle = np.array([0.5 * CELL_SIZE * TICKS_PER_M, 0.5 * CELL_SIZE * TICKS_PER_M, top])

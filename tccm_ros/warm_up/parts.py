@@ -1,42 +1,42 @@
-"""What compiles the kernels of each processor: made-up recordings, in parts of like length."""
+"""Parts of the kernels of each processor, which synthetic recordings compile in similar times."""
 
 from __future__ import annotations
 
 from tccm_ros.config import Config
 
 PARTS = {"tccm": ("tilt", "outlines"), "slam": ("drive",)}
-"""The parts of each processor (`Stream.processor`), in the order in which they are begun.
+"""Parts of each processor (`Stream.processor`), in the order in which they are started.
 
-`tilt` calls the kernels of outlines as well. They take longest after those of the planes, so that
-they are compiled beside these: when `tilt` comes to them they are on disk."""
+`tilt` calls the kernels of outlines as well. These take longest after those of planes, so they are
+compiled in parallel and are on disk when `tilt` needs them."""
 
 
 LOADED = {"tccm": "tilt", "slam": "tracking"}
-"""What a node calls itself: slam_node tracks, and has another process solve."""
+"""Part called by a node itself: slam_node only tracks, as another process solves."""
 
 
 def warm_up(processor_name: str, config: Config) -> None:
-    """Compile or load the kernels that a processor has in its node.
+    """Compile or load the kernels that a processor uses in its node.
 
     Parameters
     ----------
     processor_name
         A key of `PARTS`.
     config
-        Of the processor.
+        Configuration of the processor.
     """
     run_part(LOADED[processor_name], config)
 
 
 def run_part(part: str, config: Config) -> None:
-    """Compile or load the kernels of a part; what the others need is not even imported.
+    """Compile or load the kernels of a part, without importing the modules of other parts.
 
     Parameters
     ----------
     part
         One of `PARTS` or `LOADED`.
     config
-        Of the processor.
+        Configuration of the processor.
     """
     if part == "tilt":
         from tccm_ros.warm_up.tilt import warm_up_tccm

@@ -1,7 +1,7 @@
-"""Kernels of tilt cycles are compiled (or read from disk) before the first record.
+"""Compile the kernels of tilt cycles, or load them from disk, before the first record.
 
-A throw-away processor gets a small made-up robot in a small made-up room: a floor, two walls, a
-table with something on it.
+A temporary processor receives the measurements of a synthetic robot in a synthetic room: a floor,
+two walls, a table with objects on it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from tccm_ros.warm_up.made_robot import (
 )
 
 SCANS = 110
-"""Two tilt cycles and a half."""
+"""Number of scans: two and a half tilt cycles."""
 
 BOXES = (
     (0.70, (0.4, 1.4), 0.5),
@@ -53,11 +53,11 @@ BOXES = (
     (0.79, (0.77, 0.98), 0.13),
     (0.85, (0.8, 0.95), 0.1),
 )
-"""A table with steps on it: height of the top, extent in x, and half the width, m."""
+"""A table with steps on it: height of the top, extent in x, and half width, m."""
 
 
 def warm_up_tccm(config: Config) -> None:
-    """Run tilt cycles through a throw-away TCCM processor; once in a process for equal settings."""
+    """Process tilt cycles in a temporary TCCM processor; once per process for equal settings."""
     _tilt_once(config.model_dump_json())
 
 
@@ -80,7 +80,7 @@ def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
 
 
 def _measure_once(config: Config) -> None:
-    """Measure small images and clouds, of all kinds of depths and times."""
+    """Measure small images and clouds with all types of depths and times."""
     K = np.array([[40.0, 0.0, 20.0], [0.0, 40.0, 15.0], [0.0, 0.0, 1.0]])
     camera = CameraInfo(START_NS, "", 40, 30, "", np.zeros(0), K, np.zeros((3, 4)))
     stamps_ns = np.array([START_NS, START_NS + PERIOD_NS])
@@ -99,7 +99,7 @@ def _measure_once(config: Config) -> None:
 
 
 def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | Scan]]:
-    """Yield tilt cycles of a laser over the room, each scan between two samples."""
+    """Yield tilt cycles of a laser in the room, each scan between two joint samples."""
     yield "robot_description", ROBOT
     bearings = np.linspace(-1.2, 1.2, BEAMS)
     for k in range(SCANS):
@@ -111,7 +111,7 @@ def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | S
 
 
 def _room_ranges(bearings: Float64, tilt: float) -> Float64:
-    """Return ranges (B,) of beams from (0, 0, HEIGHT) that are tilted down."""
+    """Return the ranges (B,) of beams tilted downwards from (0, 0, HEIGHT)."""
     x, y = np.cos(bearings) * np.cos(tilt), np.sin(bearings)
     z = -np.cos(bearings) * np.sin(tilt)
     with np.errstate(divide="ignore"):

@@ -1,7 +1,7 @@
-"""Kernels of tracking are read from disk before the first record.
+"""Load the kernels of tracking from disk before the first record.
 
-They are some of those that `drive` compiles. slam_node needs no others, and loads no gtsam: the
-process that solves loads its own.
+They are a subset of those compiled by `drive`. slam_node needs no others and does not import gtsam;
+the solver process loads its own.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tccm_ros.warm_up.made_robot import with_own_robot
 
 
 def warm_up_tracking(config: Config) -> None:
-    """Track the made-up robot through a room; once in a process for equal settings."""
+    """Track the synthetic robot through a room; once per process for equal settings."""
     _track_once(config.model_dump_json())
 
 

@@ -10,6 +10,7 @@ from live_robot import START_NS, URDF, Listener, recording, slam, tccm, wait_unt
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
@@ -146,7 +147,8 @@ def test_a_player_in_a_loop_begins_both_maps_anew_once_a_loop(ros, bag, sim_time
     """The player's /clock goes back as that of `ros2 bag play --loop` does."""
     nodes, said = both(ros, use_sim_time=sim_time), Warnings(ros)
     values = {
-        "bag": str(bag), "rate": 2.0, "loop": True, "reliable": True, "wait_for_subscribers": 20.0
+        "bag": str(bag), "rate": 2.0, "loop": True, "reliable": True, "paused": True,
+        "wait_for_subscribers": 20.0,
     }  # fmt: skip
     player = ros.add(
         PlayerNode(
@@ -154,12 +156,19 @@ def test_a_player_in_a_loop_begins_both_maps_anew_once_a_loop(ros, bag, sim_time
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
     )
-    # A bit into the third run: the second jump has been noticed.
+    topics = {publisher.topic_name for publisher in player.publishers}
+    for node in nodes:
+        ros.connect(player, node, *(topics & node.inputs.counts().keys()))
+        if sim_time:
+            ros.connect(player, node, "/clock")
+    ros.call(player.create_client(SetBool, "/player/pause"), SetBool.Request(data=False))
+    # A bit into the third run, where it stops: the second jump has been noticed.
     once = sum(1 for _ in recording(4)) + 1
     ros.spin_until(lambda: player.published > 2.3 * once)
+    ros.executor.remove_node(player)
     for node in nodes:
-        wait_until_done(ros, node)
         ros.spin_until(lambda n=node: len(said.of(n)) == 2)
+        wait_until_done(ros, node)
         assert resets(node) == 2
         assert not node.dropped["out of order"] + node.dropped["another clock"]
     # Of each run the scans of whole tilt cycles are used; the jump cuts the last one.

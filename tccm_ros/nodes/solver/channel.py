@@ -32,8 +32,7 @@ class PoseStamp(int):
 
 
 class Begin(NamedTuple):
-    """Begin a new session. The descriptor of its journal follows, then that of the saved map, if
-    any.
+    """Begin a session; descriptors of its journal and of the saved map, if any, follow.
 
     Attributes
     ----------

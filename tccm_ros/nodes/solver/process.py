@@ -139,9 +139,7 @@ class SolverProcess:
         return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
     def _tell_place(self) -> None:
-        """Report a change of the localisation, or of the condition it waits for, to the node at
-        once.
-        """
+        """Report a change of the localisation, or of its wait condition, at once."""
         if self._place == self._told_place:
             return
         self._told_place = self._place

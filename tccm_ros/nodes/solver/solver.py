@@ -230,9 +230,7 @@ class Solver:
         return answer.session == self._session.number
 
     def archive(self) -> tuple[Solved, int] | None:
-        """Return the newest solution and a new descriptor of its archive, which the caller
-        closes.
-        """
+        """Return the newest solution and a descriptor of its archive, which the caller closes."""
         with self._changed:
             return None if self.newest is None else (self.newest, os.dup(self.newest.archive))
 

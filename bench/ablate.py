@@ -30,6 +30,7 @@ import tccm_ros
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.records import SensorKind
 from tccm_ros.results.map_file import load_map
 from tccm_ros.surfaces import outline as outline_module
 from tccm_ros.surfaces.object_tracks import track_objects
@@ -59,7 +60,6 @@ RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "join_over_occlusions": ("tccm_ros.surfaces.joining", lambda pieces, *_: list(pieces)),
     "_is_wall_between": ("tccm_ros.surfaces.joining", lambda *_: False),
     "expected_area": ("tccm_ros.surfaces.outline", lambda area, _: area),
-    "_with_far_edges_moved": ("tccm_ros.surfaces.outline", lambda part, _: part),
     "_is_part": ("tccm_ros.surfaces.scene_objects", lambda *_: False),
 }
 """Rules that are switched off: module of a function, and what stands in for it."""
@@ -72,12 +72,6 @@ class Saved(NamedTuple):
     poses: ViewPoses
     walls: Float64
     truth: dict[str, Any]
-
-
-FACTORS = {"half": 0.5, "double": 2.0, "zero": 0.0}
-
-RULES: dict[str, tuple[str, Callable[..., Any]]] = {}
-"""Rules that are switched off: name of a function, and what stands in for it."""
 
 
 def load(result: Path, bag: Path) -> Saved:
@@ -102,17 +96,18 @@ def built(saved: Saved) -> tuple[MappedSurfaces, int]:
     config = Config()
     surface_map = SurfaceMap(config)
     for view in saved.views:
-        surface_map.add_view(replace(view, patches=tuple(map(_outlined, view.patches))))
+        patches = tuple(_outlined(patch, view.sensor) for patch in view.patches)
+        surface_map.add_view(replace(view, patches=patches))
     mapped = surface_map.build(saved.poses, saved.walls)
     tracks = track_objects(saved.views, saved.poses.T_map_view, config).tracks
     return mapped, len(scene_objects(mapped.surfaces, tracks))
 
 
-def _outlined(patch: Patch) -> Patch:
+def _outlined(patch: Patch, sensor: SensorKind) -> Patch:
     """Return a patch with the outline of its points."""
     distance = Config().surfaces.merge_distance
     outline, spacing = outline_module.horizontal_outline(
-        patch.points[:, :2].astype(np.float64), distance
+        patch.points[:, :2].astype(np.float64), distance, sensor
     )
     return replace(patch, outline=outline, spacing=spacing)
 

@@ -86,7 +86,9 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
         run("seen free", lambda s=cycle, T=T, w=view: seen.add(s.part.cycle, T, w))
         surfaces = run(
             "surface message",
-            lambda s=cycle, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True, 0.01),
+            lambda s=cycle, f=fits, T=T, v=viewpoint: surface_cloud(
+                s, f, T, v, "base", True, config
+            ),
         )
         boxes = run(
             "object boxes",

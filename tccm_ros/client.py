@@ -9,6 +9,7 @@ from tccm_ros.nodes.map_client import SurfaceMapClient
 from tccm_ros.nodes.map_records import (
     BoxState,
     Found,
+    MapApproach,
     MapCompartment,
     MapEvent,
     MapFoundObject,
@@ -24,6 +25,7 @@ from tccm_ros.nodes.map_records import (
 __all__ = [
     "BoxState",
     "Found",
+    "MapApproach",
     "MapCompartment",
     "MapEvent",
     "MapFoundObject",

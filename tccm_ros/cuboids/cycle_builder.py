@@ -68,6 +68,10 @@ class TiltCycleData:
         """Return a mask of the records that are scan lines, bool (R,); others are dense points."""
         return np.array([isinstance(record, CycleScan) for record in self.records], np.bool_)
 
+    def is_of(self, kind: SensorKind) -> Bool:
+        """Return which records are of one kind of sensor, bool (R,)."""
+        return np.array([record.posed.sensor_kind is kind for record in self.records], np.bool_)
+
     def T_odom_base(self) -> Float64:
         """Return the base pose at `stamp_ns`, float64 (4, 4); the identity without records."""
         stamps, poses = _pose_samples(self.records, lambda posed: posed.T_odom_base)

@@ -18,7 +18,7 @@ from tccm_ros.geometry import inverse, planar, transform
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.planes.front_tops import top_planes
 from tccm_ros.planes.horizontal_strips import horizontal_strips
-from tccm_ros.planes.plane_noise import are_too_thick
+from tccm_ros.planes.plane_noise import are_too_thick, range_noise
 from tccm_ros.planes.wall_contact import lie_on_walls
 from tccm_ros.records import (
     ObjectBoxes,
@@ -29,6 +29,7 @@ from tccm_ros.records import (
     TabletopObject,
     ViewIntervals,
 )
+from tccm_ros.sensors.depth_image import depth_noise
 from tccm_ros.sensors.point_cloud import first_in_voxels
 from tccm_ros.tabletop.objects import find_objects
 
@@ -85,7 +86,7 @@ def surface_cloud(
     viewpoint: Float64,
     frame_id: str,
     wanted: bool,
-    voxel: float,
+    config: Config,
     segmentation: Segmentation | None = None,
 ) -> SurfaceCloud:
     """Return the points of the horizontal surfaces that the newest part map saw.
@@ -104,8 +105,8 @@ def surface_cloud(
         The base frame.
     wanted
         Whether the cloud is needed; otherwise it is empty.
-    voxel
-        Edge of the voxels to which points of images and clouds are thinned, m.
+    config
+        Uses `views.voxel_size` and `sensors.depth_sigma`.
     segmentation
         Function that finds the surfaces instead of the planes.
     """
@@ -117,8 +118,7 @@ def surface_cloud(
             labels = segmentation(points)
             points, surface = points[labels >= 0], labels[labels >= 0].astype(np.int64)
         else:
-            lines = cycle.is_line()
-            points, surface = _horizontal_points(part, fits, viewpoint, lines, voxel)
+            points, surface = _horizontal_points(cycle, fits, viewpoint, config)
             points = transform(T_base_odom, points)
     return SurfaceCloud(
         cycle.stamp_ns,
@@ -131,28 +131,26 @@ def surface_cloud(
 
 
 def _horizontal_points(
-    part: PartMap, fits: PlaneFits, viewpoint: Float64, is_line: Bool, voxel: float
+    cycle: TiltCycleData, fits: PlaneFits, viewpoint: Float64, config: Config
 ) -> tuple[Float64, Int64]:
     """Return the points of horizontal planes and strips, and their surface indices, from 0.
 
-    Strips consist of scan lines: `is_line` bool (R,) tells which records are scans. A camera
-    measures the same points with each image, so other points are thinned to one per voxel of edge
-    `voxel`, m.
+    Strips consist of scan lines. A camera measures the same points with each image, so other points
+    are thinned to one per voxel of edge `views.voxel_size`.
     """
+    part, voxel = cycle.part, config.views.voxel_size
     labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
-    normals = np.array([f.normal for f in fits]).reshape(-1, 3)
-    offsets, rms = np.array([f.offset for f in fits]), np.array([f.rms for f in fits])
-    thick = are_too_thick(points, labels, normals, offsets, rms, viewpoint)
-    seen = [
-        f
-        for f in fits
-        if f.kind == PlaneKind.HORIZONTAL and f.normal @ viewpoint > f.offset and not thick[f.index]
-    ]
-    is_wall = np.array([abs(f.normal[2]) < SEEN_AS_WALL for f in fits] + [False])
-    in_line = is_line[part.lines(np.arange(len(points)))]
+    record = part.lines(np.arange(len(points)))
+    seen = [f for f in fits if f.kind == PlaneKind.HORIZONTAL and f.normal @ viewpoint > f.offset]
+    is_depth = cycle.is_of(SensorKind.DEPTH_IMAGE)[record]
     surface = np.full(len(points), -1, np.int64)
     on = _on_planes(points, labels, seen, len(fits))
     surface[on] = labels[on]
+    thick = _are_too_thick(points, labels, surface, is_depth, fits, viewpoint, config)
+    seen = [f for f in seen if not thick[f.index]]
+    surface[thick[surface]] = -1
+    is_wall = np.array([abs(f.normal[2]) < SEEN_AS_WALL for f in fits] + [False])
+    in_line = cycle.is_line()[record]
     rows = np.flatnonzero(~is_wall[labels] & in_line)
     surface[rows] = horizontal_strips(points[rows], part.lines(rows), surface[rows], viewpoint)
     surface = _kept(points, in_line, surface, voxel)
@@ -165,6 +163,30 @@ def _horizontal_points(
     is_surface = surface >= 0
     _, surface = np.unique(surface[is_surface], return_inverse=True)
     return points[is_surface], surface.reshape(-1)
+
+
+def _are_too_thick(
+    points: Float64,
+    labels: Int32,
+    surface: Int64,
+    is_depth: Bool,
+    fits: PlaneFits,
+    viewpoint: Float64,
+    config: Config,
+) -> Bool:
+    """Return which planes are too thick, bool (F + 1,), of no plane the last.
+
+    Depths have the noise of the sensor, of other ranges all have the same, which planes imply.
+    """
+    normals = np.array([f.normal for f in fits]).reshape(-1, 3)
+    offsets, rms = np.array([f.offset for f in fits]), np.array([f.rms for f in fits])
+    sigma = depth_noise(np.linalg.norm(points - viewpoint, axis=1), config)
+    if not is_depth.all():
+        noise = range_noise(points, labels, normals, offsets, rms, viewpoint)
+        sigma = np.where(is_depth, sigma, noise)
+    of_plane = surface.astype(np.int32)
+    thick = are_too_thick(points, of_plane, normals, offsets, sigma, viewpoint)
+    return np.append(thick, False)
 
 
 def _kept(points: Float64, in_line: Bool, surface: Int64, voxel: float) -> Int64:

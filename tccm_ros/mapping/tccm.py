@@ -305,7 +305,7 @@ class TccmProcessor:
             viewpoint,
             base,
             wanted and is_segmented,
-            self.config.views.voxel_size,
+            self.config,
             self._segmentation,
         )
         view = (

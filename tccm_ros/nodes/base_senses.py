@@ -7,7 +7,7 @@ All messages are taken by the intake's thread, in which the control loop runs as
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -110,10 +110,6 @@ class BaseSenses:
         self._inputs.subscribe(
             reader.message_type, topic or role, callback, qos, watch="event", raw=True
         )
-
-    def problems(self) -> Sequence[str]:
-        """Return what keeps topics from being heard."""
-        return self._inputs.problems()
 
     # --- messages, in the intake's thread ---
 

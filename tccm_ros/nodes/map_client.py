@@ -28,6 +28,7 @@ from tccm_interfaces.srv import (
 )
 
 from tccm_ros.errors import QuestionError
+from tccm_ros.nodes.approach_client import ApproachClient
 from tccm_ros.nodes.map_records import (
     Found,
     MapCompartment,
@@ -90,6 +91,8 @@ class SurfaceMapClient:
         Name of the node that owns the surface map.
     tilt_name
         Name of the node that owns the integration map and answers `check_box`.
+    approach_name
+        Name of the node that drives the base.
 
     Attributes
     ----------
@@ -101,7 +104,15 @@ class SurfaceMapClient:
         Whether the robot is localised; None before the first message.
     """
 
-    def __init__(self, node: Node, name: str = "surface_slam", tilt_name: str = "tccm"):
+    def __init__(
+        self,
+        node: Node,
+        name: str = "surface_slam",
+        tilt_name: str = "tccm",
+        approach_name: str = "approach",
+    ):
+        self._approach_name = approach_name
+        self._approach_client: ApproachClient | None = None
         self._node, self._types = node, RosidlMessages()
         self._on_event: list[Callable[[MapEvent], object]] = []
         self._on_map: list[Callable[[], object]] = []
@@ -311,6 +322,58 @@ class SurfaceMapClient:
         stamped.header.frame_id = frame
         request = CheckBox.Request(pose=stamped, size=Vector3(x=x, y=y, z=z))
         return self._ask(self._check_box, request, box_state_of)
+
+    # --- driving ---
+
+    @property
+    def can_approach(self) -> bool:
+        """Whether approach_node has been discovered; poll it, as discovery takes a moment."""
+        return self._driver.is_ready
+
+    def approach(
+        self,
+        filter: SurfaceFilter | None = None,
+        *,
+        spot: Sequence[float] | None = None,
+        frame: str = "map",
+        side: float | None = None,
+        gap: float = 0.0,
+        reach: float = 0.0,
+    ) -> Future:
+        """Drive the base to a surface; the future resolves to a `MapApproach` on arrival.
+
+        Parameters
+        ----------
+        filter
+            Conditions on the surface; the nearest that meets them is taken.
+        spot, frame
+            x and y of the point that the arm needs to get to, m, and their frame: that of the map
+            or of the base.
+        side, gap, reach
+            As in the goal of tccm_interfaces/ApproachSurface; None and 0 for the node's defaults.
+        """
+        return self._driver.approach(_checked(filter), spot, frame, side, gap, reach)
+
+    def retreat(self, distance: float = 0.0) -> Future:
+        """Drive the base straight back, m; the future resolves to the distance driven."""
+        return self._driver.retreat(distance)
+
+    def cancel(self) -> None:
+        """Stop the base: the active goal ends, and its future raises `QuestionError`."""
+        self._driver.cancel()
+
+    def close(self) -> None:
+        """Release the action clients, if any were made."""
+        if self._approach_client is not None:
+            self._approach_client.close()
+            self._approach_client = None
+
+    @property
+    def _driver(self) -> ApproachClient:
+        """The client of approach_node, made on first use: few programs drive."""
+        if self._approach_client is None:
+            self._approach_client = ApproachClient(self._node, self._approach_name)
+        return self._approach_client
 
     # --- corrections by a user ---
 

@@ -289,6 +289,35 @@ class MapLocalisation:
     message: Any
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MapApproach:
+    """How the base stands at a surface, as tilt cycles measured it.
+
+    Attributes
+    ----------
+    surface_id
+        Of the surface.
+    gap, yaw_error
+        Between the footprint and the edge, m; heading less the direction straight to the edge, rad.
+    distance
+        Of the spot from the base's origin, m; nan without a spot.
+    has_moved
+        Whether the surface is elsewhere than the map has it.
+    T_map_surface
+        float64 (4, 4), where it is.
+    message
+        All that is known: the result of tccm_interfaces/ApproachSurface.
+    """
+
+    surface_id: int
+    gap: float
+    yaw_error: float
+    distance: float
+    has_moved: bool
+    T_map_surface: Float64
+    message: Any
+
+
 @dataclass(frozen=True, slots=True)
 class BoxState:
     """Occupancy of a box.
@@ -431,6 +460,19 @@ def localisation_of(message: Any) -> MapLocalisation:
     """Return a tccm_interfaces/Localisation as a plain object."""
     T, state = _pose(message.pose.pose), LOCALISATION_STATES.get(message.state, "unknown")
     return MapLocalisation(state, message.reason, T, message)
+
+
+def approach_of(result: Any) -> MapApproach:
+    """Return a result of tccm_interfaces/ApproachSurface as a plain object."""
+    return MapApproach(
+        result.surface_id,
+        result.gap,
+        result.yaw_error,
+        result.distance,
+        result.has_moved,
+        _pose(result.surface_pose),
+        result,
+    )
 
 
 def box_state_of(answer: Any) -> BoxState:

@@ -12,6 +12,7 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
+from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.carving import UNUSED, Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
 from tccm_ros.surfaces.outline import horizontal_outline
@@ -90,20 +91,20 @@ class Remainders:
         for v, (first, view) in enumerate(zip(first_numbers(views), views)):
             for p, patch in enumerate(view.patches):
                 keep = left.keep[v][p]
-                rest = patch if keep.all() else self._rest(patch, keep, (*view.key, p))
+                rest = patch if keep.all() else self._rest(view, p, keep)
                 if rest is not None:
                     found.append(NumberedPatch(first + p, v, rest))
         self._calls += 1
         self._known = {k: r for k, r in self._known.items() if self._calls - r.used <= UNUSED}
         return found
 
-    def _rest(self, patch: Patch, keep: Bool, place: tuple[int, int, int]) -> Patch | None:
-        """Return a patch, the third of `place` in a view, without some points; None: none left."""
-        distance = self._config.surfaces.merge_distance
-        key = *place, distance, blake2b(keep.tobytes(), digest_size=16).digest()
+    def _rest(self, view: View, index: int, keep: Bool) -> Patch | None:
+        """Return a patch of a view without some points; None: none left."""
+        patch, distance = view.patches[index], self._config.surfaces.merge_distance
+        key = *view.key, index, distance, blake2b(keep.tobytes(), digest_size=16).digest()
         known = self._known.get(key)
         if known is None or known.whole is not patch:
-            known = _Remainder(patch, _rest(patch, keep, distance), self._calls)
+            known = _Remainder(patch, _rest(patch, keep, distance, view.sensor), self._calls)
             self.outlined += known.rest is not None
         self._known[key] = known._replace(used=self._calls)
         return known.rest
@@ -121,7 +122,7 @@ class _Remainder(NamedTuple):
     used: int
 
 
-def _rest(patch: Patch, keep: Bool, distance: float) -> Patch | None:
+def _rest(patch: Patch, keep: Bool, distance: float, sensor: SensorKind) -> Patch | None:
     """Return a patch of the points that are left, with their moments and outline; None: none."""
     if not keep.any():
         return None
@@ -129,7 +130,7 @@ def _rest(patch: Patch, keep: Bool, distance: float) -> Patch | None:
     exact, fraction = points.astype(np.float64), weights / weights.sum()
     mean = fraction @ exact
     cov = (exact - mean).T @ ((exact - mean) * fraction[:, None])
-    outline, spacing = horizontal_outline(exact[:, :2], distance)
+    outline, spacing = horizontal_outline(exact[:, :2], distance, sensor)
     own = fit_covariance(exact, weights.astype(np.float64))
     moved = np.eye(3)
     moved[0, 1:] = (mean - patch.mean)[:2]

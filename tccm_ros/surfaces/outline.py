@@ -4,10 +4,9 @@ The points of a horizontal surface are triangulated in x and y. A triangle belon
 its longest edge is not much longer than the local spacing: scan lines on a far table have distances
 of decimetres, while a distance of decimetres between dense points of a near table is a gap.
 
-The scan lines run around the robot, one beyond the other. The far edge of a surface is between the
-last line that hit it and the next line; at its near edge, lines hit the front of the object.
-Sideways, a line ends one or two beams before the edge, as a beam that hits an edge in part is a
-mixed pixel. So an outline is moved away from the robot by much, and widened by little.
+A scan line ends one or two beams before the edge of a surface, as a beam that hits an edge in part
+is a mixed pixel: outlines of scan lines are widened by little. Images sample a surface at a
+millimetre or two, and the mixed pixels that they keep are beyond its edge: theirs are not.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ import numpy as np
 import shapely
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from shapely import MultiPolygon
-from shapely.geometry.polygon import orient
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.polygons import GRID, polygons_of
 from tccm_ros.surfaces.thinning import cell_means
 
@@ -35,15 +34,8 @@ QUANTILE = 0.4
 """Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as
 along a border up to half of the neighbours have a gap across it."""
 
-FAR_EDGE_FRACTION = 0.35
-"""The far edge is expected this fraction of the lines' distance beyond the last one; chosen: less
-than half, as the union of several views takes the furthest edge of each."""
-
-MAX_FAR_EDGE = 0.025
-"""The far edge is moved by at most this, m; chosen."""
-
 SIDE_EDGE_FRACTION = 0.15
-"""Sideways, the edge is expected this fraction of the lines' distance further out; chosen."""
+"""The edge is expected this fraction of the lines' distance further out; chosen."""
 
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
 """Limits of the distance by which an outline is widened, m; chosen: the lower one is half the
@@ -56,31 +48,35 @@ Mesh = tuple[Float64, Int64, Float64]
 """Points, triangles and longest edges, as of `_mesh`."""
 
 
-def horizontal_outline(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
+def horizontal_outline(
+    points_xy: Float64, min_gap: float, sensor: SensorKind
+) -> tuple[MultiPolygon, float]:
     """Return the outline of the points of a surface that one view saw, and their spacing.
 
     Parameters
     ----------
     points_xy
-        float64 (N, 2), m, without duplicates, in the base frame: the robot is at the origin.
+        float64 (N, 2), m, without duplicates.
     min_gap
         Gaps up to this are closed however dense the points are, m.
+    sensor
+        Kind of the sensor: lasers and point clouds have scan lines, depth images have none.
 
     Returns
     -------
     outline : MultiPolygon
-        The area that the points cover, with far edges where they are expected; possibly empty.
+        The area that the points cover, with edges where they are expected; possibly empty.
     spacing : float
         Median of the local spacing, m; 0 where there is no outline.
     """
     area, spacing = covered_area(points_xy, min_gap)
-    return expected_area(area, spacing), spacing
+    return area if sensor is SensorKind.DEPTH_IMAGE else expected_area(area, spacing), spacing
 
 
 def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
     """Return the area that points cover, as disjoint parts, and their spacing, m.
 
-    The parameters are those of `horizontal_outline`; the points may be in any frame.
+    The parameters are those of `horizontal_outline`.
     """
     # Noise makes a scan line two or three fine cells wide: they seem to be of a dense surface.
     coarse = _local_spacing(*_mesh(cell_means(points_xy, min_gap)[0]))
@@ -142,12 +138,12 @@ def _local_spacing(points_xy: Float64, triangles: Int64, longest: Float64) -> Fl
 
 
 def expected_area(area: MultiPolygon, spacing: float) -> MultiPolygon:
-    """Move the far edges of an outline out to where they are expected.
+    """Widen an outline of scan lines to where its edges are expected.
 
     Parameters
     ----------
     area
-        What the points of a view cover, m, in the base frame: the robot is at the origin.
+        What the points of a view cover, m.
     spacing
         Distance of the scan lines there, m.
 
@@ -156,34 +152,6 @@ def expected_area(area: MultiPolygon, spacing: float) -> MultiPolygon:
     MultiPolygon
         One or more parts for each of `area`; parts may overlap.
     """
-    far = min(FAR_EDGE_FRACTION * spacing, MAX_FAR_EDGE)
     aside = min(max(SIDE_EDGE_FRACTION * spacing, MIN_SIDE_EDGE), MAX_SIDE_EDGE)
-    moved = [_with_far_edges_moved(part, far) for part in area.geoms]
-    wide = [part.buffer(aside, join_style="mitre", mitre_limit=MITRE_LIMIT) for part in moved]
+    wide = [part.buffer(aside, join_style="mitre", mitre_limit=MITRE_LIMIT) for part in area.geoms]
     return MultiPolygon([p for part in wide for p in polygons_of(part).geoms])
-
-
-def _with_far_edges_moved(part: shapely.Polygon, distance: float) -> shapely.Geometry:
-    """Return the area that a polygon passes when it moves away from the origin by a distance, m.
-
-    On each ray from the origin the polygon is some intervals. Moving out, each passes itself and
-    what its far end passes: so only edges that face away from the origin add something.
-    """
-    oriented = orient(part)
-    bands = []
-    for ring in (oriented.exterior, *oriented.interiors):
-        xy = np.asarray(ring.coords)
-        start, end = xy[:-1], xy[1:]
-        outward = (end - start)[:, ::-1] * (1.0, -1.0)  # the polygon is to the left
-        is_far = np.einsum("ij,ij->i", outward, start) > 0.0
-        start, end = start[is_far], end[is_far]
-        moved = [_away(end, distance), _away(start, distance)]
-        bands.append(np.stack([start, end, *moved], axis=1))
-    quads = shapely.make_valid(shapely.polygons(np.concatenate(bands)))
-    return shapely.union_all([part, *quads], grid_size=GRID)
-
-
-def _away(xy: Float64, distance: float) -> Float64:
-    """Move points (N, 2) away from the origin by a distance, m."""
-    radius = np.maximum(np.hypot(xy[:, 0], xy[:, 1]), GRID)
-    return np.asarray(xy * (1.0 + distance / radius)[:, None], np.float64)

@@ -174,7 +174,9 @@ class _Outlined(NamedTuple):
     spacing: float
 
 
-def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patch]:
+def _make_patches(
+    points: Float32, others: Float32, sensor: SensorKind, config: Config
+) -> list[Patch]:
     """Make the patches of one surface of a cloud, one for each part of its outline.
 
     `others`, float32 (M, 3), are the points of the cloud's other surfaces: what they explain is
@@ -184,9 +186,9 @@ def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patc
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
     min_gap = config.surfaces.merge_distance
-    outline, spacing = horizontal_outline(thinned[:, :2].astype(np.float64), min_gap)
+    outline, spacing = horizontal_outline(thinned[:, :2].astype(np.float64), min_gap, sensor)
     whole = _Outlined(points, thinned, weights, outline, spacing)
-    whole = _without_strays(whole, others, min_gap)
+    whole = _without_strays(whole, others, min_gap, sensor)
     if len(whole.outline.geoms) < 2:
         return [_patch(*whole)]
     parts = sorted(whole.outline.geoms, key=lambda part: (-part.area, part.bounds))
@@ -203,11 +205,13 @@ def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patc
                 whole.spacing,
             )
             rest = np.concatenate([others, whole.thinned[~own_thinned]])
-            patches.append(_patch(*_without_strays(one, rest, min_gap)))
+            patches.append(_patch(*_without_strays(one, rest, min_gap, sensor)))
     return patches
 
 
-def _without_strays(surface: _Outlined, others: Float32, min_gap: float) -> _Outlined:
+def _without_strays(
+    surface: _Outlined, others: Float32, min_gap: float, sensor: SensorKind
+) -> _Outlined:
     """Return a surface without the points that others explain, outlined anew if there are any."""
     points, thinned, weights, _, spacing = surface
     strays = mark_strays(thinned, weights, spacing, others)
@@ -215,7 +219,7 @@ def _without_strays(surface: _Outlined, others: Float32, min_gap: float) -> _Out
         return surface
     plan = thinned[:, :2].astype(np.float64)
     kept = ~strays[cKDTree(plan).query(points[:, :2])[1]]
-    outline, spacing = horizontal_outline(plan[~strays], min_gap)
+    outline, spacing = horizontal_outline(plan[~strays], min_gap, sensor)
     return _Outlined(points[kept], thinned[~strays], weights[~strays], outline, spacing)
 
 
@@ -327,7 +331,9 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     patches = [
         patch
         for group in groups
-        for patch in _make_patches(cloud.points[group], np.delete(cloud.points, group, 0), config)
+        for patch in _make_patches(
+            cloud.points[group], np.delete(cloud.points, group, 0), cloud.sensor, config
+        )
     ]
     distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
     max_range = max(view.max_range, float(distance))

@@ -194,6 +194,32 @@ def test_the_base_backs_off(drive):
     assert driver.stands()
 
 
+def test_a_python_program_drives_backs_off_and_cancels(drive):
+    from tccm_interfaces.msg import SurfaceFilter
+
+    from tccm_ros.client import QuestionError, SurfaceMapClient
+
+    driver = drive(simple_flat(None, (0.0, 0.0, 0.0), (-1.2, 0.0, 0.0)))
+    client = SurfaceMapClient(Listener(driver.ros, "program").node)
+    driver.ros.spin_until(lambda: client.can_approach, what="the actions")
+    asked = client.retreat(0.1)
+    driver.robot.drive_until(asked.done)
+    assert asked.result() == pytest.approx(0.1, abs=0.01)
+    asked = client.approach(SurfaceFilter(ids=[1]), spot=(-0.4, 0.0), gap=0.07)
+    driver.robot.drive_until(asked.done)
+    there = asked.result()
+    assert there.surface_id == 1
+    assert there.gap == pytest.approx(0.07, abs=0.02)
+    assert there.distance == pytest.approx(0.62, abs=0.05)
+    asked = client.retreat(1.0)
+    driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
+    client.cancel()
+    driver.robot.drive_until(asked.done)
+    with pytest.raises(QuestionError, match="cancelled"):
+        asked.result()
+    client.close()
+
+
 def test_the_end_of_the_node_stops_the_base(drive):
     driver = drive(simple_flat())
     driver.send()

@@ -80,7 +80,7 @@ def lines(*ys, x=(1.3, 1.9), z=0.75):
     return SurfaceCloud(10, "base", np.concatenate(rows).astype(np.float32), surfaces)
 
 
-@pytest.mark.parametrize(("ys", "count"), [((0.0, 0.08, 0.16), 1), ((0.0, 0.3, 0.6), 0)])
+@pytest.mark.parametrize(("ys", "count"), [((0.0, 0.07, 0.14), 1), ((0.0, 0.3, 0.6), 0)])
 def test_scan_lines_beside_each_other_are_one_surface(ys, count):
     """A line has no area; a few that are no further than merging allows have one together."""
     found = build([lines(*ys)], [(0, 0, 0)]).surfaces

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.config import Config
+from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.stray_points import mark_strays
 from tccm_ros.surfaces.views import _make_patches
 
@@ -74,6 +75,6 @@ def test_points_without_spacing_have_no_strays():
 
 
 def test_a_patch_does_not_go_on_to_the_front_of_the_next_table():
-    (patch,) = _make_patches(np.vstack([TABLE, front(4)]), NEXT, Config())
+    (patch,) = _make_patches(np.vstack([TABLE, front(4)]), NEXT, SensorKind.LASER, Config())
     assert patch.count == len(TABLE)
     assert patch.outline.bounds[2] < 1.52

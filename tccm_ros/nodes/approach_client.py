@@ -1,0 +1,104 @@
+"""Asks approach_node to drive: the part of `SurfaceMapClient` that moves the base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+from tccm_interfaces.action import ApproachSurface, Retreat
+from tccm_interfaces.msg import SurfaceFilter
+
+from tccm_ros.errors import QuestionError
+from tccm_ros.nodes.map_records import MapApproach, approach_of
+
+
+class ApproachClient:
+    """Sends goals to approach_node.
+
+    Each returns a future at once; it has the result, or `QuestionError` with the sentence why the
+    base did not get there.
+
+    Parameters
+    ----------
+    node
+        Whose executor calls back.
+    name
+        Of the node that drives.
+    """
+
+    def __init__(self, node: Node, name: str):
+        self._approach = ActionClient(node, ApproachSurface, f"{name}/approach_surface")
+        self._retreat = ActionClient(node, Retreat, f"{name}/retreat")
+        self._running: Any = None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether both actions are there."""
+        return bool(self._approach.server_is_ready() and self._retreat.server_is_ready())
+
+    def approach(
+        self,
+        filter: SurfaceFilter,
+        spot: Sequence[float] | None,
+        frame: str,
+        side: float | None,
+        gap: float,
+        max_distance: float,
+    ) -> Future:
+        """Ask for an approach, as `SurfaceMapClient.approach`."""
+        goal = ApproachSurface.Goal(filter=filter, gap=float(gap), reach=float(max_distance))
+        if spot is not None:
+            goal.spot = PointStamped()
+            goal.spot.header.frame_id = frame
+            x, y = (float(value) for value in spot[:2])
+            goal.spot.point.x, goal.spot.point.y = x, y
+        if side is not None:
+            goal.has_side, goal.side = True, float(side)
+
+        def read(result: Any) -> MapApproach:
+            return approach_of(result)
+
+        return self._send(self._approach, goal, read)
+
+    def retreat(self, distance: float) -> Future:
+        """Ask for a retreat, as `SurfaceMapClient.retreat`."""
+        goal = Retreat.Goal(distance=float(distance))
+        return self._send(self._retreat, goal, lambda result: float(result.distance))
+
+    def cancel(self) -> None:
+        """Have the base stop, and the goal that runs end."""
+        if self._running is not None:
+            self._running.cancel_goal_async()
+
+    def close(self) -> None:
+        """Let go of the actions."""
+        self._approach.destroy()
+        self._retreat.destroy()
+
+    def _send(self, client: Any, goal: Any, read: Callable[[Any], object]) -> Future:
+        future = Future()
+        if not client.server_is_ready():
+            future.set_exception(
+                QuestionError("nobody offers this action: is approach_node there?")
+            )
+            return future
+
+        def ended(answered: Future) -> None:
+            self._running = None
+            result: Any = answered.result()
+            if result.result.success:
+                future.set_result(read(result.result))
+            else:
+                future.set_exception(QuestionError(result.result.message))
+
+        def taken(answered: Future) -> None:
+            handle: Any = answered.result()
+            self._running = handle
+            handle.get_result_async().add_done_callback(ended)
+
+        client.send_goal_async(goal).add_done_callback(taken)
+        return future

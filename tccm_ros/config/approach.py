@@ -40,6 +40,9 @@ class Approach(Group):
         gt=0.0,
         le=120.0,
     )
+    names: str = param(
+        "tccm_map/named_poses.yaml", "file of named spots, read at each use (~/resolve_name)"
+    )
     stamped: bool = param(
         False, "send geometry_msgs/TwistStamped on cmd_vel, not Twist", read_only=True
     )

@@ -11,9 +11,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from tccm_interfaces.action import ApproachSurface, Retreat
 from tccm_interfaces.msg import SurfaceFilter
+from tccm_interfaces.srv import ResolveName, SetName
 
 from tccm_ros.errors import QuestionError
-from tccm_ros.nodes.map_records import MapApproach, approach_of
+from tccm_ros.nodes.asking import ask
+from tccm_ros.nodes.map_records import MapApproach, approach_of, spot_of
 
 
 class ApproachClient:
@@ -33,6 +35,8 @@ class ApproachClient:
     def __init__(self, node: Node, name: str):
         self._approach = ActionClient(node, ApproachSurface, f"{name}/approach_surface")
         self._retreat = ActionClient(node, Retreat, f"{name}/retreat")
+        self._resolve = node.create_client(ResolveName, f"{name}/resolve_name")
+        self._set = node.create_client(SetName, f"{name}/set_name")
         self._running: Any = None
 
     @property
@@ -42,6 +46,7 @@ class ApproachClient:
 
     def approach(
         self,
+        name: str,
         filter: SurfaceFilter,
         spot: Sequence[float] | None,
         frame: str,
@@ -50,12 +55,11 @@ class ApproachClient:
         max_distance: float,
     ) -> Future:
         """Ask for an approach, as `SurfaceMapClient.approach`."""
-        goal = ApproachSurface.Goal(filter=filter, gap=float(gap), reach=float(max_distance))
+        goal = ApproachSurface.Goal(
+            name=name, filter=filter, gap=float(gap), reach=float(max_distance)
+        )
         if spot is not None:
-            goal.spot = PointStamped()
-            goal.spot.header.frame_id = frame
-            x, y = (float(value) for value in spot[:2])
-            goal.spot.point.x, goal.spot.point.y = x, y
+            goal.spot = _point(spot, frame)
         if side is not None:
             goal.has_side, goal.side = True, float(side)
 
@@ -68,6 +72,31 @@ class ApproachClient:
         """Ask for a retreat, as `SurfaceMapClient.retreat`."""
         goal = Retreat.Goal(distance=float(distance))
         return self._send(self._retreat, goal, lambda result: float(result.distance))
+
+    def resolve_name(self, name: str) -> Future:
+        """Resolve a name, as `SurfaceMapClient.resolve_name`."""
+        return ask(self._resolve, ResolveName.Request(name=name), spot_of)
+
+    def set_name(
+        self,
+        name: str,
+        filter: SurfaceFilter,
+        spot: Sequence[float] | None,
+        frame: str,
+        side: float | None,
+    ) -> Future:
+        """Give a spot a name, as `SurfaceMapClient.set_name`."""
+        request = SetName.Request(name=name, filter=filter)
+        if spot is not None:
+            request.spot = _point(spot, frame)
+        if side is not None:
+            request.has_side, request.side = True, float(side)
+        return ask(self._set, request, lambda answer: str(answer.message))
+
+    def forget_name(self, name: str) -> Future:
+        """Remove a name, as `SurfaceMapClient.forget_name`."""
+        request = SetName.Request(name=name, forget=True)
+        return ask(self._set, request, lambda answer: str(answer.message))
 
     def cancel(self) -> None:
         """Have the base stop, and the goal that runs end."""
@@ -102,3 +131,10 @@ class ApproachClient:
 
         client.send_goal_async(goal).add_done_callback(taken)
         return future
+
+
+def _point(xy: Sequence[float], frame: str) -> PointStamped:
+    message = PointStamped()
+    message.header.frame_id = frame
+    message.point.x, message.point.y = (float(value) for value in xy[:2])
+    return message

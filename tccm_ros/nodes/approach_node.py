@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,11 @@ from rclpy.task import Future
 
 from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.drive import PERIOD_S
+from tccm_ros.approach.names import NamedSpot
 from tccm_ros.approach.outcome import Outcome, Reason
 from tccm_ros.approach.retreat import Retreat
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.settings import Robot
+from tccm_ros.approach.settings import Goal, Robot, Surroundings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MissingExtraError, MotionError, QuestionError, TccmError, one_line
@@ -41,9 +43,11 @@ from tccm_ros.nodes.approach_goals import (
     robot_of,
     surroundings_of,
 )
+from tccm_ros.nodes.approach_names import SpotNames, filter_of, place_on, stamped_point
 from tccm_ros.nodes.base_senses import BaseSenses
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.interfaces import missing_interfaces
+from tccm_ros.nodes.map_records import MapSurface
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.refusals import Refusals
@@ -92,7 +96,7 @@ class Drive:
 
 
 class ApproachNode(Node):
-    """Offers ~/approach_surface and ~/retreat.
+    """Offers ~/approach_surface, ~/retreat, ~/resolve_name and ~/set_name.
 
     Parameters
     ----------
@@ -139,6 +143,15 @@ class ApproachNode(Node):
                 (self._retreat, "~/retreat", self._execute_retreat),
             )
         ]
+        self._names = SpotNames(
+            self,
+            self._types,
+            lambda: Path(self.config.approach.names).expanduser(),
+            self._surface,
+            self._plan,
+            self._in_map,
+            self.config.frames.map_name,
+        )
         self.senses.start()
         self.get_logger().info("ready; the base moves while a goal runs, and never without")
 
@@ -271,6 +284,27 @@ class ApproachNode(Node):
             raise LookupError("the floor is no surface to approach")
         return found[0]
 
+    def _plan(self, request: Any, surface: MapSurface) -> tuple[Robot, Goal, Surroundings]:
+        """Return the base, the goal and the map around a surface, of a goal of ApproachSurface.
+
+        Raises
+        ------
+        MotionError
+            For values that make no sense, and without a usable grid.
+        """
+        if self._grid_problem:
+            raise MotionError(self._grid_problem)
+        robot = robot_of(self.config, request.footprint)
+        goal = goal_of(request, surface, self.config, self._in_map)
+        return robot, goal, surroundings_of(self._grid, self._client.surfaces, surface)
+
+    def _take_spot(self, request: Any, named: NamedSpot, surface: MapSurface) -> None:
+        """Give a goal the spot and the side of a name, unless it has its own."""
+        if named.spot is not None and not request.spot.header.frame_id:
+            request.spot = stamped_point(place_on(surface, named), self.config.frames.map_name)
+        if named.side is not None and not request.has_side:
+            request.has_side, request.side = True, named.side
+
     async def _answer(self, asked: Future) -> Any:
         """Return what the map's node answers; QuestionError where it does not in time."""
 
@@ -296,13 +330,14 @@ class ApproachNode(Node):
 
         async def prepare() -> tuple[Approach, Any]:
             request = handle.request
-            robot = robot_of(self.config, request.footprint)
+            named = self._names.spot(request.name) if request.name else None
+            if named is not None:
+                request.filter = filter_of(named)
             surface = await self._surface(request.filter)
             result.surface_id = surface.id
-            goal = goal_of(request, surface, self.config, self._in_map)
-            if self._grid_problem:
-                raise MotionError(self._grid_problem)
-            around = surroundings_of(self._grid, self._client.surfaces, surface)
+            if named is not None:
+                self._take_spot(request, named, surface)
+            robot, goal, around = self._plan(request, surface)
             return Approach(robot, goal, around), robot
 
         def tell(machine: Any, senses: Senses) -> None:

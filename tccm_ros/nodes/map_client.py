@@ -27,8 +27,8 @@ from tccm_interfaces.srv import (
     SetPose,
 )
 
-from tccm_ros.errors import QuestionError
 from tccm_ros.nodes.approach_client import ApproachClient
+from tccm_ros.nodes.asking import ask
 from tccm_ros.nodes.map_records import (
     Found,
     MapCompartment,
@@ -321,7 +321,7 @@ class SurfaceMapClient:
         stamped = PoseStamped(pose=self._pose(T_frame_box))
         stamped.header.frame_id = frame
         request = CheckBox.Request(pose=stamped, size=Vector3(x=x, y=y, z=z))
-        return self._ask(self._check_box, request, box_state_of)
+        return ask(self._check_box, request, box_state_of)
 
     # --- driving ---
 
@@ -339,6 +339,7 @@ class SurfaceMapClient:
         side: float | None = None,
         gap: float = 0.0,
         reach: float = 0.0,
+        name: str = "",
     ) -> Future:
         """Drive the base to a surface; the future resolves to a `MapApproach` on arrival.
 
@@ -346,17 +347,50 @@ class SurfaceMapClient:
         ----------
         filter
             Conditions on the surface; the nearest that meets them is taken.
+        name
+            Of a spot: its surface, spot and side are taken in place of a filter.
         spot, frame
             x and y of the point that the arm needs to get to, m, and their frame: that of the map
             or of the base.
         side, gap, reach
             As in the goal of tccm_interfaces/ApproachSurface; None and 0 for the node's defaults.
         """
-        return self._driver.approach(_checked(filter), spot, frame, side, gap, reach)
+        return self._driver.approach(name, _checked(filter), spot, frame, side, gap, reach)
 
     def retreat(self, distance: float = 0.0) -> Future:
         """Drive the base straight back, m; the future resolves to the distance driven."""
         return self._driver.retreat(distance)
+
+    def resolve_name(self, name: str) -> Future:
+        """Find a named spot in the present map; the future resolves to a `MapSpot`."""
+        return self._driver.resolve_name(name)
+
+    def set_name(
+        self,
+        name: str,
+        filter: SurfaceFilter | None = None,
+        *,
+        spot: Sequence[float] | None = None,
+        frame: str = "map",
+        side: float | None = None,
+    ) -> Future:
+        """Give a spot a name; the future resolves to a sentence with its previous meaning.
+
+        Parameters
+        ----------
+        name
+            As ``kitchen/counter``.
+        filter
+            With ids, the name follows that surface when it is moved; otherwise it stands for the
+            surface that meets the conditions when it is used.
+        spot, frame, side
+            As in `approach`; both move with the surface.
+        """
+        return self._driver.set_name(name, _checked(filter), spot, frame, side)
+
+    def forget_name(self, name: str) -> Future:
+        """Remove a name; the future resolves to a sentence with its meaning."""
+        return self._driver.forget_name(name)
 
     def cancel(self) -> None:
         """Stop the base: the active goal ends, and its future raises `QuestionError`."""
@@ -436,30 +470,7 @@ class SurfaceMapClient:
         )
 
     def _ask_map(self, kind: type, request: Any, read: Callable[[Any], object]) -> Future:
-        return self._ask(self._clients[kind], request, read)
-
-    def _ask(self, client: Any, request: Any, read: Callable[[Any], object]) -> Future:
-        """Return a future of the converted response, or of QuestionError with the node's message.
-
-        The future has no executor, so its callbacks run at once. With an executor, the callbacks
-        that `rclpy.spin_until_future_complete` adds in every step would pile up as tasks until the
-        next request, and each request would take longer (rclpy 7.1; ros2/rclpy#1702).
-        """
-        future = Future()
-        if not client.service_is_ready():
-            why = f"nobody answers {client.service_name}: is its node running, under this name?"
-            future.set_exception(QuestionError(why))
-            return future
-
-        def done(answered: Future) -> None:
-            answer = answered.result()
-            if answer.success:
-                future.set_result(read(answer))
-            else:
-                future.set_exception(QuestionError(answer.message))
-
-        client.call_async(request).add_done_callback(done)
-        return future
+        return ask(self._clients[kind], request, read)
 
     def _pose(self, T: ArrayLike) -> Any:
         return pose_message(self._types, _rigid(T))

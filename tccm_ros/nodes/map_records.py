@@ -318,6 +318,25 @@ class MapApproach:
     message: Any
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MapSpot:
+    """A named spot in the present map.
+
+    Attributes
+    ----------
+    surface
+        The surface, where it is now.
+    position
+        float64 (3,), the spot on it, in map; the surface's middle if the name has no spot.
+    T_map_bases
+        float64 (N, 4, 4), base poses from which the arm gets to the spot, the best first.
+    """
+
+    surface: MapSurface
+    position: Float64
+    T_map_bases: Float64
+
+
 @dataclass(frozen=True, slots=True)
 class BoxState:
     """Occupancy of a box.
@@ -473,6 +492,12 @@ def approach_of(result: Any) -> MapApproach:
         _pose(result.surface_pose),
         result,
     )
+
+
+def spot_of(answer: Any) -> MapSpot:
+    """Return a response of tccm_interfaces/ResolveName as a plain object."""
+    bases = np.array([_pose(base.pose) for base in answer.base_poses]).reshape(-1, 4, 4)
+    return MapSpot(surfaces_of([answer.surface])[0], _vector(answer.spot.point), bases)
 
 
 def box_state_of(answer: Any) -> BoxState:

@@ -128,6 +128,46 @@ def test_a_table_that_was_moved_is_approached(drive, top, move):
     assert driver.stands()
 
 
+def test_a_named_spot_is_found_and_approached_though_its_table_was_moved(ros, drive, tmp_path):
+    from tccm_interfaces.msg import SurfaceFilter
+
+    from tccm_ros.client import QuestionError, SurfaceMapClient
+
+    file = tmp_path / "map" / "named_poses.yaml"
+    driver = drive(simple_flat(None, (0.3, -0.2, 0.5)), approach__names=str(file))
+    client = SurfaceMapClient(Listener(ros, "namer").node)
+    ros.spin_until(lambda: client.can_approach and client.surfaces, what="the client")
+
+    def answer(asked):
+        driver.robot.drive_until(asked.done, 200.0)
+        return asked.result()
+
+    with pytest.raises(QuestionError, match="no spot is called 'home/table'"):
+        answer(client.resolve_name("home/table"))
+    with pytest.raises(QuestionError, match="'home table' is no name"):
+        answer(client.set_name("home table", SurfaceFilter(ids=[1])))
+    [table] = (s for s in client.surfaces if s.id == 1)
+    # 10 cm beside the middle of the table, in its own frame.
+    spot = table.T_map_surface[:3, :3] @ [0.0, 0.1, 0.0] + table.T_map_surface[:3, 3]
+    assert answer(client.set_name("home/table", SurfaceFilter(ids=[1]), spot=spot)) == "a new name"
+    assert "ids: [1]" in file.read_text()
+    found = answer(client.resolve_name("home/table"))
+    assert found.surface.id == 1
+    np.testing.assert_allclose(found.position, spot, atol=1e-3)
+    assert len(found.T_map_bases)
+    for T in found.T_map_bases:
+        assert np.linalg.norm(T[:2, 3] - spot[:2]) <= 0.9 + 1e-6
+    there = answer(client.approach(name="home/table"))
+    assert there.surface_id == 1
+    assert there.has_moved
+    assert there.distance <= 0.9 + 0.01
+    assert driver.robot.base.contacts == 0
+    assert "it was" in answer(client.forget_name("home/table"))
+    with pytest.raises(QuestionError, match="no spot is called"):
+        answer(client.approach(name="home/table"))
+    client.close()
+
+
 def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):
     driver = drive(simple_flat())
     for fields, reason, words in (

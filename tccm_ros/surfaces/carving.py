@@ -144,8 +144,11 @@ class _ViewIndex:
 
 
 class _Carved(NamedTuple):
-    """Points (indices of thinned points) that a newer view removes from a patch, and its
-    replacement."""
+    """Result of carving a patch by a newer view: removed points, and the replacing patch.
+
+    `before` identifies the mask to which the result applies, and `gone` has indices of thinned
+    points.
+    """
 
     before: bytes
     gone: Int64
@@ -331,8 +334,10 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
 def _neighbours(
     views: list[View], T_map_view: Float64, w: int, config: Config
 ) -> Iterator[tuple[int, Int64, bool]]:
-    """Yield each older view v in range of w, its pose in w in steps, and whether both poses are the
-    same."""
+    """Yield (v, step, is_same_pose) of each older view v in range of view w.
+
+    `step` is the pose of v in w in steps of `STEPS`.
+    """
     poses, same = planar(T_map_view[: w + 1]), config.views
     distance = np.hypot(*(poses[:w, :2] - poses[w, :2]).T)
     yaw = np.abs(wrap_angle(poses[:w, 2] - poses[w, 2]))

@@ -235,8 +235,7 @@ def _surface_changes(
 
 
 def _appeared(known: KnownSurface, stamp_before_ns: int) -> Change:
-    """Return the event of a new surface: MOVED if it was recognised from an earlier place, else
-    APPEARED."""
+    """Return the change of a new surface: MOVED if it was recognised, else APPEARED."""
     surface, previous = known.surface, known.surface.previous_pose
     T = surface_pose(surface)[0]
     if (

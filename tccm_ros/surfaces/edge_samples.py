@@ -214,8 +214,7 @@ class EdgeSampler:
     def _line_ends(
         self, edge: Edge, member: NumberedPatch, cloud: Float64, direction: Float64
     ) -> Float64 | None:
-        """Return the rows of the scan lines that cross an edge, one for each line that ends near
-        it."""
+        """Return the rows of the scan lines that cross an edge and end near it, one for each."""
         offset = cloud[:, :2] - edge.start
         at, across = offset @ edge.along, offset @ edge.outward
         sine, cosine = float(direction @ edge.outward), float(direction @ edge.along)
@@ -419,8 +418,10 @@ class EdgeSampler:
         return through
 
     def _looks_beyond(self, view: int, points: Float64, outward: Float64) -> Bool:
-        """Return whether a view looked into the columns beyond each point of an outline, at any
-        height, bool (N,)."""
+        """Return whether a view looked into the columns beyond each point of an outline.
+
+        Free space at any height counts.
+        """
         into = np.zeros(len(points), bool)
         for beyond in BEYOND:
             probes = self.surface.lift(points + beyond * outward)

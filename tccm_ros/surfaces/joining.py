@@ -118,8 +118,7 @@ def join_over_occlusions(
 
     @cache
     def seen(piece: MergedSurface) -> tuple[int, int]:
-        """Return the index of the first view after a piece appeared, and of the last that showed
-        it."""
+        """Return the indices of the first view since a piece appeared, and of the last with it."""
         placed, last = (bisect_left(keys, key) for key in sights(piece))
         before = views[:placed], T_map_view[:placed]
         return last_empty_view(piece.polygon, piece.height, *before, config) + 1, last

@@ -56,7 +56,7 @@ class ClassScores:
     def label(self) -> Hypothesis | None:
         """Return the class with the largest sum of scores and its mean score; None: no detections.
 
-        Ties are broken by alphabetical order.
+        Of classes with equal sums, the first in alphabetical order is returned.
         """
         if not self.count:
             return None

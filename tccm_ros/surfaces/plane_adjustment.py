@@ -155,8 +155,7 @@ class _System:
             self._cov_both[rows] = -spread.reshape(D, -1, 3)[:, place].transpose(1, 0, 2)
 
     def residuals(self) -> tuple[Float64, Int64]:
-        """Return squared Mahalanobis norms of the residuals, float64 (P,), and their degrees of
-        freedom, int64 (P,)."""
+        """Return chi2, float64 (P,), and degrees of freedom, int64 (P,), of the residuals."""
         rows = np.arange(3)
         columns = 3 * self._surface[:, None] + rows
         H, B = self._H, self._B
@@ -177,8 +176,14 @@ class _System:
 
 
 def _seen_by_view(view: Int64, surface: Int64) -> dict[int, tuple[Int64, Int64, Int64]]:
-    """Return, by view, its patches, the index of each patch's surface among the view's surfaces,
-    and the columns of these surfaces' unknowns."""
+    """Return the patches of each view, and the unknowns of the surfaces that it saw.
+
+    Returns
+    -------
+    dict of int to (rows, place, columns)
+        By view: its patches, the index of each patch's surface among the surfaces of the view, and
+        the columns of the unknowns of these surfaces.
+    """
     seen = {}
     for v in np.unique(view).tolist():
         rows = np.flatnonzero(view == v)

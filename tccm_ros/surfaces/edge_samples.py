@@ -50,7 +50,7 @@ SAMPLING_BEYOND = 0.5
 sigma); chosen."""
 
 PIECE = 0.03
-"""An edge is divided into pieces of this length, m, with one last point each; chosen."""
+"""Length of the pieces of an edge, m, each with one last point; chosen."""
 
 OVER = (0.1, 0.2, 0.3)
 """Heights above a surface at which views look over the objects on it, m; chosen."""

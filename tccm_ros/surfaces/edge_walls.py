@@ -19,8 +19,8 @@ from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.edge_samples import Edge
 
 WALL_DISTANCE = 0.12
-"""Max distance of an edge from a wall at which it may end, m; chosen: objects before a wall occlude
-that much."""
+"""Max distance of an edge from a wall at which it may end, m; chosen: the depth that objects before
+a wall occlude."""
 
 WALL_YAW = np.radians(4.0)
 """Max yaw between an edge and a wall along which it may run, rad; chosen."""

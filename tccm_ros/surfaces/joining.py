@@ -48,7 +48,7 @@ MIN_FACING_FRACTION = 0.5
 chosen."""
 
 MAX_FACING_WIDTH = 1.0
-"""Width beyond this does not count for `MIN_FACING_FRACTION`, m: floors of rooms meet in doorways;
+"""Upper limit of the width for `MIN_FACING_FRACTION`, m: floors of rooms meet in doorways;
 chosen."""
 
 OVERLAP = 2e-3

@@ -41,7 +41,7 @@ NARROW = 0.4
 """Max width of a box of which irregular edges are a large fraction, m; chosen."""
 
 RAGGED = 0.08
-"""Deviation of outlines from straight edges, m; chosen."""
+"""Tolerance of the smoothing of irregular outlines, m; chosen."""
 
 MIN_TREADS = 3
 """Min number of successive treads of stairs; chosen."""

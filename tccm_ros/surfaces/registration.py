@@ -46,7 +46,7 @@ MAX_NEIGHBOUR_VIEWS = 6
 """Max number of older views, the nearest, with which a view is matched; chosen."""
 
 YAW_WEIGHT = 1.0
-"""Metres that a radian of yaw counts in the distance of two poses; chosen."""
+"""Weight of yaw in the distance of two poses, m per rad; chosen."""
 
 MAX_SIGMA = (0.15, np.radians(3.0))
 """Upper limits of the standard deviations (m, rad) of the relative pose of two views that the
@@ -291,7 +291,7 @@ def _relative_covariance(
 
     Returns
     -------
-    float64 (3, 3) of (x, y, yaw), diagonal, alike in x and y, at most `MAX_SIGMA`
+    float64 (3, 3) of (x, y, yaw), diagonal, isotropic in x and y, at most `MAX_SIGMA` squared
     """
     A = adjoint(between2(poses[j], poses[i]))
     cov = cov_poses[j] + (-1.0 if is_chain else 1.0) * A @ cov_poses[i] @ A.T

@@ -1,11 +1,11 @@
-"""Outlines of planes: from cuboids over a raster to rings, what is done with rings, and models.
+"""Outlines of planes: from cuboids to a raster to rings, operations on rings, and shape models.
 
-`boundary` is what others call; `raster`, `gaps`, `edge_cells` and `contour` are its steps, on the
-`rings` of which `overlap` tells how much two have in common. `shape_models` chooses the rectangle,
-L, circle or polygon that an outline is, and `edge_position` puts its edges where samples expect
-them.
+`boundary` is the interface; `raster`, `gaps`, `edge_cells` and `contour` are its steps, and `rings`
+has the operations on rings. `overlap` computes the common area of two rings. `shape_models` selects
+the rectangle, L, circle or polygon that fits an outline, and `edge_position` estimates the position
+of its edges from samples.
 
-The steps stay ours: `shapely.concave_hull` over the same cells takes 30 to 80 times as long, and a
-union of the cells, closed and simplified, over 600 times (the last table of
+No library replaces these steps: `shapely.concave_hull` over the same cells takes 30 to 80 times as
+long, and a union of the cells, closed and simplified, over 600 times (the last table of
 `bench/bench_planes.py`).
 """

@@ -1,9 +1,9 @@
 """Concave outlines of planes, with holes.
 
-A vertical plane is outlined from its front, in columns along its horizontal direction, any other
-from above, in the map's cells; the outline is then lifted onto the plane. `raster`, `gaps` and
-`edge_cells` make a raster of the samples, `contour` makes rings of it. All planes of a map are
-outlined in one compiled call.
+A vertical plane is outlined from its front, in columns along its horizontal direction. Any other
+plane is outlined from above, in the map's cells. The outline is then lifted onto the plane.
+`raster`, `gaps` and `edge_cells` make a raster of the samples, `contour` traces its rings. All
+planes of a map are outlined in one compiled call.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from tccm_ros.outlines.raster import (
 )
 
 MIN_HOLE = 6.0
-"""Holes smaller than the mean area of this many samples are gaps between samples. Chosen."""
+"""Min area of a hole, in mean areas of a sample; smaller ones are gaps between samples. Chosen."""
 
 TOLERANCE = 1.0
-"""Corners that move the outline by less than this, in cells, are left out. Chosen: an edge is not
-known better than to its cell."""
+"""Tolerance of the simplification of the outline, cells. Chosen: an edge is known no better than to
+its cell."""
 
 MAX_CELLS = 65_536
-"""A raster of more cells is made coarser. Chosen: 256 x 256 cells, 5 m at 20 mm; a floor needs no
-outline to the centimetre."""
+"""Max number of cells of a raster; larger ones are made coarser. Chosen: 256 x 256 cells, 5 m at
+20 mm; a floor needs no outline to the centimetre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Outline:
     holes
         Rings as `boundary`, clockwise.
     area
-        m2, of the boundary less the holes.
+        Area of the boundary minus the holes, m2.
     """
 
     boundary: Float64
@@ -68,14 +68,14 @@ class Outline:
 
 @kernel
 def members_by_plane(labels: Int32, planes: int) -> tuple[Int64, Int64]:
-    """Sort cuboids by plane, -1 left out.
+    """Sort cuboids by plane, without those of label -1.
 
     Returns
     -------
     members : int64 (M,)
-        Indices of cuboids, rising within a plane.
+        Indices of cuboids, ascending within a plane.
     starts : int64 (planes + 1,)
-        Where those of each plane begin.
+        Index in `members` at which each plane begins.
     """
     starts = np.zeros(planes + 2, np.int64)
     for label in labels:
@@ -94,14 +94,14 @@ def members_by_plane(labels: Int32, planes: int) -> tuple[Int64, Int64]:
 def outlines(
     cuboids: Cuboids, members: Int64, starts: Int64, normals: Float64, offsets: Float64
 ) -> list[Outline]:
-    """Return the outline of each plane of a map. Of several pieces the largest is taken.
+    """Return the outline of each plane of a map, that of its largest piece.
 
     Parameters
     ----------
     cuboids
-        The map.
+        Cuboids of the map.
     members, starts
-        Of `members_by_plane`.
+        Result of `members_by_plane`.
     normals, offsets
         float64 (F, 3) and (F,): the planes, ``normal . p = offset``, in m and the map's frame.
     """
@@ -121,7 +121,7 @@ def outlines(
 def outline_planes(
     arrays: tuple[Any, ...], members: Int64, starts: Int64, normals: Float64, offsets: Float64
 ) -> tuple[Float64, Int64, Int64, Float64]:
-    """Outline planes: the kernel of `outlines`.
+    """Compute the outlines of planes: the kernel of `outlines`.
 
     Parameters
     ----------
@@ -133,13 +133,13 @@ def outline_planes(
     Returns
     -------
     vertices : float64 (V, 3)
-        Of all rings, m.
+        Vertices of all rings, m.
     ends : int64 (R,)
-        Where each ring ends in `vertices`.
+        Index in `vertices` at which each ring ends.
     rings : int64 (F,)
-        Where the rings of each plane end in `ends`; the first is the boundary.
+        Index in `ends` at which the rings of each plane end; the first is the boundary.
     areas : float64 (F,)
-        m2.
+        Area of each outline, m2.
     """
     cuboids = CuboidArrays(*arrays)
     planes, tick = len(normals), cuboids.tick
@@ -178,7 +178,7 @@ def outline_planes(
 
 @kernel
 def coarseness(rows: float, columns: float) -> int:
-    """Return log2 of the factor by which cells are enlarged for a raster of `MAX_CELLS` at most."""
+    """Return log2 of the factor by which cells are enlarged for at most `MAX_CELLS` cells."""
     coarse = 0
     while rows * columns > MAX_CELLS * 4.0**coarse:
         coarse += 1
@@ -187,7 +187,7 @@ def coarseness(rows: float, columns: float) -> int:
 
 @kernel
 def frame_of(runs: Int32) -> tuple[int, int, int, int]:
-    """Return the first cell and the shape of the raster that runs need, with its margin."""
+    """Return the first cell and the shape of the raster of runs, including its margin."""
     low_a, high_a = runs[0, 0], runs[0, 0]
     low_b, high_b = runs[0, 1], runs[0, 2]
     for k in range(len(runs)):
@@ -203,13 +203,13 @@ class PlaneRaster(NamedTuple):
     Attributes
     ----------
     cells
-        int32 (A, B) after `find_edges`, where gaps between samples are filled.
+        int32 (A, B) after `find_edges`, with filled gaps between samples.
     low
         Its first cell (a, b).
     edges, bounds
-        Of `find_edges`, and room for float64 (E, 4) of `edge_cells`.
+        Result of `find_edges`, and a buffer, float64 (E, 4), for `edge_cells`.
     usual_a, usual_b
-        Of `find_gaps`.
+        Result of `find_gaps`.
     samples
         Number of samples.
     """
@@ -240,12 +240,12 @@ def make_raster(runs: Int32) -> PlaneRaster:
 def outline_from_above(
     cuboids: CuboidArrays, members: Int64
 ) -> tuple[Float64, Int32, float, float]:
-    """Outline a plane that is not vertical, from above.
+    """Compute the outline of a plane that is not vertical, seen from above.
 
     Returns
     -------
     vertices, ends, area
-        As `contour.largest_polygon`; a along x and b along y, from the map's origin.
+        As in `contour.largest_polygon`; a along x and b along y, from the map's origin.
     cell
         Edge of a cell, ticks.
     """
@@ -269,12 +269,12 @@ def outline_from_above(
 def outline_from_front(
     cuboids: CuboidArrays, members: Int64, normal: Float64
 ) -> tuple[Float64, Int32, float, float]:
-    """Outline a vertical plane from its front, a along its horizontal direction and b upwards.
+    """Compute the outline of a vertical plane, seen from its front.
 
     Parameters
     ----------
     cuboids
-        Those of the map.
+        Cuboids of the map.
     members
         int64 (M,), indices of the plane's cuboids, M > 0.
     normal
@@ -283,7 +283,8 @@ def outline_from_front(
     Returns
     -------
     vertices, ends, area, cell
-        As of `outline_from_above`; b is 0 at the height 0 of the map.
+        As in `outline_from_above`, with a along the plane's horizontal direction and b upwards
+        from height 0 of the map.
     """
     slope, size = math.hypot(normal[0], normal[1]), cuboids.cell
     extent = np.empty((len(members), 4))
@@ -301,12 +302,12 @@ def outline_from_front(
 
 @kernel
 def trace_polygon(raster: PlaneRaster) -> tuple[Float64, Int32, float]:
-    """Return the largest polygon of a raster, whose combs and sparse edges are filled.
+    """Extend sparse edges and fill combs of a raster, and return its largest polygon.
 
     Returns
     -------
     vertices, ends, area
-        As of `contour.largest_polygon`, in cells from the map's origin.
+        As in `contour.largest_polygon`, in cells from the map's origin.
     """
     cells, bounds, usual_a, usual_b = raster.cells, raster.bounds, raster.usual_a, raster.usual_b
     extend_edges(cells, raster.edges, bounds, usual_a, usual_b)
@@ -329,7 +330,7 @@ def lift(
     flat
         float64 (V, 2), corners (a, b), cells from the map's origin.
     ends
-        int32 (R,), where each ring ends in `flat`.
+        int32 (R,), index in `flat` at which each ring ends.
     normal, offset
         The plane, ``normal . p = offset``, m.
     cell
@@ -345,7 +346,7 @@ def lift(
         if abs(nz) >= OUTLINED_BY_COLUMNS:
             out[k, 0], out[k, 1], out[k, 2] = a, b, (offset - a * nx - b * ny) / nz
         else:
-            # The point of the plane at height b and place a along its horizontal direction.
+            # The point of the plane at height b and position a along its horizontal direction.
             back = (offset - b * nz) / slope
             out[k, 0] = (-ny * a + nx * back) / slope
             out[k, 1] = (nx * a + ny * back) / slope

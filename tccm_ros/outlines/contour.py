@@ -1,9 +1,9 @@
 """Rings around the full cells of a raster: marching squares, simplified by Douglas and Peucker.
 
-Each side between a full and an empty cell has one point, on the line between the two cells'
-middles, moved to where the surface ends, and each corner of the contour has another. So rings never
-cross or touch, whatever the edge cells' bounds are. Corners are then left out by Douglas and
-Peucker's rule, as long as the rings still do not cross.
+Each side between a full and an empty cell has one point, on the line between the centres of the two
+cells, moved to the end of the surface. Each corner of the contour has another point. So rings never
+cross or touch, for any bounds of the edge cells. Corners are then removed by Douglas and Peucker's
+rule, as long as the rings still do not cross.
 """
 
 import numpy as np
@@ -14,30 +14,30 @@ from tccm_ros.outlines.raster import EMPTY
 from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 
 MAX_SHIFT = 0.49
-"""A point is moved by at most this from its side, cells. Chosen: below one half, rings do not
+"""Max distance by which a point is moved from its side, cells. Chosen: below one half, rings do not
 touch."""
 
 HALVINGS = 6
-"""How often the tolerance is halved before every corner is kept. Chosen."""
+"""Max number of halvings of the tolerance before every corner is kept. Chosen."""
 
 
 @kernel
 def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
-    """Trace the contours of all sets of full cells; cells that touch at a corner only are separate.
+    """Trace the contours of the full cells; cells that only touch at a corner are separate.
 
     Parameters
     ----------
     raster
-        int32 (A, B) of `raster`, empty at its rim.
+        int32 (A, B), as in `raster`, empty at its border.
     bounds
-        float64 (E, 4), of the edge cells (`edge_cells`).
+        float64 (E, 4), bounds of the edge cells (`edge_cells`).
 
     Returns
     -------
     vertices : float64 (V, 2)
-        In cells; outer rings counter-clockwise, holes clockwise.
+        Vertices in cells; outer rings counter-clockwise, holes clockwise.
     ends : int32 (R,)
-        Where each ring ends in `vertices`.
+        Index in `vertices` at which each ring ends.
     """
     rows, columns = raster.shape
     done = np.zeros((rows, columns), np.bool_)  # sides that run in +a, below their cell
@@ -75,7 +75,7 @@ def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
                     b -= 1
                     left, right = raster[a, b - 1] != EMPTY, raster[a - 1, b - 1] != EMPTY
                 if turned:
-                    # The corner between the side before and this one.
+                    # The corner between the previous side and this one.
                     along_b = heading == 0 or heading == 2
                     vertices[used, 0] = vertices[used - 1, 0] if along_b else x
                     vertices[used, 1] = y if along_b else vertices[used - 1, 1]
@@ -84,7 +84,7 @@ def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
                     break
                 vertices[used, 0], vertices[used, 1] = x, y
                 used += 1
-                # Where two cells touch at a corner, the rings cut it: they would touch as well.
+                # Where two cells touch at a corner, the rings cut the corner to stay separate.
                 turned = left == right
                 if not left:
                     heading = (heading + 1) % 4
@@ -101,14 +101,14 @@ def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
 
 @kernel
 def edge_at(cell: int, bounds: Float64, side: int, border: int) -> float:
-    """Return where the surface ends near a side of a cell; the border where nothing is known.
+    """Return the coordinate at which the surface ends near a side of a cell; default: its border.
 
     Parameters
     ----------
     cell
         Element of the raster: number of an edge cell, or negative.
     bounds
-        float64 (E, 4), of the edge cells (`edge_cells`).
+        float64 (E, 4), bounds of the edge cells (`edge_cells`).
     side
         Column of `bounds`: low a, high a, low b, high b.
     border
@@ -128,18 +128,18 @@ def largest_polygon(
     Parameters
     ----------
     vertices, ends
-        Of `trace`.
+        Result of `trace`.
     tolerance
-        Corners within this of what remains are left out, cells.
+        Tolerance of the simplification, cells.
     min_hole
-        Holes smaller than this fraction of the polygon's area are closed.
+        Min area of a hole, as a fraction of that of the outer ring; smaller holes are closed.
 
     Returns
     -------
     vertices, ends
         The outer ring, counter-clockwise, and the holes, clockwise. They do not cross or touch.
     area : float
-        Square cells, less the holes.
+        Area minus the holes, square cells.
     """
     shell_start, shell_end, largest, start = 0, 0, 0.0, 0
     for end in ends:
@@ -162,7 +162,7 @@ def largest_polygon(
 
 @kernel
 def join_rings(rings: list[Float64], tolerance: float) -> tuple[Float64, Int32, float]:
-    """Simplify rings, the outer one first, as far as they do not cross, and concatenate them."""
+    """Simplify rings, the outer one first, as far as they stay disjoint, and concatenate them."""
     total = 0
     for ring in rings:
         total += len(ring)

@@ -1,8 +1,8 @@
-"""Where a surface ends within the cells at its edge.
+"""Bounds of a surface within the cells at its edge.
 
-The bounds of the points of a cell are computed only for cells at an edge. Where samples are sparse
-the surface continues for half a spacing beyond the last one. The bounds of an edge cell, a row of
-float64 (E, 4), are the low and high a, low and high b of its points, in the raster's cells.
+The bounds of the points of a cell are computed only for cells at an edge. If samples are sparse,
+the surface extends half a spacing beyond the last one. The bounds of an edge cell, a row of float64
+(E, 4), are the low and high a, low and high b of its points, in the raster's cells.
 """
 
 import numpy as np
@@ -14,13 +14,13 @@ from tccm_ros.outlines.gaps import patch_of
 from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
 
 SPARSE_SPACING = 1.2
-"""Above this spacing of samples, cells, the surface continues beyond the last one. Chosen: where
-every cell is filled the spacing is 1."""
+"""Min spacing of samples, cells, for which the surface extends beyond the last one. Chosen: the
+spacing is 1 if every cell is filled."""
 
 
 @kernel
 def find_edges(raster: Int32) -> Int32:
-    """Number the samples beside an empty cell; return their cells int32 (E, 2)."""
+    """Number the samples beside an empty cell; return their cells, int32 (E, 2)."""
     rows, columns = raster.shape
     edges, used = np.empty((256, 2), np.int32), 0
     for a in range(1, rows - 1):
@@ -51,7 +51,7 @@ def include_points(bounds: Float64, a: float, b: float, spread_a: float, spread_
     bounds
         float64 (4,), changed: low a, high a, low b, high b, cells.
     a, b
-        Middle of the points, cells.
+        Centre of the points, cells.
     spread_a, spread_b
         Half widths of the points, cells.
     """
@@ -75,7 +75,7 @@ def bound_edges_horizontal(
     cuboids, members
         As in `measure_vertical`.
     scale
-        Raster cells in a map's cell.
+        Raster cells per map cell.
     bounds
         float64 (E, 4), written.
     """
@@ -130,18 +130,18 @@ def bound_edges_vertical(
 def extend_edges(
     raster: Int32, edges: Int32, bounds: Float64, usual_a: Float64, usual_b: Float64
 ) -> None:
-    """Extend the surface by half a spacing beyond the edge cells, where samples are sparse.
+    """Extend the surface by half a spacing beyond the edge cells if samples are sparse.
 
     Parameters
     ----------
     raster
         int32 (A, B), changed: empty cells within the new bounds get the number of the edge cell.
     edges
-        int32 (E, 2), of `find_edges`.
+        int32 (E, 2), result of `find_edges`.
     bounds
         float64 (E, 4), changed.
     usual_a, usual_b
-        Of `find_gaps`.
+        Result of `find_gaps`.
     """
     rows, columns = raster.shape
     for e in range(len(edges)):
@@ -161,7 +161,7 @@ def extend_edges(
 
 @kernel
 def extend_bounds(span: Float64, usual: float, cells: int) -> tuple[int, int]:
-    """Extend the bounds of an edge cell along one axis by half a spacing about their middle.
+    """Extend the bounds of an edge cell along one axis to half a spacing about their centre.
 
     Parameters
     ----------
@@ -170,12 +170,12 @@ def extend_bounds(span: Float64, usual: float, cells: int) -> tuple[int, int]:
     usual
         Spacing of the samples, cells.
     cells
-        Cells of the raster along the axis.
+        Number of cells of the raster along the axis.
 
     Returns
     -------
     low, high : int
-        The first and the last cell within the bounds, without the raster's rim.
+        The first and the last cell within the bounds, without the raster's border.
     """
     middle = 0.5 * (span[0] + span[1])
     span[0], span[1] = min(span[0], middle - 0.5 * usual), max(span[1], middle + 0.5 * usual)

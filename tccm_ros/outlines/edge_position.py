@@ -1,8 +1,8 @@
-"""The position of an edge, from where the samples of a surface end before it.
+"""Estimation of the position of an edge from the last samples of a surface before it.
 
-Scan lines and beams sample a surface at a distance. The last sample before an edge lies anywhere
-within one such distance of it, with noise: an interval for the edge. Several views intersect their
-intervals, so that the edge is known better than the sampling of each.
+Scan lines and beams sample a surface at a certain distance. The last sample before an edge is
+anywhere within one such distance of it, with noise: an interval for the edge. The intervals of
+several views intersect, so that the edge is known more precisely than the sampling of each view.
 """
 
 from __future__ import annotations
@@ -15,63 +15,63 @@ from scipy.special import log_ndtr, logsumexp, ndtr
 from tccm_ros.arrays import Bool, Float64
 
 STEP = 0.003
-"""Distance of the positions that are compared, m; chosen: below the noise of a range."""
+"""Step of the candidate positions, m; chosen: below the range noise."""
 
 HALF_RANGE = 0.15
-"""Positions are compared up to this from the first guess, m; chosen."""
+"""Max distance of candidate positions from the first guess, m; chosen."""
 
 SIGMA = 0.006
-"""Standard deviation of a last sample, m: noise of range, of the pose, thinning; chosen."""
+"""Standard deviation of a last sample, m: range noise, pose noise, thinning; chosen."""
 
 OUTLIER = 0.05
-"""Fraction of last samples that have nothing to do with the edge, but are anywhere within
-`HALF_RANGE`: an object stands before it; chosen."""
+"""Fraction of outliers among last samples, distributed uniformly within `HALF_RANGE`: an object
+occludes the edge; chosen."""
 
 OUTLIER_BEFORE_FRONT = 0.10
-"""The same where the edge faces the view: what stands on it, as the panel beside a shelf, hides the
-surface behind it; chosen: twice."""
+"""The same for an edge that faces the view: an object on it, such as the panel beside a shelf,
+occludes the surface behind it; chosen: twice."""
 
 OUTLIER_BEYOND = 0.2
-"""Samples that are further out than the edge are so many times less frequent: mixed pixels, points
-of a wall; chosen."""
+"""Factor on the outlier density for samples beyond the edge: mixed pixels, points of a wall;
+chosen."""
 
 OUTERMOST = 0.56
-"""The last sample is the outermost of at least two of a front: so many `SIGMA` further out than the
-front. The mean of the larger one of two normal variables, 1 / sqrt(pi)."""
+"""Expected distance of the last sample beyond a front, in `SIGMA`: it is the outermost of at least
+two samples. The mean of the larger of two normal variables, 1 / sqrt(pi)."""
 
 FADE = 0.06
-"""Where a view did not look past the last sample, the surface may go on: a density that falls by a
-factor of e over this, m. Of 0.03, 0.06, 0.12 and 0.24, this one gives the best outlines (mean
+"""Decay length, m, of the density of an edge beyond a last sample past which the view did not look:
+the surface may extend further. Of 0.03, 0.06, 0.12 and 0.24, this one gives the best outlines (mean
 overlap .925, .927, .927, .924 on bags/flat, .919, .920, .913, .906 on bags/rgbd_kitchen)."""
 
 INDEPENDENT = 8.0
-"""The samples of one view share its pose: they count as at most this many; chosen."""
+"""Max effective number of samples of one view, as they have a common pose error; chosen."""
 
 WALL_SIGMA = 0.005
-"""Standard deviation of an edge that touches a wall, m; chosen: the wall is known better."""
+"""Standard deviation of an edge at a wall, m; chosen: the wall is known more precisely."""
 
 WALL_ODDS = 0.1
-"""An edge before a wall is as likely at the wall as anywhere within this, m; chosen."""
+"""Length before a wall, m, in which an edge is as likely as at the wall itself; chosen."""
 
 
 class EdgeSamples(NamedTuple):
-    """The last samples before an edge, of all views, one for each short piece of the edge.
+    """The last samples of all views before an edge, one for each short piece of the edge.
 
     Attributes
     ----------
     at
         float64 (N,), position along the edge, m.
     last
-        float64 (N,), how far across the last sample is, outwards, m.
+        float64 (N,), position of the last sample across the edge, positive outwards, m.
     gap
-        float64 (N,), distance to where the next sample would be, m.
+        float64 (N,), distance from the last sample to the next one, m.
     front
-        float64 (N,), how probable it is that the last sample is of the front below the edge, and so
-        at the edge: 0 to 1.
+        float64 (N,), probability that the last sample is on the front below the edge, and so at the
+        edge, 0 to 1.
     ends
         bool (N,), whether the view looked past the surface there.
     weight
-        float64 (N,), 0 to 1.
+        float64 (N,), weight of the sample, 0 to 1.
     """
 
     at: Float64
@@ -83,14 +83,14 @@ class EdgeSamples(NamedTuple):
 
 
 def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float, float]:
-    """Return how far across an edge is, the median, and its standard deviation, m.
+    """Return the median position of an edge across the first guess, and its standard deviation, m.
 
     Parameters
     ----------
     samples
-        Across 0 is the first guess.
+        Last samples; the first guess is at 0 across.
     wall
-        Where a wall bounds the edge, across, m; None: none is near.
+        Position across of a wall that bounds the edge, m; None: no wall is near.
     """
     across = _positions(HALF_RANGE)
     score = samples.weight @ _log_likelihoods(across - samples.last[:, None], samples)
@@ -105,18 +105,22 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
 def rotation_scores(
     samples: EdgeSamples, middle: float, rotations: Float64, wall: float | None = None
 ) -> Float64:
-    """Return the log likelihood of rotations of an edge, wherever it is then, float64 (R,).
+    """Return the log likelihood of rotations of an edge, marginalised over its position.
 
     Parameters
     ----------
     samples
-        At least one; across 0 is the first guess.
+        At least one last sample; the first guess is at 0 across.
     middle
         Position along the edge about which it is rotated, m.
     rotations
         float64 (R,), rad; a positive one moves an edge outwards at its start.
     wall
         As in `locate_edge`.
+
+    Returns
+    -------
+    float64 (R,)
     """
     across = _positions(HALF_RANGE)
     shifts = np.rint(rotations[:, None] * (samples.at - middle) / STEP).astype(np.int64)
@@ -131,13 +135,13 @@ def rotation_scores(
 
 
 def _positions(half_range: float) -> Float64:
-    """Return positions across an edge, each `STEP`, m, the same distance to both sides."""
+    """Return candidate positions across an edge, m: multiples of `STEP`, symmetric about 0."""
     count = round(half_range / STEP)
     return np.asarray(STEP * np.arange(-count, count + 1), np.float64)
 
 
 def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
-    """Return the log likelihood of an edge so far beyond last samples, float64 (N, X), m."""
+    """Return the log likelihood of edges `beyond` m outside of last samples, float64 (N, X)."""
     gap = np.maximum(samples.gap, SIGMA)[:, None]
     limit = np.where(
         samples.ends[:, None],
@@ -153,7 +157,7 @@ def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
 
 
 def _log_wall(across: Float64, wall: float | None) -> Float64:
-    """Return the log likelihood of an edge before or at a wall that is so far across, m."""
+    """Return the log prior of edge positions, given the position `wall` across of a wall, m."""
     if wall is None:
         return np.zeros(len(across))
     away = (across - wall) / WALL_SIGMA

@@ -14,21 +14,28 @@ from tccm_ros.outlines.raster import EMPTY, FILLED, SAMPLE
 
 @kernel
 def patch_of(a: int, b: int, columns: int) -> int:
-    """Return the patch, in which the spacing is estimated, of a raster's cell.
+    """Return the index of a cell's patch, the region in which the spacing is estimated.
 
     Parameters
     ----------
     a, b
         Row and column of the cell.
     columns
-        Columns of the raster.
+        Number of columns of the raster.
     """
     return (a >> PATCH_BITS) * ((columns >> PATCH_BITS) + 1) + (b >> PATCH_BITS)
 
 
 @kernel
 def find_gaps(raster: Int32, samples: int) -> tuple[Int32, Float64, Float64]:
-    """Find the gaps between so many samples in rows and columns, and the sample spacing.
+    """Find the gaps between the samples in rows and columns, and the sample spacing.
+
+    Parameters
+    ----------
+    raster
+        int32 (A, B), with samples.
+    samples
+        Number of samples.
 
     Returns
     -------
@@ -51,8 +58,8 @@ def find_gaps(raster: Int32, samples: int) -> tuple[Int32, Float64, Float64]:
             patch = patch_of(a, b, columns)
             step_a, step_b = a - last_a[b], b - last_b
             last_a[b], last_b = a, b
-            # Written first and counted if it is there: faster than to ask. Entry 0 of a histogram
-            # takes steps that are no links.
+            # Write always and increment conditionally: faster than a branch. Entry 0 of a histogram
+            # collects steps that are no links.
             steps[0, patch, step_a if step_a < STEPS else 0] += 1
             steps[1, patch, step_b if step_b < STEPS else 0] += 1
             gaps[used, 0], gaps[used, 1], gaps[used, 2], gaps[used, 3] = a, b, step_a, 0
@@ -67,7 +74,7 @@ def find_gaps(raster: Int32, samples: int) -> tuple[Int32, Float64, Float64]:
 def usual_steps(steps: Int32) -> Float64:
     """Return the typical step of each patch, float64 (P,), from histograms int32 (P + 1, STEPS).
 
-    The last histogram is that of all patches, for those with too few steps; it is filled here.
+    The last histogram is the sum of all patches, for patches with too few steps; it is filled here.
     """
     patches = len(steps) - 1
     found = np.zeros(patches, np.bool_)
@@ -86,14 +93,14 @@ def usual_steps(steps: Int32) -> Float64:
 
 @kernel
 def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) -> None:
-    """Fill the gaps that are shorter than twice the spacing of their patch.
+    """Fill gaps shorter than twice the spacing of their patch.
 
     Parameters
     ----------
     raster
         int32 (A, B), changed: cells of filled gaps become FILLED.
     gaps, usual_a, usual_b
-        Of `find_gaps`.
+        Result of `find_gaps`.
     """
     columns = raster.shape[1]
     for k in range(len(gaps)):
@@ -112,7 +119,7 @@ def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) ->
 def close_combs(raster: Int32, usual_a: float, usual_b: float) -> None:
     """Fill gaps between full cells that are shorter than twice the largest spacing.
 
-    Scan lines whose samples alternate leave combs, which only the other axis shows.
+    Scan lines with alternating samples leave combs, which are visible only along the other axis.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The area that two outlines have in common, by lines laid across them.
+"""The common area of two outlines, integrated along parallel lines.
 
 All pairs of a tilt cycle's planes and tracks are compared in one compiled call; shapely would need
-two polygons and an intersection for each.
+two polygons and an intersection for each pair.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from tccm_ros.kernels import kernel
 from tccm_ros.outlines.rings import signed_area
 
 LINES = 48
-"""Lines across the extent that both outlines have in common. Chosen: enough to find the outline
+"""Number of lines across the common extent of both outlines. Chosen: enough to find the outline
 with the largest overlap."""
 
 
@@ -20,16 +20,16 @@ with the largest overlap."""
 def overlap_fractions(
     a: Float64, ends_a: Int64, normals: Float64, b: Float64, ends_b: Int64, pairs: Int64
 ) -> Float64:
-    """Return the fraction of the smaller area that pairs of planar rings have in common.
+    """Return the common area of pairs of planar rings, as a fraction of the smaller area.
 
     Parameters
     ----------
     a, ends_a
-        float64 (V, 3), corners of rings, and int64 (A,), where each ring ends.
+        float64 (V, 3), corners of rings, m, and int64 (A,), the index at which each ring ends.
     normals
-        float64 (A, 3): a pair is seen against the normal of its first ring.
+        float64 (A, 3), unit; a pair is projected along the normal of its first ring.
     b, ends_b
-        As `a`, the other rings.
+        The other rings, as `a` and `ends_a`.
     pairs
         int64 (P, 2), a ring of `a` and one of `b`.
 
@@ -72,9 +72,9 @@ def project_ring(ring: Float64, u: Float64, v: Float64) -> Float64:
 
 @kernel
 def overlap_fraction(a: Float64, b: Float64) -> float:
-    """Return the fraction of the smaller area that two rings (N, 2) have in common, 0 to 1.
+    """Return the common area of two rings (N, 2), as a fraction of the smaller area, 0 to 1.
 
-    What is inside is counted by crossings, so that a ring may cross itself.
+    The inside is defined by the even-odd rule, so that rings may self-intersect.
     """
     if len(a) < 3 or len(b) < 3:
         return 0.0
@@ -94,16 +94,16 @@ def overlap_fraction(a: Float64, b: Float64) -> float:
 
 @kernel
 def cut_ring(ring: Float64, y: float, cuts: Float64) -> int:
-    """Write where a ring crosses a line of constant y.
+    """Compute the crossings of a ring with a line of constant y.
 
     Parameters
     ----------
     ring
         float64 (N, 2).
     y
-        Of the line.
+        Coordinate of the line.
     cuts
-        float64 (>= N,), receives x of the crossings, rising.
+        float64 (>= N,), receives x of the crossings, ascending.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def cut_ring(ring: Float64, y: float, cuts: Float64) -> int:
 
 @kernel
 def shared_length(a: Float64, b: Float64) -> float:
-    """Return the length that is in both of two sets of intervals, given by their sorted ends."""
+    """Return the common length of two sets of intervals, given by their sorted ends."""
     i, j, total = 0, 0, 0.0
     while i + 1 < len(a) and j + 1 < len(b):
         total += max(min(a[i + 1], b[j + 1]) - max(a[i], b[j]), 0.0)

@@ -1,8 +1,8 @@
 """The cuboids of a plane drawn on a raster.
 
 A raster is int32 (A, B) with a margin of empty cells. Its cells are EMPTY, FILLED, SAMPLE, or the
-number of an edge cell. `gaps` fills the empty cells between samples, `edge_cells` computes where
-the surface ends within the cells at its edge.
+number of an edge cell. `gaps` fills the empty cells between samples, `edge_cells` computes the
+bounds of the surface within the cells at its edge.
 """
 
 import numpy as np
@@ -12,13 +12,14 @@ from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.kernels import kernel
 
 ROOT3 = 1.7320508075688772
-"""Half the length of a uniform spread over its standard deviation: exactly the root of 3."""
+"""Ratio of half the width of a uniform distribution to its standard deviation, sqrt(3)."""
 
 EMPTY, FILLED, SAMPLE = -1, -2, -3
-"""Values of a cell: nothing, between samples, a sample."""
+"""Values of a cell: empty, filled between samples, with a sample."""
 
 MARGIN = 6
-"""Empty cells around the samples; sparse samples extend the surface into all but one. Chosen."""
+"""Width of the empty margin around the samples, cells; sparse samples extend the surface into all
+of it except one cell. Chosen."""
 
 
 @kernel
@@ -32,7 +33,7 @@ def runs_horizontal(ix: Int32, iy: Int32, members: Int64, coarse: int, runs: Int
     members
         int64 (M,), indices of the plane's cuboids.
     coarse
-        The raster's cells are 2**coarse times as wide as the map's.
+        The raster's cells are 2**coarse times as wide as those of the map.
     runs
         int32 (M, 3), receives a, lowest b and highest b.
     """
@@ -50,7 +51,7 @@ def runs_vertical(extent: Float64, scale: float, runs: Int32) -> None:
     extent
         float64 (M, 4) of `measure_vertical`: middle along u, spread, low and high, ticks.
     scale
-        Cells in a tick.
+        Cells per tick.
     runs
         int32 (M, 3), receives a, lowest b and highest b.
     """
@@ -64,18 +65,18 @@ def runs_vertical(extent: Float64, scale: float, runs: Int32) -> None:
 def measure_vertical(
     cuboids: CuboidArrays, members: Int64, ux: float, uy: float, extent: Float64
 ) -> None:
-    """Write where the points of each cuboid of a vertical plane are.
+    """Write the extent of the points of each cuboid of a vertical plane.
 
     Parameters
     ----------
     cuboids
-        Those of the map.
+        Cuboids of the map.
     members
         int64 (M,), indices of the plane's cuboids.
     ux, uy
-        The plane's horizontal direction.
+        The plane's horizontal direction u, unit.
     extent
-        float64 (M, 4), ticks: receives middle and half width along u, lowest and highest point.
+        float64 (M, 4), ticks: receives centre and half width along u, lowest and highest point.
     """
     ix, iy, bottom, top, count, s, S, size, _ = cuboids
     for k in range(len(members)):
@@ -85,7 +86,7 @@ def measure_vertical(
         xx, yy = max(S[i, 0] * n - x * x, 0.0), max(S[i, 3] * n - y * y, 0.0)
         extent[k, 0] = ux * (x + np.rint(ix[i] * size)) + uy * (y + np.rint(iy[i] * size))
         extent[k, 1] = ROOT3 * np.sqrt(ux * ux * xx + uy * uy * yy)
-        # The top is a point; the bottom lies below the lowest by a depth that may vary.
+        # The top is a point; the bottom is below the lowest point by a variable depth.
         low = z - ROOT3 * np.sqrt(max(S[i, 5] * n - z * z, 0.0))
         extent[k, 2] = min(max(low, np.float64(bottom[i])), np.float64(top[i]))
         extent[k, 3] = top[i]
@@ -107,7 +108,7 @@ def draw_runs(raster: Int32, runs: Int32, low_a: int, low_b: int) -> int:
     Returns
     -------
     int
-        Number of cells marked, each once.
+        Number of distinct cells marked.
     """
     samples = 0
     for k in range(len(runs)):

@@ -1,7 +1,7 @@
-"""Kernels for closed rings in a plane: area, point inside, simplification, crossings.
+"""Kernels for closed rings in a plane: area, point in ring, simplification, crossings.
 
-`shapely` has the same for one polygon at a time, from Python; here they are steps of a compiled
-loop over all planes of a map.
+`shapely` has these functions for one polygon at a time, from Python; here they are steps of a
+compiled loop over all planes of a map.
 """
 
 import numpy as np
@@ -43,10 +43,11 @@ def is_inside(ring: Float64, x: float, y: float) -> bool:
 
 @kernel
 def simplify(ring: Float64, tolerance: float) -> Float64:
-    """Leave out corners of a ring that lie within a tolerance of what remains.
+    """Remove corners of a ring within a tolerance of the remaining ring.
 
-    Douglas and Peucker's rule, from the lowest corner and the one that is furthest from it. A ring
-    may be left with two corners: it encloses nothing at that tolerance.
+    It uses Douglas and Peucker's rule, starting from the corner with the smallest (x, y) and the
+    corner furthest from it. A ring that encloses no area at the tolerance may keep only two
+    corners.
     """
     n = len(ring)
     keep = np.zeros(n + 1, np.bool_)
@@ -95,7 +96,7 @@ def simplify(ring: Float64, tolerance: float) -> Float64:
 
 @kernel
 def crosses(vertices: Float64, ends: Int32) -> bool:
-    """Return whether any two sides of some rings cross or touch, neighbours of a ring excepted."""
+    """Return whether any two sides of the rings cross or touch, except neighbours in a ring."""
     n = len(vertices)
     after = np.empty(n, np.int32)
     start = 0

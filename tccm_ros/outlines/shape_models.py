@@ -1,9 +1,9 @@
 """Models of outlines: rectangle, L, circle, ellipse, straight-sided polygon.
 
-A model is chosen by the Bayesian information criterion (Schwarz, Estimating the dimension of a
-model, Annals of Statistics 6, 1978): its squared errors, in units of what the sampling of the
-outline leaves open, plus ln(n) for each of its parameters. So an outline gets a corner more only
-where the evidence for it is better than its cost.
+A model is selected by the Bayesian information criterion (Schwarz, Estimating the dimension of a
+model, Annals of Statistics 6, 1978): its squared errors, normalised by the uncertainty of the
+sampled outline, plus ln(n) for each of its parameters. So an outline gets another corner only if
+the gain in likelihood exceeds its cost.
 """
 
 from __future__ import annotations
@@ -23,20 +23,21 @@ SPACING = 0.03
 """Distance of the samples of an outline, m; chosen."""
 
 CORRELATION = 0.10
-"""Samples of an outline within this have one error, m; chosen: that of one beam or scan line."""
+"""Correlation length of the errors of an outline's samples, m; chosen: that of one beam or scan
+line."""
 
 PROBE = 0.06
-"""Edge of the squares that are tested for what a view looked through, m; chosen."""
+"""Edge of the squares that are tested for free space, m; chosen."""
 
 MAX_ERROR = 5.0
-"""Larger errors count as this many standard deviations; chosen."""
+"""Max error of a sample, standard deviations; larger ones are clipped; chosen."""
 
 HIDDEN_SIGMA = 0.30
-"""Where nobody saw an outline end, the surface may go on by this, m (one sigma); chosen."""
+"""Extent of the surface beyond an outline whose end no view saw, m (one sigma); chosen."""
 
 THROUGH = 9.0
-"""Squared error of a square of `CORRELATION` that a model covers and a view looked through; chosen:
-three standard deviations."""
+"""Squared error of free space of `CORRELATION` squared that a model covers; chosen: three standard
+deviations."""
 
 ODDS = {
     SurfaceShape.RECTANGLE: 0.9,
@@ -45,27 +46,28 @@ ODDS = {
     SurfaceShape.ELLIPSE: 0.01,
     SurfaceShape.POLYGON: 0.03,
 }
-"""How frequent the shapes are among tops of furniture; chosen."""
+"""Prior probability of each shape among tops of furniture; chosen."""
 
 FACING = 0.75
-"""Samples whose outward direction has at least this component along that of an edge may be of the
-edge; chosen: 41 deg, so that each sample has one edge of four."""
+"""Min cosine between the outward directions of an edge and its samples; chosen: 41 deg, so that
+each sample belongs to one of four edges."""
 
 MIN_SEEN = 0.3
-"""An edge of which so many samples were seen to end is in the middle of these; chosen."""
+"""Min fraction of seen samples of an edge whose position is their median; chosen."""
 
 MAX_CORNERS = 14
-"""A polygon with more corners is a free outline; chosen."""
+"""Max number of corners of a polygon; an outline with more is free; chosen."""
 
 CAP_CORNERS = 48
-"""Corners of the polygon of a circle or an ellipse; chosen: within 0.2 % of its radius."""
+"""Number of corners of the polygon of a circle or an ellipse; chosen: within 0.2 % of its
+radius."""
 
 MIN_NOTCH = 0.10
-"""An L's inner corner is at least this far from its outer edges, m; chosen."""
+"""Min distance of an L's inner corner from its outer edges, m; chosen."""
 
 
 class OutlineSamples(NamedTuple):
-    """Samples of an outline, all `SPACING` of it.
+    """Samples of an outline at a distance of `SPACING`.
 
     Attributes
     ----------
@@ -76,12 +78,11 @@ class OutlineSamples(NamedTuple):
     sigma
         float64 (N,), standard deviation across the outline, m.
     sampling
-        float64 (N,), how far the surface may go on between its last samples and the next, m.
+        float64 (N,), possible extent of the surface beyond its last samples, one sigma, m.
     seen
-        bool (N,), whether a view saw that the surface ends there.
+        bool (N,), whether a view saw the surface end there.
     through
-        float64 (M, 2), centres of squares of `PROBE` outside of the outline that a view looked
-        through, m.
+        float64 (M, 2), centres of squares of `PROBE` outside of the outline that are free space, m.
     """
 
     points: Float64
@@ -94,12 +95,12 @@ class OutlineSamples(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StraightModel:
-    """An outline of straight edges ``normal . p = offset``, each from the one before to the next.
+    """An outline of straight edges ``normal . p = offset``, each from the previous to the next.
 
     Attributes
     ----------
     shape
-        Its name.
+        Name of the shape.
     normals
         float64 (E, 2), unit, outwards, in counter-clockwise order.
     offsets
@@ -119,7 +120,7 @@ class StraightModel:
         return len(self.offsets) + (1 if self.has_axes else len(self.offsets))
 
     def corners(self) -> Float64:
-        """Return the corners (E, 2), corner k at the beginning of edge k; NaN where none is."""
+        """Return the corners (E, 2), corner k at the start of edge k; NaN if edges are parallel."""
         a, b = np.roll(self.normals, 1, axis=0), self.normals
         c, d = np.roll(self.offsets, 1), self.offsets
         det = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -129,7 +130,7 @@ class StraightModel:
         return np.stack([x, y], axis=1)
 
     def polygon(self) -> Polygon | None:
-        """Return the outline; None where the edges do not enclose an area."""
+        """Return the outline; None if the edges do not enclose an area."""
         corners = self.corners()
         if not np.isfinite(corners).all():
             return None
@@ -144,7 +145,7 @@ class RoundModel:
     Attributes
     ----------
     shape
-        Its name.
+        Name of the shape.
     center
         float64 (2,), m.
     axes
@@ -175,16 +176,16 @@ Model = StraightModel | RoundModel
 
 
 def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Model | None:
-    """Return the model with the least criterion; None: the free outline is it.
+    """Return the model with the smallest criterion; None: the free outline.
 
     Parameters
     ----------
     samples
-        Of the outline.
+        Samples of the outline.
     outline
-        What the views cover, without its holes.
+        Area that the views cover, without its holes.
     yaws
-        float64 (Y,), directions that edges may have, rad: of the outline itself, and of walls.
+        float64 (Y,), candidate directions of edges, rad: of the outline itself, and of walls.
     """
     n = max(outline.exterior.length / CORRELATION, 2.0)
     free = len(outline.exterior.coords) - 1
@@ -228,10 +229,10 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
 
 
 def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
-    """Yield the rectangles and the four Ls whose axes have a direction, rad.
+    """Yield the rectangles and the four Ls with axes at a yaw, rad.
 
-    What hides an edge may hide more of the surface at one place than at another. So there are two
-    rectangles: hidden edges are where most of their samples end, or where the last of them does.
+    An object may occlude more of an edge at one place than at another. So there are two rectangles:
+    an occluded edge is where most of its samples end, or at the last of them.
     """
     angle = yaw + 0.5 * np.pi * np.arange(4)
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -256,10 +257,10 @@ def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
 
 
 def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterator[StraightModel]:
-    """Yield the outline of arms at right angles (U, T, Z) that a polygon is, if it is one.
+    """Yield the right-angled outline with arms (U, T, Z) of a polygon, if it has this shape.
 
-    Its edges have the nearest of four directions, of which `yaw`, rad, is one. Successive edges of
-    one direction, such as a corner cut off and the edge after it, are one edge.
+    Each edge gets the nearest of four directions, of which `yaw`, rad, is one. Successive edges of
+    one direction, such as a cut corner and the next edge, are merged.
     """
     ring = np.asarray(shapely.geometry.polygon.orient(polygon, 1.0).exterior.coords)
     steps = np.diff(ring, axis=0)
@@ -284,14 +285,14 @@ def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterato
 
 
 def _level(across: Float64, seen: Bool) -> float:
-    """Return where an edge is: in the middle of its seen samples, or at the last of the others."""
+    """Return the position of an edge: the median of its seen samples, or a high quantile of all."""
     if seen.mean() >= MIN_SEEN:
         return float(np.median(across[seen]))
     return float(np.quantile(across, 0.8))
 
 
 def _two_levels(across: Float64) -> tuple[float, float]:
-    """Return the means of the lower and the upper samples, parted where that explains most."""
+    """Return the medians of the lower and the upper samples, split by Otsu's criterion."""
     order = np.sort(across)
     count = np.arange(1, len(order))
     if not len(count):
@@ -304,14 +305,17 @@ def _two_levels(across: Float64) -> tuple[float, float]:
 
 
 def _from_far_corner(outline: Polygon) -> Polygon:
-    """Return an outline from the point furthest from its middle: simplifying keeps the first."""
+    """Return an outline that starts at the point furthest from its centre.
+
+    Simplification keeps the first point, which should be a corner.
+    """
     ring = np.asarray(outline.exterior.coords)[:-1]
     away = np.hypot(*(ring - ring.mean(axis=0)).T)
     return Polygon(np.roll(ring, -int(np.argmax(away)), axis=0))
 
 
 def _straight(polygon: Polygon, samples: OutlineSamples) -> StraightModel:
-    """Return the model of a polygon's edges, each fitted to the samples along it."""
+    """Return the straight model of a polygon, with each edge fitted to the samples along it."""
     ring = shapely.geometry.polygon.orient(polygon, 1.0).exterior
     corners = np.asarray(ring.coords)[:-1]
     along = np.roll(corners, -1, axis=0) - corners

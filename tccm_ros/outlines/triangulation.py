@@ -1,4 +1,4 @@
-"""Triangles that fill planar outlines with holes: ear clipping by mapbox_earcut."""
+"""Triangulation of planar outlines with holes: ear clipping by mapbox_earcut."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class FilledOutline(NamedTuple):
     Attributes
     ----------
     points
-        float64 (V, 3), m: those of the rings, one ring after the other, then those at which rings
-        cross, if any do.
+        float64 (V, 3), m: those of the rings, one ring after the other, then the crossings of
+        rings, if there are any.
     triangles
         int64 (T, 3) into `points`, counter-clockwise seen against the normal.
     rings
@@ -40,15 +40,15 @@ def fill_outline(boundary: Float64, holes: Sequence[Float64], normal: Float64) -
     boundary
         float64 (N, 3), open ring, m.
     holes
-        Rings as `boundary`; they stay empty. Those of fewer than three points are left out.
+        Rings as `boundary`; they stay empty. Rings of fewer than three points are ignored.
     normal
         Unit normal float64 (3,).
 
     Returns
     -------
     FilledOutline
-        Without triangles where the boundary encloses nothing, and without points where it has
-        fewer than three.
+        Without triangles if the boundary encloses no area, and without points if it has fewer than
+        three.
     """
     if len(boundary) < 3:
         return FilledOutline(np.zeros((0, 3)), np.zeros((0, 3), np.int64), ())
@@ -67,13 +67,13 @@ def fill_rings(rings: Sequence[Float64]) -> tuple[Float64, Int64]:
     Parameters
     ----------
     rings
-        Open rings float64 (N, 2), N >= 3, the outline first, then holes; their turning sense does
-        not matter. Where they cross or touch, what they enclose is filled (`shapely.make_valid`).
+        Open rings float64 (N, 2), N >= 3, the outline first, then holes, in any orientation. If
+        they cross or touch, they are repaired by `shapely.make_valid`.
 
     Returns
     -------
     corners : float64 (V, 2)
-        Those of the rings, then those of the parts into which crossing rings are split.
+        Corners of the rings, then those of the parts into which crossing rings are split.
     triangles : int64 (T, 3)
         Counter-clockwise.
     """
@@ -103,6 +103,6 @@ def _tangents(normal: Float64) -> Float64:
     """Return two rows u, v (2, 3) with u x v = normal."""
     x, y, z = normal.tolist()
     normal_times = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    u = -normal_times[:, np.argmin(np.abs(normal))]  # the axis least along the normal, times it
+    u = -normal_times[:, np.argmin(np.abs(normal))]  # cross product with the most orthogonal axis
     u /= math.sqrt(u @ u)
     return np.stack([u, normal_times @ u])

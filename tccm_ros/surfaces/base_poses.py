@@ -1,4 +1,4 @@
-"""Poses of the base from which a place is in reach and which are free in the occupancy grid."""
+"""Collision-free base poses from which the arm reaches a place, by the occupancy grid."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 
 @dataclass(frozen=True, slots=True)
 class BasePose:
-    """Where the base can stand.
+    """A free pose of the base near a place.
 
     Attributes
     ----------
     x, y, yaw
-        Of the base in map, m and rad; its x axis points to the place.
+        Pose of the base in map, m and rad; its x axis points to the place.
     distance
         Horizontal distance from the place, m.
     clearance
@@ -37,39 +37,40 @@ class BasePose:
 
 
 class FreeFloor:
-    """The distance of every free cell of an occupancy grid from the nearest one that is not free.
+    """Distance transform of the free cells of an occupancy grid.
 
     Parameters
     ----------
     grid
-        In map.
+        Occupancy grid in map.
     surfaces
-        Under which the base does not stand: all but the floor. A level laser sees their legs alone.
+        Cells under these surfaces, except the floor, are not free. A level laser sees only the
+        legs of furniture.
     """
 
     def __init__(self, grid: OccupancyGrid, surfaces: Sequence[Surface] = ()):
-        # What is outside of the grid is unknown: not free.
+        # Cells outside of the grid are unknown, so they are not free.
         free = np.pad((grid.cells == 0) & ~cells_under(surfaces, grid), 1)
         distances = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
-        # From the middle of a cell to the nearest corner of the other: never more than there is.
+        # From the cell's centre to the nearest corner of the other cell: a lower bound.
         self._distance = np.maximum(distances - math.sqrt(0.5), 0.0) * grid.resolution
         self._resolution, self._origin = grid.resolution, grid.origin
 
     def base_poses(
         self, place: Float64, reach: float, robot_radius: float, max_count: int
     ) -> list[BasePose]:
-        """Return where the base can stand, the nearest to the place first.
+        """Return free base poses near a place, the nearest first.
 
         Parameters
         ----------
         place
             float64 (2,) or (3,), in map, m.
         reach
-            Largest horizontal distance of the base's origin from the place, m, > 0.
+            Max horizontal distance of the base's origin from the place, m, > 0.
         robot_radius
-            Radius of the circle around the base's origin that is free, m.
+            Radius of the free circle around the base's origin, m.
         max_count
-            How many are wanted at most; the distance of any two is a robot's radius at least.
+            Max number of poses; any two are at least a robot radius from each other.
         """
         low = np.floor((place[:2] - reach - self._origin) / self._resolution).astype(int)
         high = np.ceil((place[:2] + reach - self._origin) / self._resolution).astype(int) + 1
@@ -93,14 +94,14 @@ class FreeFloor:
 
 
 def cells_under(surfaces: Sequence[Surface], grid: OccupancyGrid) -> Bool:
-    """Return the cells of a grid whose middle is under a surface other than the floor.
+    """Return the cells of a grid whose centre is under a surface other than the floor.
 
     Parameters
     ----------
     surfaces
-        In map.
+        Surfaces in map.
     grid
-        In map.
+        Grid in map.
 
     Returns
     -------
@@ -110,14 +111,14 @@ def cells_under(surfaces: Sequence[Surface], grid: OccupancyGrid) -> Bool:
 
 
 def cells_within(outlines: Iterable[Float64], grid: OccupancyGrid) -> Bool:
-    """Return the cells of a grid whose middle is within any of some outlines.
+    """Return the cells of a grid whose centre is inside any of the outlines.
 
     Parameters
     ----------
     outlines
         float64 (N, 2 or 3) each, in the frame of the grid, m.
     grid
-        Its cells do not matter.
+        Defines origin, resolution and shape; cell values are not used.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Carving: points of older views are removed where a newer view saw something else.
+"""Carving: remove points of older views that newer views contradict or measure again.
 
-A point of an older view is *gone* where a newer view looked through its position and measured no
-surface there; it is *replaced* where a newer view from the same pose measured that surface again. A
-point that the newer view did not see, because a person stood in front of it, stays.
+A point of an older view is *gone* if a newer view looked through its position and measured no
+surface there. It is *replaced* if a newer view from the same pose measured the surface again. A
+point that is occluded in the newer view, for example by a person, stays.
 """
 
 from __future__ import annotations
@@ -32,40 +32,41 @@ from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import Patch, View
 
 GONE_FRACTION = 0.7
-"""A patch of which this fraction is gone is removed as a whole, however small it is; chosen."""
+"""A patch is removed as a whole if this fraction of it is gone, at any size; chosen."""
 
 REPLACED_FRACTION = 0.95
-"""A patch of which a newer view from the same pose measured or looked through this fraction is
-replaced as a whole, with its rim; chosen."""
+"""A patch is replaced as a whole, with its rim, if a newer view from the same pose measured or
+looked through this fraction of it; chosen."""
 
 BLOCK_SPACING = 1.2
-"""Columns in which the older points are counted are this many point spacings wide, so that a column
-of a surface is not empty by chance; chosen."""
+"""Width of the columns in which the older points are counted, in point spacings: no column of a
+surface is then empty by chance; chosen."""
 
 TILT_MARGIN = 0.006
-"""Uncertainty of heights per metre of distance: 0.3 deg of roll and pitch of the base; chosen."""
+"""Height uncertainty per metre of distance: 0.3 deg of roll and pitch of the base; chosen."""
 
 STEPS = np.array([0.002, 0.002, 0.002, 0.0005, 0.0005, 0.0005])
-"""Steps in which two views are compared, m and rad: a fraction of the noise of a range, and of
+"""Quantisation of the relative pose of two views, m and rad: a fraction of the range noise and of
 `TILT_MARGIN`; chosen."""
 
 ALTERNATIVES = 3
-"""Relative poses of two views for which is remembered what they gave. Chosen: a pose near the limit
-of a step changes between two of them, and a solution compares twice."""
+"""Number of relative poses of two views whose result is cached. Chosen: a pose near the limit of a
+step alternates between two steps, and each solution compares the views twice."""
 
 UNUSED = 4
-"""What so many calls of `Carver.carve` did not use is forgotten. Chosen: two solutions."""
+"""Cache entries that this many calls of `Carver.carve` did not use are dropped. Chosen: two
+solutions."""
 
 MAJORITY = 0.5
-"""A column is removed where more than this fraction of its points is gone; chosen."""
+"""A column is removed if more than this fraction of its points is gone; chosen."""
 
 MIN_LEFT = 0.02
-"""A surface was moved if it left more than this fraction of its points, and is still there if it
-kept more. Chosen: strays are less."""
+"""A surface was moved if more than this fraction of its points is gone, and is still there if more
+than this fraction is kept. Chosen: stray points are fewer."""
 
 MIN_KNOWN_AREA = 0.1
-"""Smaller surfaces are not known again elsewhere, m2. Chosen: below a stool's seat; boxes and
-shoulders of people come and go."""
+"""Min area of a surface that is recognised at another place, m2. Chosen: below a stool's seat;
+boxes and shoulders of people come and go."""
 
 
 @dataclass(slots=True)
@@ -87,20 +88,20 @@ class Survivors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PatchIndex:
-    """What is needed of a newer patch to tell which points it measured.
+    """Index of a newer patch to find the points that it measured.
 
     Attributes
     ----------
     bounds
-        float64 (4,), of its outline; NaN where it has none.
+        float64 (4,), bounding box of its outline; NaN if it has no outline.
     mean, normal
         Its plane, float64 (3,).
     patch
         The patch.
     extent
-        Where it may be, as far as scan lines tell: they are at its `spacing`.
+        Area in which the patch may be, given the distance of its scan lines (`spacing`).
     areas
-        Its outline grown by so many m.
+        Its outline buffered by the key, m.
     """
 
     bounds: Float64
@@ -112,7 +113,7 @@ class _PatchIndex:
 
     @classmethod
     def of(cls, patch: Patch) -> _PatchIndex:
-        """Return the face of a patch."""
+        """Return the index of a patch."""
         blur = line_of_sight(patch.mean, patch.spacing)
         extent = blurred(patch.outline, BORDER, (float(blur[0]), float(blur[1])))
         shapely.prepare(extent)
@@ -120,7 +121,7 @@ class _PatchIndex:
         return cls(bounds, patch.mean, fit_plane(patch.cov)[0], patch, extent)
 
     def area(self, grow: float) -> BaseGeometry:
-        """Return the outline grown by so many m, prepared."""
+        """Return the outline buffered by `grow` m, prepared."""
         if grow not in self.areas:
             self.areas[grow] = self.patch.outline.buffer(grow, quad_segs=2)
             shapely.prepare(self.areas[grow])
@@ -129,7 +130,7 @@ class _PatchIndex:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ViewIndex:
-    """A view as it looks at others: independent of poses."""
+    """Pose-independent index of a view for comparisons with other views."""
 
     view: View
     free: FreeGrid
@@ -143,7 +144,11 @@ class _ViewIndex:
 
 
 class _Carved(NamedTuple):
-    """What a newer view takes from a patch: indices of thinned points, and what replaced it."""
+    """Result of carving a patch by a newer view: removed points, and the replacing patch.
+
+    `before` identifies the mask to which the result applies, and `gone` has indices of thinned
+    points.
+    """
 
     before: bytes
     gone: Int64
@@ -152,7 +157,7 @@ class _Carved(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ViewPair:
-    """An older view in the frame of a newer one that may have looked where it did.
+    """An older view in the frame of a newer view with a possibly overlapping field of view.
 
     Attributes
     ----------
@@ -161,11 +166,11 @@ class _ViewPair:
     step
         int64 (6,), their relative pose in steps of `STEPS`.
     is_same_pose
-        Whether they are from one place.
+        Whether both were taken at the same pose.
     touched
-        Patches of the older view of which some point counts.
+        Patches of the older view with at least one point that the newer view may remove.
     carved
-        What was carved of them last, by patch.
+        The last carving result of each patch.
     """
 
     older: View
@@ -190,7 +195,7 @@ class _ViewPair:
         return cls(older.view, newer, step, is_same_pose, touched, {})
 
     def is_of(self, older: View, newer: _ViewIndex) -> bool:
-        """Return whether the pair is of these views."""
+        """Return whether the pair consists of these two views."""
         return self.older is older and self.newer is newer
 
     def fits(self, step: Int64, is_same_pose: bool) -> bool:
@@ -199,10 +204,10 @@ class _ViewPair:
 
 
 class Carver:
-    """Carves views, and remembers what each pair of views gave.
+    """Carves views, with a cache of the result of each pair of views.
 
-    Relative poses count in steps of `STEPS`: most pairs of views have moved by less between two
-    solutions, and are not looked at again. The result does not depend on what is remembered.
+    Relative poses are quantised in steps of `STEPS`. Between two solutions most relative poses
+    change by less, and their pairs are not compared again. The cache does not affect the result.
 
     Parameters
     ----------
@@ -212,7 +217,7 @@ class Carver:
     Attributes
     ----------
     compared
-        Pairs of views that were looked at by the last `carve`, and not remembered.
+        Number of pairs that the last `carve` compared because they were not in the cache.
     """
 
     def __init__(self, config: Config):
@@ -250,7 +255,7 @@ class Carver:
     def _pair_of(
         self, older: _ViewIndex, newer: _ViewIndex, step: Int64, is_same_pose: bool
     ) -> _ViewPair:
-        """Return a pair of views, remembered where it was compared at this relative pose."""
+        """Return a pair of views, from the cache if it was compared at this relative pose."""
         key = older.view.key, newer.view.key
         self._used[key] = self._calls
         known = [p for p in self._pairs.get(key, ()) if p.is_of(older.view, newer)]
@@ -262,7 +267,7 @@ class Carver:
         return pair
 
     def _forget_unused(self) -> None:
-        """Forget what several calls did not use; callers may have different views."""
+        """Drop cache entries that several calls did not use; callers may have different views."""
         self._calls += 1
         used = {key for key, last in self._used.items() if self._calls - last <= UNUSED}
         self._used = {key: last for key, last in self._used.items() if key in used}
@@ -276,7 +281,19 @@ class Carver:
         states: list[list[bytes]],
         left: Survivors,
     ) -> None:
-        """Carve patch p of view v by view w, `indices` (v, p, w); `states` identify masks."""
+        """Carve patch p of view v by view w.
+
+        Parameters
+        ----------
+        pair
+            Views v and w.
+        indices
+            (v, p, w).
+        states
+            Hash of the mask of each patch, updated.
+        left
+            Result so far, updated.
+        """
         v, p, w = indices
         carved = pair.carved.get(p)
         if carved is None or carved.before != states[v][p]:
@@ -297,14 +314,14 @@ class Carver:
         return known
 
     def _forget_other_settings(self) -> None:
-        """Forget everything where a parameter was changed."""
+        """Clear the cache if a parameter has changed."""
         settings = repr((self._config.views, self._config.surfaces))
         if settings != self._settings:
             self._settings, self._indices, self._pairs, self._used = settings, {}, {}, {}
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
-    """Carve views once, remembering nothing.
+    """Carve views once, without a cache.
 
     Parameters
     ----------
@@ -317,7 +334,10 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
 def _neighbours(
     views: list[View], T_map_view: Float64, w: int, config: Config
 ) -> Iterator[tuple[int, Int64, bool]]:
-    """Yield each view v before w in range, its pose in w in steps, and whether it is the same."""
+    """Yield (v, step, is_same_pose) of each older view v in range of view w.
+
+    `step` is the pose of v in w in steps of `STEPS`.
+    """
     poses, same = planar(T_map_view[: w + 1]), config.views
     distance = np.hypot(*(poses[:w, :2] - poses[w, :2]).T)
     yaw = np.abs(wrap_angle(poses[:w, 2] - poses[w, 2]))
@@ -337,17 +357,17 @@ def _rpy(T: Float64) -> Float64:
 
 
 def may_be_recognised(patch: Patch) -> bool:
-    """Return whether a patch is large enough to be known again where it was carried to."""
+    """Return whether a patch is large enough to be recognised at another place."""
     return patch.outline.area >= MIN_KNOWN_AREA and not is_line(patch.cov)
 
 
 def find_replacements(older: View, newer: View, config: Config) -> dict[int, int] | None:
-    """Find the patches that replace those of an older view which a newer one makes redundant.
+    """Find the patches that replace those of an older view that a newer view makes redundant.
 
-    The older view is redundant where carving leaves none of its patches and where the newer view
-    looked through all columns that the older one did. Patches that are single scan lines do not
-    count: they cover no area, and the newer view has its own. A view with a large patch that was
-    looked through is not redundant either: the surface may be recognised elsewhere.
+    The older view is redundant if carving leaves none of its patches and if the newer view looked
+    through all columns that the older one looked through. Single scan lines do not count: they
+    cover no area, and the newer view has its own. A view with a large patch that was looked through
+    is not redundant: its surface may be recognised elsewhere.
 
     Parameters
     ----------
@@ -359,8 +379,8 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
     Returns
     -------
     dict of int to int, or None
-        For each patch of the older view that was measured again, the index of the patch that
-        replaced it; None where the older view is not redundant.
+        Index of the replacing patch, by the patch of the older view that was measured again; None
+        if the older view is not redundant.
     """
     known = np.isin(older.free.keys, newer.free.keys)
     if np.count_nonzero(known) < REPLACED_FRACTION * len(known):
@@ -383,9 +403,9 @@ def _carve_patch(
     Returns
     -------
     gone : int64 (G,)
-        Indices of thinned points, among those that are kept so far, that are removed.
+        Indices of the thinned points to remove, among those kept so far.
     replaced_by : int or None
-        The patch of the newer view that replaced this one, in whole or in part.
+        The patch of the newer view that replaces this one, as a whole or in part.
     """
     total, cell_size = int(np.count_nonzero(keep)), config.views.cell_size
     limits = pair.newer.view.max_range, (config.views.clear_margin, TILT_MARGIN)
@@ -398,7 +418,7 @@ def _carve_patch(
         return kept[:0], None
     rim = config.surfaces.merge_distance
     owner = _measured_by(points[near], pair.newer.faces, margin[near], 0.5 * rim)
-    # Whether it was moved is told by all of it, whatever other views took.
+    # The motion test uses all points in range, including those that other views removed.
     if _was_moved(pair, patch, points[near], (through[near] & (owner < 0), owner), cell_size):
         return kept, _main_owner(owner)
     owner, points, through, margin = owner[there[near]], points[kept], through[kept], margin[kept]
@@ -417,14 +437,14 @@ def _carve_patch(
 
 
 def _with_strays(gone: Int64, keep: Bool) -> Int64:
-    """Return all indices that are kept where what is not gone is too few to be the surface.
+    """Return `gone`, or all kept points if too few would remain to be a surface.
 
     Parameters
     ----------
     gone
-        int64 (G,), indices of thinned points of a patch that a view removes.
+        int64 (G,), indices of the thinned points of a patch that a view removes.
     keep
-        bool (N,), which of all its points were there before.
+        bool (N,), whether each of its points was kept before.
     """
     kept = np.flatnonzero(keep)
     is_gone = len(gone) > 0 and len(kept) - len(gone) <= MIN_LEFT * len(keep)
@@ -436,14 +456,14 @@ def _measured_by(
 ) -> Int64:
     """Return the patch that covers each point (N, 3) of the same frame, int64 (N,), -1 = none.
 
-    A patch covers its outline, grown by `grow` m. Where it is negative, a replaced patch keeps a
-    rim, so that its remaining points still touch the patch that replaced it.
+    A patch covers its outline, buffered by `grow` m. With a negative value, a replaced patch keeps
+    a rim, so that its remaining points still touch the patch that replaced it.
     """
     owner = np.full(len(points), -1, np.int64)
     margin_xy = max(grow, 0.0)
     low, high = points[:, :2].min(axis=0) - margin_xy, points[:, :2].max(axis=0) + margin_xy
     for q, face in enumerate(faces):
-        # Not so where it has no outline: NaN.
+        # False for the NaN bounds of a patch without outline.
         if not (np.all(face.bounds[:2] <= high) and np.all(face.bounds[2:] >= low)):
             continue
         height = (points - face.mean) @ face.normal
@@ -456,19 +476,20 @@ def _measured_by(
 def _was_moved(
     pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64], cell_size: float
 ) -> bool:
-    """Return whether a patch has left a strip, and is seen to cover another one.
+    """Return whether a patch has left one strip and covers another one in the newer view.
 
-    The newer view looked through columns that the surface covers in part. It cannot be where its
-    outline does not reach, however scan lines fell.
+    The newer view may look through columns that the surface covers in part. Only columns or points
+    outside of the possible extent of the newer patch count as left.
 
     Parameters
     ----------
     pair, patch
-        A patch of the older view.
+        The two views, and a patch of the older one.
     points
         float64 (N, 3), its points in the newer view, m.
     looked_at
-        Which of them are gone, bool (N,), and which patch measured each, int64 (N,), -1 = none.
+        Whether each point is gone, bool (N,), and the patch that measured it, int64 (N,),
+        -1 = none.
     cell_size
         Edge of a column, m.
     """
@@ -477,8 +498,8 @@ def _was_moved(
     if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
     face = pair.newer.faces[_main_owner(owner)]
-    # Columns that the extent does not touch were looked through in whole; of a narrow strip there
-    # are none, and its points tell alone.
+    # A column that the extent does not touch is not covered in part. A narrow strip has no such
+    # columns: its points are counted instead.
     points_outside = ~shapely.contains_xy(face.extent, points[:, 0], points[:, 1])
     for outside in (_columns_outside(face.extent, points, cell_size), points_outside):
         if np.count_nonzero(gone & outside) > max(min_count, MAJORITY * outside.sum()):
@@ -492,7 +513,7 @@ def _was_moved(
 
 
 def _columns_outside(extent: BaseGeometry, points: Float64, cell_size: float) -> Bool:
-    """Return which points (N, 3) are in columns that an extent does not touch, bool (N,)."""
+    """Return whether each point (N, 3) is in a column that the extent does not touch, bool (N,)."""
     keys, column = np.unique(column_keys(points, cell_size), return_inverse=True)
     first = np.zeros(len(keys), np.int64)
     first[column] = np.arange(len(points))
@@ -502,15 +523,15 @@ def _columns_outside(extent: BaseGeometry, points: Float64, cell_size: float) ->
 
 
 def _main_owner(owner: Int64) -> int:
-    """Return the patch that measured the largest part of the points; -1 in `owner`: none did."""
+    """Return the patch that measured most points; -1 in `owner` stands for no patch."""
     return int(np.bincount(owner[owner >= 0]).argmax())
 
 
 def _in_block(points: Float64, chosen: Bool, cell_size: float) -> Bool:
-    """Return which points are in a square of 2 x 2 columns where most points are chosen.
+    """Return whether each point is in a square of 2 x 2 columns whose points are mostly chosen.
 
-    Along an edge, the view looked through columns that the surface covers in part: they form a
-    strip one column wide. A region that is really gone is wider.
+    Along an edge, the view looks through columns that the surface covers in part. They form a strip
+    one column wide. A region that is really gone is wider.
     """
     if not chosen.any():
         return chosen
@@ -524,7 +545,7 @@ def _in_block(points: Float64, chosen: Bool, cell_size: float) -> Bool:
 
 
 def _is_among(keys: Int64, known: Int64) -> Bool:
-    """Return which keys are among those known, which are sorted."""
+    """Return whether each key is in the sorted array `known`."""
     if not len(known):
         return np.zeros(keys.shape, bool)
     return known[np.minimum(np.searchsorted(known, keys), len(known) - 1)] == keys

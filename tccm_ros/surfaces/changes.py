@@ -1,4 +1,4 @@
-"""Changes of the map that a robot may have to act on, from two scenes that follow each other."""
+"""Changes of surfaces and objects between two successive scenes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tccm_ros.surfaces.scene import KnownSurface, Scene, object_pose, surface_po
 from tccm_ros.surfaces.scene_objects import SceneObject
 
 TOP_DIFFERENCE = 0.05
-"""A surface this near to the upper side of an object, m, is its top. Chosen."""
+"""Max difference in height of an object's upper side and the surface that is its top, m. Chosen."""
 
 
 SCENES = 4
-"""Number of scenes in which a surface is remembered. Chosen: three views of a stop show that it was
-moved."""
+"""Number of past scenes that are kept of each surface. Chosen: three views of a stop show that it
+was moved."""
 
 
 class ChangeKind(IntEnum):
@@ -36,24 +36,24 @@ class ChangeKind(IntEnum):
 
 
 class Change(NamedTuple):
-    """One change between two scenes; attributes as of tccm_interfaces/SurfaceEvent.
+    """One change between two scenes; attributes as in tccm_interfaces/SurfaceEvent.
 
     Attributes
     ----------
     kind
-        What happened.
+        Kind of change.
     stamp_ns
         Stamp of the view that shows it.
     ids_before, ids_after
-        Surfaces that it concerns.
+        Ids of the surfaces concerned.
     label
-        Of the surface.
+        Label of the surface, or class of the object.
     object_id
-        -1 for surfaces.
+        Id of the object; -1 for surfaces.
     T_before, T_after
-        float64 (4, 4) in map; None where there was none.
+        float64 (4, 4), poses in map; None if there is none.
     last_seen_ns
-        Stamp of the last view that showed it as before.
+        Stamp of the last view that showed the state before the change.
     """
 
     kind: ChangeKind
@@ -77,15 +77,15 @@ class Change(NamedTuple):
 
 
 class MapChanges:
-    """Tells what changes from scene to scene, each change once.
+    """Reports the changes from scene to scene, each change once.
 
-    A change of a surface is told once the next view agrees: what is carried through the room is
-    measured at places where it does not stay.
+    A change of a surface is reported once a second view confirms it: an object that is carried
+    through the room is measured at places where it does not stay.
 
     Parameters
     ----------
     is_map_loaded
-        Whether the first scene is that of a map that was loaded, which holds no changes.
+        Whether the first scene is that of a loaded map, which reports no changes.
     """
 
     def __init__(self, *, is_map_loaded: bool = False):
@@ -95,12 +95,12 @@ class MapChanges:
         self._earlier: dict[int, tuple[tuple[int, KnownSurface], ...]] = {}
 
     def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
-        """Return what has changed since the scenes before.
+        """Return the changes since the previous scene.
 
         Parameters
         ----------
         scene
-            The newest one.
+            The newest scene.
         agreeing_views
             As for `changes`.
         """
@@ -114,10 +114,10 @@ class MapChanges:
         return found
 
     def _as_placed_before(self, told: Scene, now: Scene) -> Scene:
-        """Return a scene with surfaces as they were before the views that show them elsewhere.
+        """Return the previous scene with each moved surface as it was before it moved.
 
-        Where one was moved by little, it takes several views to tell, and scenes in between have
-        what is left at the old place with the new one.
+        A small motion is detected only after several views. The scenes in between merge the rest
+        of the surface at the old place with the surface at the new one.
         """
         placed = {k.surface.id: k.surface.placed_ns for k in now.surfaces}
         surfaces = []
@@ -130,7 +130,7 @@ class MapChanges:
         return told._replace(surfaces=tuple(surfaces))
 
     def _remember(self, now: Scene) -> None:
-        """Keep the surfaces of the last scenes."""
+        """Store the surfaces of the last scenes."""
         there = {k.surface.id: k for k in now.surfaces}
         self._earlier = {
             identity: (*self._earlier.get(identity, ()), (now.newest_view_ns, known))[-SCENES:]
@@ -138,7 +138,7 @@ class MapChanges:
         }
 
     def _agreed(self, told: Scene, scene: Scene) -> Scene:
-        """Return a scene without the changes of surfaces that its newest view alone shows."""
+        """Return a scene without the surface changes that only its newest view shows."""
         known = {k.surface.id: k for k in told.surfaces}
         merged = {m for k in scene.surfaces for m in k.surface.merged_ids}
         surfaces = []
@@ -159,19 +159,19 @@ class MapChanges:
 
 
 def _is_new(known: KnownSurface, scene: Scene) -> bool:
-    """Return whether the newest view alone shows a surface where it is."""
+    """Return whether only the newest view shows a surface at its place."""
     return known.surface.placed_ns == scene.newest_view_ns
 
 
 def changes(before: Scene, after: Scene, agreeing_views: int) -> list[Change]:
-    """Return what happened between two scenes; the floor does not count.
+    """Return the changes between two scenes, without those of the floor.
 
     Parameters
     ----------
     before, after
-        Of one map.
+        Two scenes of one map.
     agreeing_views
-        An object is there once so many views have measured it.
+        Min number of views that must have measured an object.
     """
     return [
         *_surface_changes(
@@ -182,7 +182,10 @@ def changes(before: Scene, after: Scene, agreeing_views: int) -> list[Change]:
 
 
 def _of_interest(scene: Scene) -> dict[int, KnownSurface]:
-    """Return the surfaces that are neither floor nor the top of an object, which tells of both."""
+    """Return the surfaces that are neither floor nor tops of objects, by id.
+
+    The event of an object covers its top.
+    """
     return {
         k.surface.id: k
         for k in scene.surfaces
@@ -191,7 +194,7 @@ def _of_interest(scene: Scene) -> dict[int, KnownSurface]:
 
 
 def _is_top(surface: Surface, objects: tuple[SceneObject, ...]) -> bool:
-    """Return whether most of a surface lies in the footprint of an object, near its top."""
+    """Return whether most of a surface is in the footprint of an object, near its upper side."""
     outline = Polygon(surface.boundary[:, :2]).buffer(0.0)
     return any(
         abs(item.center[2] + 0.5 * item.size[2] - surface.height) < TOP_DIFFERENCE
@@ -232,7 +235,7 @@ def _surface_changes(
 
 
 def _appeared(known: KnownSurface, stamp_before_ns: int) -> Change:
-    """Return that a surface has come: one that was gone, and is recognised elsewhere, has moved."""
+    """Return the change of a new surface: MOVED if it was recognised, else APPEARED."""
     surface, previous = known.surface, known.surface.previous_pose
     T = surface_pose(surface)[0]
     if (
@@ -271,9 +274,10 @@ def _of_surfaces(
 
 
 def _has_moved(before: KnownSurface, after: KnownSurface) -> bool:
-    """Return whether newer views show a surface elsewhere than it was.
+    """Return whether newer views show a surface at another place.
 
-    A map that is corrected moves its views with it, and a surface that is seen further grows.
+    Corrections of the map move surfaces with their views, and new views extend surfaces: neither is
+    a motion of the surface.
     """
     if after.surface.placed_ns == before.surface.placed_ns:
         return False
@@ -286,7 +290,7 @@ def _footprint(surface: Surface | PreviousPose) -> Footprint:
 
 
 def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterator[Change]:
-    """Yield the changes of objects on surfaces; what stands on the floor are legs of furniture."""
+    """Yield the changes of objects on surfaces; objects on the floor are legs of furniture."""
     floors = {
         k.surface.id for k in (*before.surfaces, *after.surfaces) if k.surface.label == "floor"
     }

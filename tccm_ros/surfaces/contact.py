@@ -1,13 +1,13 @@
 """Contact between patches: the connected components of patches that touch and agree in height.
 
-Two patches touch where any two of their points are within a distance of each other. They *meet*
-where points are within that distance in x and y, whatever their heights: at a step, the few points
-that touch would not show the difference in height. Patches that touch and agree in height where
-they meet, directly or over others, are one component; a pair that is already connected is not
-searched. The result equals that of a brute-force search bit by bit.
+Two patches touch if any two of their points are within a distance of each other. They *meet* at
+points within that distance in x and y, at any height: at a step, the few points that touch would
+not show the difference in height. Patches that touch and agree in height where they meet, directly
+or through other patches, form one component. Pairs that are already connected are skipped. The
+result equals that of a brute-force search bit by bit.
 
-The heights of patches are compared at their points where they meet, not by their planes alone:
-errors of the sensor bend a large patch, and the plane of a sparse patch is uncertain at its end.
+Heights are compared at the points where patches meet, not by the planes alone: sensor errors bend a
+large patch, and the plane of a sparse patch is uncertain at its end.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from tccm_ros.surfaces.plane_errors import FLATNESS
 from tccm_ros.union_find import find_root, merge_sets
 
 SLACK = 1.0 + 1e-9
-"""Factor by which boxes and cells are wider than the distance. Chosen: rounding of float64 then
-hides no pair."""
+"""Factor by which boxes and cells are wider than the distance. Chosen: no pair is then missed due
+to float64 rounding."""
 
 
 class PatchClouds(NamedTuple):
@@ -38,7 +38,7 @@ class PatchClouds(NamedTuple):
     offsets
         int64 (P + 1,).
     boxes
-        float64 (P, 2, 3), lower and upper corners; +inf and -inf where a patch is empty.
+        float64 (P, 2, 3), lower and upper corners; +inf and -inf for an empty patch.
     """
 
     points: Float64
@@ -47,7 +47,7 @@ class PatchClouds(NamedTuple):
 
 
 def patch_clouds(clouds: Sequence[Float64]) -> PatchClouds:
-    """Put the clouds of patches, each float64 (N, 3), after each other."""
+    """Concatenate the clouds of patches, each float64 (N, 3)."""
     points = np.concatenate([np.zeros((0, 3)), *clouds])
     boxes = [
         (cloud.min(axis=0, initial=np.inf), cloud.max(axis=0, initial=-np.inf)) for cloud in clouds
@@ -58,7 +58,7 @@ def patch_clouds(clouds: Sequence[Float64]) -> PatchClouds:
 
 @kernel
 def _near_boxes(boxes: Float64, order: Int64, distance: float, pairs: Int64) -> int:
-    """Write the pairs of boxes within `distance` along every axis; return how many there are."""
+    """Write the pairs of boxes within `distance` along every axis; return their number."""
     found = 0
     for a in range(len(order)):
         i = order[a]
@@ -86,7 +86,7 @@ def box_pairs(boxes: Float64, distance: float) -> Int64:
     boxes
         float64 (P, 2, 3), lower and upper corners, m.
     distance
-        Largest gap along any axis, m.
+        Max gap along any axis, m.
 
     Returns
     -------
@@ -111,7 +111,7 @@ class _Grid(NamedTuple):
     box
         float64 (2, 3), lower and upper corner of the points, m; cells begin at the lower one.
     edge, nx, ny
-        Of a cell, m, and how many cells there are along x and y.
+        Edge of a cell, m, and number of cells along x and y.
     starts, indices
         int64 (nx * ny + 1,) and (N,): cell c holds the points
         ``indices[starts[c]:starts[c + 1]]``.
@@ -168,10 +168,10 @@ def _mark_near(
     height_weight: float,
     near: Bool,
 ) -> bool:
-    """Mark which points of a patch come within the distance of a gridded patch.
+    """Mark the points of a patch within a distance of a gridded patch.
 
-    Differences in height are multiplied by `height_weight`: 1, and then the first point found ends
-    the search, or 0. One long loop: calls for each point would cost more than all else.
+    Differences in height are multiplied by `height_weight`, 0 or 1. With 1 the search ends at the
+    first point found. One long loop, as a call for each point would dominate the runtime.
     """
     points, origin = clouds.points, grid.box[0]
     square, found = distance * distance, False
@@ -183,7 +183,7 @@ def _mark_near(
             continue
         cx = int(np.floor((x - origin[0]) / grid.edge))
         cy = int(np.floor((y - origin[1]) / grid.edge))
-        for gx in (cx, cx - 1, cx + 1):  # the middle first: most points are near one there
+        for gx in (cx, cx - 1, cx + 1):  # own cell first: it usually has a near point
             for gy in (cy, cy - 1, cy + 1):
                 if not (0 <= gx < grid.nx and 0 <= gy < grid.ny):
                     continue
@@ -213,12 +213,12 @@ def _agree(
     pair: tuple[int, int],
     max_step: float,
 ) -> bool:
-    """Return whether two patches have one height where they meet, within their uncertainty.
+    """Return whether two patches agree in height where they meet, within their uncertainty.
 
-    The height of either patch is that of its plane at the centroid of the points that meet, raised
-    by the mean residual of its points there. Heights agree if they differ by at most GATE sigmas
-    and at most `max_step`, m. `meets` bool (N,) marks the points of either patch that meet the
-    other: at least one of each.
+    The height of each patch is that of its plane at the centroid of the points that meet, plus the
+    mean residual of its own points there. Heights agree if they differ by at most GATE sigmas and
+    by at most `max_step`, m. `meets` bool (N,) marks the points of each patch that meet the other,
+    at least one of each.
     """
     points, offsets, (q, p) = clouds.points, clouds.offsets, pair
     x, y, count = 0.0, 0.0, 0
@@ -247,7 +247,7 @@ def _agree(
             shared[side, k] = sign * (arm @ planes.systematic[patch, :, k])
         if not is_one_view:
             variance += arm @ planes.cov_pose[patch] @ arm
-    # Two patches of one view err together, those of two views do not.
+    # Systematic errors are common to patches of one view, independent between views.
     for k in range(shared.shape[1]):
         if is_one_view:
             variance += (shared[0, k] + shared[1, k]) ** 2
@@ -265,15 +265,15 @@ def connect(
     Parameters
     ----------
     clouds
-        P patches.
+        Points of P patches.
     pairs
         int64 (M, 2), candidates (q, p), q < p, sorted by (p, q).
     distance
-        Patches touch where two of their points have at most this distance, m.
+        Max distance of two points that touch, m.
     planes
-        Of the patches.
+        Planes of the patches.
     max_step
-        Patches whose heights differ by more than this where they meet are never connected, m.
+        Max difference in height of connected patches where they meet, m.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Labels of surfaces that a person has corrected: they stay where rules would say otherwise.
+"""Labels of surfaces that a user has corrected; they override those of the rules.
 
-A correction is kept in a view, by the number that a surface's id comes from, counted from the first
-patch of that view. So it means the same surface when a late view shifts the ids, when the view is
-removed, in saved maps and in maps that are merged.
+A correction is stored in a view, by the patch number that is the surface's id, relative to the
+first patch of that view. So it refers to the same surface after a late view has shifted the ids,
+after the view was removed, and in saved and merged maps.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from tccm_ros.surfaces.labels import Label, SurfaceLabel
 from tccm_ros.surfaces.views import View, first_numbers
 
 CERTAIN = 1.0
-"""Confidence of a label that a person gave."""
+"""Confidence of a user-supplied label."""
 
 
 def label_to_give(text: str) -> SurfaceLabel:
-    """Return the label that a person may give a surface.
+    """Return a user-supplied label.
 
     Raises
     ------
     MapError
-        For what is no label, and for the floor, which is found by its height.
+        If the text is no label, or the floor, which is found by its height.
     """
     wanted = [label for label in SurfaceLabel if label is not SurfaceLabel.FLOOR]
     if text not in wanted:
@@ -33,7 +33,7 @@ def label_to_give(text: str) -> SurfaceLabel:
 
 
 def corrected_labels(views: Sequence[View]) -> dict[int, SurfaceLabel]:
-    """Return the labels that were corrected, by surface id.
+    """Return the corrected labels by surface id.
 
     Parameters
     ----------
@@ -48,19 +48,19 @@ def corrected_labels(views: Sequence[View]) -> dict[int, SurfaceLabel]:
 
 
 def with_corrected_labels(views: Sequence[View], labels: Mapping[int, SurfaceLabel]) -> list[View]:
-    """Return views with these corrections, and no others.
+    """Return views with exactly these corrections.
 
     Parameters
     ----------
     views
         All views, in stamp order.
     labels
-        By surface id.
+        Corrected labels by surface id.
 
     Raises
     ------
     MapError
-        For a surface that these views do not have.
+        If the views have no surface of an id.
     """
     corrected: list[View] = []
     left = dict(labels)
@@ -81,17 +81,17 @@ def with_corrections(
     ids: Iterable[Sequence[int]],
     corrected: Mapping[int, SurfaceLabel],
 ) -> list[Label]:
-    """Return the labels of surfaces: those that a person gave, else those of the rules.
+    """Return the labels of surfaces: the corrected label if there is one, else that of the rules.
 
     Parameters
     ----------
     labels
-        Of the rules. The floor stays the floor.
+        Labels of the rules. The floor is never overridden.
     ids
-        Of each surface, its id and those that were merged into it, ascending: the first of them
-        that was corrected counts.
+        For each surface, its id and its merged ids, ascending; the first id with a correction
+        counts.
     corrected
-        By surface id.
+        Corrected labels by surface id.
     """
     return [
         next((Label(corrected[k], CERTAIN) for k in own if k in corrected), label)

@@ -1,4 +1,4 @@
-"""Whether two outlines are of one size, and whether a surface has moved from one to the other."""
+"""Tests whether two outlines have the same size, and whether a surface moved between them."""
 
 from __future__ import annotations
 
@@ -13,32 +13,31 @@ from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.polygons import equal_sides
 
 BORDER = 0.03
-"""Outlines of a surface that stands still are within this of each other, m. Chosen: they end within
-1 or 2 cm of the true edges."""
+"""Max distance between two outlines of a static surface, m. Chosen: each ends within 1 or 2 cm of
+the true edges."""
 
 MIN_WIDTH = 0.01
-"""A surface has moved where it has left, and covers anew, a strip as long as it is wide and wider
-than this beyond the border, m. Chosen: less is noise of edges."""
+"""A surface has moved if the strip that it left and the strip that it newly covers, each as long as
+the surface is wide, are wider than this beyond the border, m. Chosen: less is noise of edges."""
 
 MEAN_WIDTH = 0.03
-"""The two strips are wider than this in the mean, m. Chosen: with the border, a table that moved by
-6 cm."""
+"""Min mean width of the two strips, m. Chosen: with the border, a table that moved by 6 cm."""
 
 MIN_LIFT = 0.025
-"""The same for its height, m. Chosen: heights are known to 5 mm; 0.3 deg of roll and
-pitch add 1 cm at 2 m."""
+"""A surface has moved if its height differs by more than this, m. Chosen: heights are known to
+5 mm; 0.3 deg of roll and pitch add 1 cm at 2 m."""
 
 SIZE_DIFFERENCE = 0.13
-"""Sides of two outlines of one surface differ together by at most the root of the squares of this,
-m, and of the larger blur. Chosen: hidden parts and corners."""
+"""Max sum of the differences between the sides of two outlines of one surface, m; the larger blur
+is added in quadrature. Chosen: occluded parts and corners."""
 
 IN_PLACE = 0.05
-"""Middles of two outlines in one place are so near to each other, m, or as near as the larger blur.
+"""Max distance along x and y of the centroids of two outlines at one place, m, or the larger blur.
 Chosen: a distance of scan lines."""
 
 SAME_AREA = 0.75
-"""The smaller of two outlines of one surface has at least this fraction of the area of the larger.
-Chosen: an L is no rectangle of its sides; a square of 0.4 m may lose 2.5 cm at each edge."""
+"""Min ratio of the smaller to the larger area of two outlines of one surface. Chosen: an L is no
+rectangle of its sides; a square of 0.4 m may lose 2.5 cm at each edge."""
 
 
 class Footprint(NamedTuple):
@@ -47,12 +46,12 @@ class Footprint(NamedTuple):
     Attributes
     ----------
     outline
-        In x and y, m.
+        Outline in x and y, m.
     z
         Height, m.
     blur
-        Its ends are known to this vector (x, y), m: the distance of scan lines along the line of
-        sight.
+        Uncertainty (x, y) of its ends, m: a vector along the line of sight, as long as the distance
+        of the scan lines.
     """
 
     outline: BaseGeometry
@@ -69,12 +68,12 @@ class Footprint(NamedTuple):
 def footprint_in_map(
     outline: BaseGeometry, mean: Float64, spacing: float, T_map_view: Float64
 ) -> Footprint:
-    """Return where a patch is in map.
+    """Return the footprint of a patch in map.
 
     Parameters
     ----------
     outline, mean, spacing
-        Of the patch, in its view; float64 (3,), m; distance of its scan lines, m.
+        Outline, centroid float64 (3,), m, and distance of scan lines, m, of the patch in its view.
     T_map_view
         float64 (4, 4), pose of the view.
     """
@@ -84,20 +83,23 @@ def footprint_in_map(
     x, y = (T[:2, :2] @ line_of_sight(mean, spacing)).tolist()
     z = float(T[2, :3] @ mean + T[2, 3])
     placed = affine_transform(outline, matrix)
-    # Rounding can make an outline cross itself that nearly touches itself.
+    # Rounding can make an outline that nearly touches itself self-intersecting.
     return Footprint(placed if placed.is_valid else shapely.make_valid(placed), z, (x, y))
 
 
 def line_of_sight(mean: Float64, length: float) -> Float64:
-    """Return a vector (x, y) of a length, m, from a base at the origin to a patch; float64 (2,)."""
+    """Return a vector (x, y) of the given length, m, from the base towards a patch, float64 (2,).
+
+    The base is at the origin.
+    """
     distance = float(np.hypot(*mean[:2]))
     return np.asarray(mean[:2] * (length / max(distance, length, MIN_WIDTH)), np.float64)
 
 
 def is_of_one_size(first: Footprint, second: Footprint) -> bool:
-    """Return whether two outlines can be those of one surface, wherever they are.
+    """Return whether two outlines can be those of one surface, at any positions.
 
-    The smaller one may end where the next scan line would have been.
+    The smaller one may be short by up to one scan line.
     """
     smaller, larger = sorted((first, second), key=lambda f: float(f.outline.area))
     area = blurred(smaller.outline, 0.0, smaller.blur).area
@@ -108,7 +110,7 @@ def is_of_one_size(first: Footprint, second: Footprint) -> bool:
 
 
 def is_in_place(first: Footprint, second: Footprint) -> bool:
-    """Return whether two outlines are in one place, whatever their heights."""
+    """Return whether two outlines are at the same place in x and y, at any heights."""
     step = np.abs(second.middle - first.middle)[:2].max()
     return bool(step <= max(IN_PLACE, _larger_blur(first, second)))
 
@@ -118,9 +120,9 @@ def _larger_blur(first: Footprint, second: Footprint) -> float:
 
 
 def is_displaced(first: Footprint, second: Footprint) -> bool:
-    """Return whether a surface has left a place, and covers another one.
+    """Return whether a surface has moved from the first footprint to the second.
 
-    One that grew, as more of it was seen, is not displaced; nor is one of which a part went.
+    A surface that grew because more of it was seen is not displaced, nor is one that lost a part.
     """
     if abs(second.z - first.z) > MIN_LIFT:
         return True
@@ -132,16 +134,16 @@ def is_displaced(first: Footprint, second: Footprint) -> bool:
 
 
 def blurred(outline: BaseGeometry, border: float, *blurs: tuple[float, float]) -> BaseGeometry:
-    """Return all places at which a surface may be.
+    """Return the area in which a surface may be.
 
     Parameters
     ----------
     outline
-        Where it was measured, in x and y, m.
+        Measured outline in x and y, m.
     border
         Error of its edges in any direction, m.
     blurs
-        Of the footprints that are compared, m.
+        Blurs of the compared footprints, m.
     """
     grown = outline.buffer(border)
     shifts = [(s * x, s * y) for x, y in blurs if x or y for s in (-1.0, 1.0)]

@@ -1,7 +1,7 @@
-"""What views know of the edges of a surface: samples of its outline, and last points before edges.
+"""Samples of a surface's outline, and the last points of each view before its edges.
 
-A view knows that a surface ends where it looked through just beyond, at the surface's height. Where
-an object hid the rest, or the view ended, the outline of the points is no edge of the surface.
+A view observes an edge if it looked through the space just beyond, at the surface's height. Where
+an object occludes the rest, or the view ends, the outline of the points is no edge of the surface.
 """
 
 from __future__ import annotations
@@ -28,78 +28,80 @@ from tccm_ros.surfaces.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views import View
 
 STRAIGHT = 0.02
-"""The direction of an outline is that of its edges after simplification by this, m; chosen."""
+"""Simplification tolerance for the direction of an outline, m; chosen."""
 
 BEYOND = (0.10, 0.15)
-"""Distances beyond an outline, m, at one of which a view looked through; chosen: a column's edge
-and half as much more."""
+"""Distances beyond an outline at which free space is tested, m; chosen: the edge of a column, and
+1.5 times that."""
 
 CLEAR = 0.02
 """Min distance of a probe from the ends of its free interval, m; chosen."""
 
 OUTLINE_SIGMA = 0.008
-"""Standard deviation of an outline beside its sampling, m: noise, simplification; chosen."""
+"""Standard deviation of an outline without that of its sampling, m: noise, simplification;
+chosen."""
 
 SAMPLING_FRACTION = 0.3
 """Standard deviation of a sample between two scan lines, as a fraction of their distance: that of
-an even distribution, 1 / sqrt(12)."""
+a uniform distribution, 1 / sqrt(12)."""
 
 SAMPLING_BEYOND = 0.5
-"""The surface goes on between the last samples and the next by this fraction of the distance of
-scan lines (one sigma); chosen."""
+"""The surface extends beyond its last samples by this fraction of the distance of scan lines (one
+sigma); chosen."""
 
 PIECE = 0.03
-"""An edge is divided into pieces of this length, m, with one last point each; chosen."""
+"""Length of the pieces of an edge, m, each with one last point; chosen."""
 
 OVER = (0.1, 0.2, 0.3)
-"""Heights above a surface at which views look over what stands on it, m; chosen: objects."""
+"""Heights above a surface at which views look over the objects on it, m; chosen."""
 
 MIN_PIECES = 3
-"""A surface reaches as far as in this many pieces of an edge; chosen: one or two may be strays."""
+"""Min number of pieces of an edge that support its position; chosen: one or two may be stray
+points."""
 
 PROBES = 9
-"""Number of places along an edge that are tested for what views looked over; chosen."""
+"""Number of probes along an edge to test whether views looked over it; chosen."""
 
 INSIDE, OUTSIDE = 0.12, 0.05
-"""Points within these distances inside and outside of an edge may be its last, m; chosen."""
+"""Distances inside and outside of an edge within which a last point may be, m; chosen."""
 
 END_MARGIN = 0.03
-"""Points this near to the ends of an edge may belong to the next one, m; chosen."""
+"""Points within this distance of the ends of an edge may belong to the next one, m; chosen."""
 
 CROSSING = 0.3
-"""A scan line crosses an edge where the sine between them is at least this; chosen."""
+"""Min sine of the angle between an edge and a scan line that crosses it; chosen."""
 
 FACING_VIEW = -0.5
-"""An edge with a smaller cosine between the ray and its outward direction faces the view: lines
-that end there go on down its front. Chosen: 30 deg."""
+"""An edge faces the view if the cosine between the ray and its outward direction is smaller than
+this: scan lines continue down its front. Chosen: 30 deg."""
 
 LINE_INSIDE, LINE_LENGTH = 0.24, 0.36
-"""A line may end this far inside of an edge, and its points are counted this far, m; chosen: twice
-and three times `INSIDE`, as no line beside it shows where it ends."""
+"""Distances inside of an edge within which a line may end, and within which its points are counted,
+m; chosen: two and three times `INSIDE`, as no neighbouring line shows the end of the line."""
 
 MIN_FRACTION = 0.4
-"""A line has at least this fraction of the points of the median line; chosen: what noise carries
-over to the next one is less."""
+"""Min number of points of a line, as a fraction of that of the median line; chosen: noise moves
+fewer points to the next line."""
 
 REACHED = 0.018
-"""A view measured up to an edge if its last sample is within a distance of samples and this, m:
-three standard deviations of `edge_position.SIGMA`."""
+"""A view measured up to an edge if its last sample is within the sample distance plus this, m:
+three times `edge_position.SIGMA`."""
 
 EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
-"""What `median_sigma` gives for an even distribution, over its width: its median distance from the
-middle is a quarter of that."""
+"""`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
+a quarter of the width."""
 
 EYE_HEIGHT = 1.0
-"""Height over the base of a sensor of which nothing is known, m; chosen."""
+"""Height over the base of a sensor without a known viewpoint, m; chosen."""
 
 FRONT = 0.7
-"""At a near edge so many of the last samples are of the front below it; chosen: the height of the
-front that counts as the surface is that of a scan line's step or two."""
+"""Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
+the front that counts as surface is one or two scan lines high."""
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A straight edge in x and y of map, the surface to its left.
+    """A straight edge in x and y of map, with the surface to its left.
 
     Attributes
     ----------
@@ -130,14 +132,14 @@ class Edge:
 
 @dataclass(frozen=True)
 class EdgeSampler:
-    """The views of one surface, to be asked for its edges.
+    """Samples the edges of one surface from its views.
 
     Attributes
     ----------
     surface
         The surface.
     views, T_map_view
-        All views, and float64 (V, 4, 4).
+        All views, and their poses, float64 (V, 4, 4).
     config
         Uses the systematic errors of ``sensors``.
     """
@@ -157,7 +159,7 @@ class EdgeSampler:
         return {v: inverse(self.T_map_view[v]) for v in sorted(self.surface.views)}
 
     def outline_samples(self) -> OutlineSamples:
-        """Return samples all along the outline of what the views cover."""
+        """Return samples along the outline of the area that the views cover."""
         ring = shapely.geometry.polygon.orient(Polygon(self.surface.polygon.exterior), 1.0).exterior
         count = max(int(ring.length / SPACING), 8)
         at = (np.arange(count) + 0.5) / count
@@ -173,7 +175,7 @@ class EdgeSampler:
         return OutlineSamples(points, outward, sigma, sampling, seen, self._looked_through())
 
     def _looked_through(self) -> Float64:
-        """Return the squares near the outline that a view looked through, as `OutlineSamples`."""
+        """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""
         outline = Polygon(self.surface.polygon.exterior)
         x_min, y_min, x_max, y_max = outline.bounds
         axes = np.arange(x_min, x_max, PROBE), np.arange(y_min, y_max, PROBE)
@@ -187,7 +189,7 @@ class EdgeSampler:
         return points[through]
 
     def edge_samples(self, edge: Edge) -> EdgeSamples:
-        """Return the last points of each view before an edge; across 0 is the edge."""
+        """Return the last points of each view before an edge; the edge is at 0 across."""
         found = [self._of_patch(edge, member, cloud) for member, cloud in self._clouds]
         rows = [np.zeros((0, 6)), *(rows for rows in found if rows is not None)]
         table = np.concatenate(rows)
@@ -212,7 +214,7 @@ class EdgeSampler:
     def _line_ends(
         self, edge: Edge, member: NumberedPatch, cloud: Float64, direction: Float64
     ) -> Float64 | None:
-        """Return the rows of scan lines that cross an edge, one for each that ends near it."""
+        """Return the rows of the scan lines that cross an edge and end near it, one for each."""
         offset = cloud[:, :2] - edge.start
         at, across = offset @ edge.along, offset @ edge.outward
         sine, cosine = float(direction @ edge.outward), float(direction @ edge.along)
@@ -240,7 +242,7 @@ class EdgeSampler:
     def _pieces(
         self, edge: Edge, member: NumberedPatch, cloud: Float64, direction: Float64 | None
     ) -> Float64 | None:
-        """Return the rows of the pieces of an edge, one for the last point of each."""
+        """Return the rows of the pieces of an edge, one for the last point of each piece."""
         offset = cloud[:, :2] - edge.start
         at, across = offset @ edge.along, offset @ edge.outward
         near = (at > END_MARGIN) & (at < edge.length - END_MARGIN)
@@ -272,11 +274,11 @@ class EdgeSampler:
         gap: Float64,
         front: Float64,
     ) -> Float64:
-        """Return rows of `EdgeSamples` with whether the view looked past each, and weights.
+        """Return rows of `EdgeSamples`, with flags for observed ends, and weights.
 
-        It looked past a last point where it did so beyond that point: the edge may be a wrong
-        guess. Where it looked nowhere beyond, the view ends, and the distance of samples says
-        nothing of where the surface does.
+        Free space is tested beyond the last point, not beyond the edge, which is only a first
+        guess. If the view looked nowhere beyond the point, the view ends there, and the sample
+        distance tells nothing about the end of the surface.
         """
         points = edge.start + at[:, None] * edge.along
         points = points + np.minimum(last, 0.0)[:, None] * edge.outward
@@ -287,15 +289,15 @@ class EdgeSampler:
         return np.stack([at, last, gap, front, ends, weight], axis=1)
 
     def _cosines(self, edge: Edge, member: NumberedPatch, at: Float64) -> Float64:
-        """Return the cosines between rays to places of an edge and its outward direction."""
+        """Return the cosines between the rays to points of an edge and its outward direction."""
         rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
     def seen_fraction(self, edge: Edge) -> float:
-        """Return in which fraction of the pieces of an edge a view measured up to it and past it.
+        """Return the fraction of the pieces of an edge at which a view observed the edge.
 
-        Pieces without any point of the surface do not count: scan lines may be further from each
-        other than pieces are long.
+        Pieces without points of the surface do not count: the distance of scan lines may be larger
+        than a piece.
         """
         found = self.edge_samples(edge)
         is_end = found.ends & (np.abs(found.last) <= found.gap + REACHED)
@@ -303,15 +305,15 @@ class EdgeSampler:
         return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
 
     def reached_fraction(self, edge: Edge, distance: float) -> float:
-        """Return in which fraction of the pieces of an edge the surface comes so near to it, m."""
+        """Return the fraction of the pieces of an edge with a point within `distance`, m, of it."""
         last = self._last_points(edge, np.inf)
         return float(np.mean(last[np.isfinite(last)] >= -distance)) if len(last) else 0.0
 
     def ragged_sigma(self, edge: Edge) -> float:
-        """Return the deviation of last samples across an edge beyond that of sampling, m.
+        """Return the standard deviation of last samples across an edge in excess of sampling, m.
 
-        The samples of an edge of the surface are in line. Those at the rim of what something else
-        hides from the views are not, and the views do not know by how much all of them fall short.
+        The samples of a true edge are collinear. Those at the border of an occlusion are not, and
+        all of them fall short of the true edge by an unknown amount.
         """
         found = self.edge_samples(edge)
         last, gap = found.last[found.ends], found.gap[found.ends]
@@ -322,9 +324,9 @@ class EdgeSampler:
         return max(spread**2 - expected, 0.0) ** 0.5
 
     def shared_sigma(self, edge: Edge) -> float:
-        """Return the deviation across an edge of what all points of its views share, m.
+        """Return the standard deviation across an edge of the systematic error of its views, m.
 
-        It is that of one sensor on all views: errors of range along opposite rays cancel out.
+        One sensor took all views: range errors along opposite rays cancel.
         """
         middle = self.surface.lift(0.5 * (edge.start + edge.end)[None])
         moved = []
@@ -338,20 +340,24 @@ class EdgeSampler:
         return float(np.linalg.norm(np.stack(moved).mean(axis=0)))
 
     def furthest(self, edge: Edge, limit: float) -> float:
-        """Return how far across an edge the surface was measured, m; -inf: nowhere.
+        """Return the largest distance across an edge at which the surface was measured, m.
 
         Parameters
         ----------
         edge
-            With the surface to its left.
+            The edge, with the surface to its left.
         limit
             Points further across than this do not count, m.
+
+        Returns
+        -------
+        float, positive outwards; -inf without any point.
         """
         last = self._last_points(edge, limit)
         return float(np.sort(last)[-min(MIN_PIECES, len(last))])
 
     def _last_points(self, edge: Edge, limit: float) -> Float64:
-        """Return how far across each piece of an edge the surface was measured, m; -inf: not."""
+        """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
         at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
         near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
@@ -375,10 +381,10 @@ class EdgeSampler:
         return bool(((origins - middle) @ edge.outward > 0.0).mean() > 0.5)
 
     def may_go_on(self, area: Polygon) -> bool:
-        """Return whether the surface may cover an area: what stands on it may hide it there.
+        """Return whether the surface may extend into an area where objects on it occlude it.
 
-        No view looked through it at the height of the surface, and most of it is below what some
-        views looked through: a cabinet as high as the room is no object on a worktop.
+        No view looked through the area at the height of the surface, and views looked through the
+        space above most of it: a cabinet as high as the room is no object on a worktop.
         """
         at = self.surface.lift(probes(area, self.surface.height)[:, :2])
         if not len(at):
@@ -403,7 +409,7 @@ class EdgeSampler:
         return bool(shapely.intersects(ways, other.polygon).any())
 
     def _looks_past(self, view: int, points: Float64, outward: Float64) -> Bool:
-        """Return whether a view looked through just beyond places of an outline."""
+        """Return whether a view looked through just beyond each point of an outline, bool (N,)."""
         through = np.zeros(len(points), bool)
         for beyond in BEYOND:
             probes = self.surface.lift(points + beyond * outward)
@@ -412,7 +418,10 @@ class EdgeSampler:
         return through
 
     def _looks_beyond(self, view: int, points: Float64, outward: Float64) -> Bool:
-        """Return whether a view looked into columns beyond places of an outline, at any height."""
+        """Return whether a view looked into the columns beyond each point of an outline.
+
+        Free space at any height counts.
+        """
         into = np.zeros(len(points), bool)
         for beyond in BEYOND:
             probes = self.surface.lift(points + beyond * outward)
@@ -431,11 +440,12 @@ def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:
 
 
 def _gaps(cosine: Float64, spacing: float, beam: float) -> Float64:
-    """Return the distance across an edge to where the next sample would be, m.
+    """Return the distance across an edge from a last sample to the next one, m.
 
-    Scan lines have a distance of `spacing`, and samples a distance of `beam` across the edge;
-    `cosine` is that between the edge and the lines. Where their direction is not known, they run
-    around the robot: then it is that between the ray and the outward direction.
+    Scan lines have a distance of `spacing`, and samples a distance of `beam` across the edge.
+    `cosine` is that of the angle between the edge and the scan lines. If their direction is
+    unknown, they are assumed to run around the robot: then it is that of the angle between the ray
+    and the outward direction.
     """
     lines = spacing * np.abs(cosine)
     return np.asarray(lines + beam * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), np.float64)

@@ -1,9 +1,9 @@
-"""What the wall map says of the edges of a surface.
+"""Walls of the map as constraints on the edges of a surface.
 
-A wall behind a surface bounds it. A block of furniture hides the wall behind it from the level
-laser, which has a wall to either side of it then, and a gap between them: the wall goes on there.
-In front, the level laser sees the block itself, whose front is a wall of the map as well: the top
-goes on as far as its front does.
+A wall behind a surface bounds it. A block of furniture occludes the wall behind it from the level
+laser; the map then has a wall to either side of the block and a gap between them, and the wall is
+continued over the gap. The front of the block is a wall of the map as well: the top extends as far
+as its front.
 """
 
 from __future__ import annotations
@@ -19,39 +19,40 @@ from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.edge_samples import Edge
 
 WALL_DISTANCE = 0.12
-"""An edge this near to a wall may be at the wall, m; chosen: what objects before a wall hide."""
+"""Max distance of an edge from a wall at which it may end, m; chosen: the depth that objects before
+a wall occlude."""
 
 WALL_YAW = np.radians(4.0)
-"""An edge within this of a wall's direction may run along it; chosen."""
+"""Max yaw between an edge and a wall along which it may run, rad; chosen."""
 
 AT_WALL = 0.015
-"""An edge this near to a wall ends there, m; chosen: three deviations."""
+"""An edge within this distance of a wall ends at it, m; chosen: three standard deviations."""
 
 CROSSED = 0.08
-"""Outlines go on beyond a wall that bounds them by at most this, m; chosen: a distance of scan
-lines."""
+"""Max extent of an outline beyond a wall that bounds it, m; chosen: a distance of scan lines."""
 
 OVERHANG = 0.03
-"""A board ends at most this far before or behind the front below it, m; chosen: a worktop."""
+"""Max distance of the edge of a board from the front below it, m; chosen: a worktop."""
 
 CORNER_STEP = 0.25
-"""An end that is a corner may have been moved there by up to this, m: `slam.corners.JOINED`."""
+"""Max distance by which the end of a wall may have been moved to a corner, m:
+`slam.corners.JOINED`."""
 
 SAME_POINT = 1e-6
-"""Ends of walls within this are one corner, m; chosen: rounding."""
+"""Max distance of the ends of two walls that form one corner, m; chosen: rounding."""
 
 ONE_LINE = 0.03
-"""Two walls are on one line where the ends of each are within this of the line of the other, m;
-chosen: the faces of two pieces of furniture are further from each other."""
+"""Max distance of the ends of a wall from the line of another wall that it continues, m; chosen:
+the faces of two pieces of furniture are further from each other."""
 
 
 def walls_near(outline: Polygon, walls: Float64) -> Float64:
-    """Return the walls near an outline, and those that what is there hides.
+    """Return the walls near an outline, including walls that furniture there occludes.
 
     Parameters
     ----------
     outline
-        Of a surface, in x and y of map.
+        Outline of a surface, in x and y of map.
     walls
         float64 (W, 2, 2), ends of the walls in map, m.
 
@@ -65,7 +66,7 @@ def walls_near(outline: Polygon, walls: Float64) -> Float64:
 
 
 def _is_crossed(outline: Polygon, wall: Float64) -> bool:
-    """Return whether an outline is on both sides of a wall, which does not bound it then."""
+    """Return whether an outline is on both sides of a wall; such a wall does not bound it."""
     along = wall[1] - wall[0]
     normal = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
     beside = shapely.LineString(wall).buffer(float(outline.length), cap_style="flat")
@@ -74,7 +75,7 @@ def _is_crossed(outline: Polygon, wall: Float64) -> bool:
 
 
 def _walls_behind(outline: Polygon, walls: Float64) -> Iterator[Float64]:
-    """Yield the walls from one wall to another on its line, beside which an outline is."""
+    """Yield the gaps between two collinear walls that are beside an outline, as walls."""
     length = np.hypot(*(walls[:, 1] - walls[:, 0]).T)
     beside = shapely.dwithin(_lines(walls, float(outline.length)), outline, WALL_DISTANCE)
     for i, j in combinations(np.flatnonzero(beside).tolist(), 2):
@@ -91,7 +92,7 @@ def _walls_behind(outline: Polygon, walls: Float64) -> Iterator[Float64]:
 
 
 def _lines(walls: Float64, beyond: float) -> shapely.Geometry:
-    """Return walls that go on beyond their ends by a length, m."""
+    """Return walls extended at both ends by a length, m."""
     along = walls[:, 1] - walls[:, 0]
     along = along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     ends = np.stack([walls[:, 0] - beyond * along, walls[:, 1] + beyond * along], axis=1)
@@ -99,18 +100,18 @@ def _lines(walls: Float64, beyond: float) -> shapely.Geometry:
 
 
 def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
-    """Return how far the front below an edge goes on beyond one of its ends, m; 0: it does not.
+    """Return the extent of the front below an edge beyond one of its ends, m; 0: none.
 
-    Walls that nearly meet end in one corner: a front may end before it.
+    Walls that nearly meet are joined in a corner, so that a front may end before it.
 
     Parameters
     ----------
     edge
-        That faces the views.
+        An edge that faces the views.
     outward
         float64 (2,), unit, along the edge towards that end.
     walls
-        float64 (W, 2, 2), ends of the walls in map, m, without those that are hidden.
+        float64 (W, 2, 2), ends of the walls in map, m, without occluded walls.
     """
     front = wall_along(edge, walls)
     across = wall_across(edge, walls)
@@ -137,7 +138,7 @@ def yaw_of(direction: Float64) -> float:
 
 
 def wall_across(edge: Edge, walls: Float64) -> float | None:
-    """Return how far across an edge the wall is that it runs along, m; None: there is none."""
+    """Return the distance across an edge of the wall that it runs along, m; None: no such wall."""
     wall = wall_along(edge, walls)
     if wall is None:
         return None
@@ -148,7 +149,7 @@ def wall_across(edge: Edge, walls: Float64) -> float | None:
 
 
 def wall_along(edge: Edge, walls: Float64) -> Float64 | None:
-    """Return the nearest wall that runs along an edge, float64 (2, 2); None: there is none."""
+    """Return the nearest wall that runs along an edge, float64 (2, 2); None: no such wall."""
     best, nearest = None, WALL_DISTANCE
     line = shapely.LineString([edge.start, edge.end])
     for wall in walls:

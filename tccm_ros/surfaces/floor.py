@@ -1,4 +1,4 @@
-"""The floor: its height, the surfaces that belong to it, and the joining of its pieces."""
+"""The floor: its height, its surfaces, and the joining of its pieces."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
 MIN_AREA = 0.3
-"""Smallest surface that counts for the height of the floor, m2; chosen."""
+"""Min area of a surface that supports the height of the floor, m2; chosen."""
 
 TOLERANCE = 0.06
-"""Max difference in height of surfaces that are floor, m; chosen: 0.7 deg of tilt at 5 m."""
+"""Max difference in height of surfaces of the floor, m; chosen: 0.7 deg of tilt at 5 m."""
 
 MIN_OVERLAP = 0.1
-"""Pieces of different views that overlap by at least this area, m2, are the same floor; chosen."""
+"""Min overlap of pieces of different views that are one floor, m2; chosen."""
 
 
 def find_floor(surfaces: list[MergedSurface], config: Config) -> float | None:
-    """Return the height of the floor in map, m; None where no floor was seen.
+    """Return the height of the floor in map, m; None if no floor was seen.
 
-    The height of the floor is the one that most area of the low surfaces supports; of two with
-    equal support, the lower one. The lowest surface is not the floor: reflections are below the
-    floor, and so is a far part of it where the tilt zero is wrong.
+    The height with the largest supporting area among the low surfaces is that of the floor; of two
+    heights with equal support, the lower one. The lowest surface need not be the floor: reflections
+    are below it, and so are far parts of it if the tilt zero is wrong.
     """
     low = [s for s in surfaces if s.height <= config.surfaces.max_floor_height]
     low = [s for s in low if s.polygon.area >= MIN_AREA]
@@ -56,11 +56,10 @@ def join_floor(
 ) -> list[MergedSurface]:
     """Join pieces of the floor over occluded areas, and pieces of different views that overlap.
 
-    Errors of the sensor bend the floor and leave steps where strips of it are missing. So pieces of
-    the floor need not be coplanar as those of furniture: their heights may differ by `TOLERANCE`,
-    and an area between them counts as seen through only where a view looked deeper than that. Two
-    overlapping pieces of different views are one floor, whatever their heights. Pieces that touch
-    are not joined: a step between them stays.
+    Sensor errors bend the floor and leave steps at missing strips. So pieces of the floor need not
+    be coplanar like those of furniture: their heights may differ by `TOLERANCE`, and a view must
+    look deeper than that between them to separate them. Overlapping pieces of different views are
+    one floor at any heights. Pieces that touch are not joined: a step between them stays.
 
     Parameters
     ----------
@@ -69,13 +68,13 @@ def join_floor(
     floor_z
         Height of the floor, m; None: unknown, and nothing is joined.
     views, T_map_view
-        V views, and float64 (V, 4, 4).
+        V views, and their poses, float64 (V, 4, 4).
     config
         Uses `views.clear_margin`.
 
     Returns
     -------
-    The surfaces of the floor, joined, and then the others as they were.
+    The joined surfaces of the floor, followed by the other surfaces, unchanged.
     """
     floor = [s for s in surfaces if is_floor(s, floor_z)]
     others = [s for s in surfaces if not is_floor(s, floor_z)]
@@ -93,7 +92,7 @@ def join_floor(
 
 
 def _overlap(a: MergedSurface, b: MergedSurface) -> Polygon | None:
-    """Return the largest area that two pieces of different views both cover; None: none."""
+    """Return the largest overlap of two pieces of different views; None: too small or none."""
     if not a.views.isdisjoint(b.views) or not shapely.intersects(a.polygon, b.polygon):
         return None
     shared = largest_part(polygons_of(a.polygon.intersection(b.polygon)))

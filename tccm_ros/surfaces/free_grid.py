@@ -1,4 +1,4 @@
-"""The free columns of a view as a grid, for the question what of other views it looked through."""
+"""The free columns of a view as a grid, to test points of other views against its free space."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tccm_ros.kernels import kernel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeGrid:
-    """Free intervals by the column of a grid that holds them all.
+    """Free intervals indexed by a dense grid of columns.
 
     Attributes
     ----------
@@ -55,14 +55,14 @@ class FreeGrid:
         margins: tuple[float, float],
         is_near_enough: bool = False,
     ) -> bool:
-        """Return whether any point counts: is near, and lies in a free interval.
+        """Return whether any point in range is in a free interval.
 
         Parameters
         ----------
         points, T, max_range, margins
-            As of `look`.
+            As in `look`.
         is_near_enough
-            Whether a point counts that is near.
+            Whether any point in range counts, free or not.
         """
         grid = self.cell_size, self.corner, self.first, self.low, self.high
         return bool(_touches(points, T, max_range, margins, is_near_enough, *grid))
@@ -70,14 +70,14 @@ class FreeGrid:
     def may_touch(
         self, blocks: Float64, T: Float64, max_range: float, margins: tuple[float, float]
     ) -> bool:
-        """Return whether any of the points in blocks may count; False is certain.
+        """Return whether any point of the blocks may be in a free interval; False is certain.
 
         Parameters
         ----------
         blocks
             float64 (B, 5), of `blocks_of`, in the other view.
         T, max_range, margins
-            As of `look`.
+            As in `look`.
         """
         grid = self.cell_size, self.corner, self.first, self.low, self.high
         return bool(_may_touch(blocks, T, max_range, margins, *grid))
@@ -85,38 +85,37 @@ class FreeGrid:
     def look(
         self, points: Float32, T: Float64, max_range: float, margins: tuple[float, float]
     ) -> tuple[Float64, Bool, Float64]:
-        """Look at points of another view.
+        """Test points of another view against the free space of this one.
 
         Parameters
         ----------
         points
             float32 (N, 3), in the other view, m.
         T
-            float64 (4, 4), the other view in this one.
+            float64 (4, 4), pose of the other view in this one.
         max_range
-            Horizontal distance up to which this view sees, m.
+            Max horizontal range of this view, m.
         margins
-            A point lies in an interval if it is so far from its ends: in m, and more in m for each
-            m of distance.
+            Min distance of a free point from the ends of its interval: a constant, m, and a part
+            proportional to the horizontal distance of the point, m per m.
 
         Returns
         -------
         points : float64 (N, 3)
-            In this view.
+            The points in this view, m.
         is_through : bool (N,)
-            Whether this view looked through them.
+            Whether this view looked through each point.
         margin : float64 (N,)
-            m; -1 for a point beyond `max_range`.
+            Margin of each point, m; -1 beyond `max_range`.
         """
         grid = self.cell_size, self.corner, self.first, self.low, self.high
         return _look(points, T, max_range, margins, *grid)
 
 
 def blocks_of(points: Float32, size: float) -> Float64:
-    """Return blocks that hold points (N, 3), float64 (B, 5).
+    """Return the bounds of points (N, 3) in columns of edge `size`, m, float64 (B, 5).
 
-    A row is the middle x, y and z of a block, its horizontal radius, and half its height, m. Blocks
-    are columns whose edge is `size`, m.
+    A row is the centre x, y and z of a block, its horizontal radius, and half its height, m.
     """
     exact = points.astype(np.float64)
     keys = column_keys(exact, size)
@@ -130,7 +129,7 @@ def blocks_of(points: Float32, size: float) -> Float64:
 
 @kernel(inline="always")
 def _moved(points, k, T):  # type: ignore[no-untyped-def]
-    """Return point k in another frame; a row of its own would be counted by reference."""
+    """Return point k in another frame, as scalars: an array would cost reference counting."""
     x, y, z = np.float64(points[k, 0]), np.float64(points[k, 1]), np.float64(points[k, 2])
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
@@ -141,7 +140,7 @@ def _moved(points, k, T):  # type: ignore[no-untyped-def]
 
 @kernel(inline="always")
 def _is_free(x, y, z, margin, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
-    """Return whether a point lies in a free interval, `margin` m from its ends."""
+    """Return whether a point is in a free interval, at least `margin` m from its ends."""
     i = np.int64(np.floor(x / cell_size)) - corner[0]
     j = np.int64(np.floor(y / cell_size)) - corner[1]
     if i < 0 or j < 0 or i >= first.shape[0] or j >= first.shape[1] - 1:

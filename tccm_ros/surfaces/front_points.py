@@ -1,9 +1,9 @@
-"""Points of the front below the near edge of a surface, that a plane through both took in.
+"""Detection of points on the front below the near edge of a surface.
 
-Of a board just below the laser a few scan lines lie on the top, and as many beams on the few
-centimetres of its front. A plane through both rises away from the robot, and is too low. Where the
-far half of the points is level by itself, and what is lower than that leaves no slope when it is
-removed, it is the front.
+On a board just below the laser, only a few scan lines are on the top, and as many beams are on the
+few centimetres of its front. A plane fit through both rises away from the robot and is too low.
+Points that are lower than the far half of the points are on the front if the plane fit has much
+less slope without them.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.thinning import cell_means
 
 MIN_SLOPE = 0.015
-"""A surface that rises by less than this, and away from the robot, has no front in it; chosen: the
-roll and pitch of a base, and what a few scan lines leave open."""
+"""Min slope, away from the robot, of a plane fit that may include a front; chosen: roll and pitch
+of a base, and the uncertainty of a few scan lines."""
 
 MAX_SLOPE_LEFT = 0.5
-"""Without the front the slope is less than this fraction of that with it; chosen: a ramp keeps its
-slope whatever is removed."""
+"""Max ratio of the slopes without and with the front; chosen: a ramp keeps its slope without its
+low points."""
 
 CELL = 0.02
-"""Points are counted once for each cell of this edge, m: a scan line on a front has many beams."""
+"""Edge of the cells in which points are averaged, m: a scan line on a front has many beams."""
 
 BELOW, SIGMAS = 0.003, 3.0
-"""Points of a front are lower than the far half by more than this, m, and so many of its standard
-deviations; chosen."""
+"""Points on a front are lower than the far half by more than this distance, m, plus this number of
+its standard deviations; chosen."""
 
 
 def are_on_front(points: Float64) -> Bool:
-    """Return which points of a patch are of the front below its near edge, bool (N,).
+    """Return whether each point of a patch is on the front below its near edge, bool (N,).
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Joining: pieces of one surface are joined over the occluded area between them.
+"""Joining: merge pieces of one surface over the occluded area between them.
 
-An object on a sideboard hides a strip across its whole depth, and the sensor may leave out a strip
-of the floor. Two coplanar pieces are one surface if no view looked through the area between them. A
-single scan line is one with what is beside it where their expected areas nearly touch.
+An object on a sideboard occludes a strip across its whole depth, and the sensor may leave out a
+strip of the floor. Two coplanar pieces are one surface if no view looked through the area between
+them. A single scan line is joined with a piece beside it only if their outlines nearly touch.
 """
 
 from __future__ import annotations
@@ -31,39 +31,40 @@ from tccm_ros.surfaces.surface_errors import SurfaceErrors, step_variance, surfa
 from tccm_ros.surfaces.views import View
 
 JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
-"""Returns the area between two pieces, in x and y of map, if they are one surface, else None."""
+"""Returns the area between two pieces of one surface, in x and y of map; None if they are not."""
 
 SightFunction = Callable[[MergedSurface], tuple[tuple[int, int], tuple[int, int]]]
-"""Returns the keys (session and stamp) of the view that first showed a piece where it is, and of
-the last one."""
+"""Returns the keys (session and stamp) of the first and the last view that showed a piece at its
+place."""
 
 CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 """Returns whether two pieces agree in height at a position, float64 (2,), in map."""
 
 MIN_WALL_DISTANCE = 0.05
-"""Pieces on two sides of a wall have their centroids at least this far from it, m; chosen."""
+"""Min distance from a wall of the centroids of two pieces on its two sides, m; chosen."""
 
 MIN_FACING_FRACTION = 0.5
-"""Pieces face each other along at least this fraction of the narrower one's width; chosen."""
+"""Min length along which two pieces face each other, as a fraction of the narrower one's width;
+chosen."""
 
 MAX_FACING_WIDTH = 1.0
-"""Width beyond this does not count for `MIN_FACING_FRACTION`, m: floors of rooms meet in doorways;
+"""Upper limit of the width for `MIN_FACING_FRACTION`, m: floors of rooms meet in doorways;
 chosen."""
 
 OVERLAP = 2e-3
-"""Areas between pieces are grown by this, m, so that they overlap the pieces that they touch.
-Chosen: more than rounding of coordinates, less than any gap."""
+"""Buffer of the areas between pieces, m, so that they overlap the pieces that they touch. Chosen:
+more than rounding of coordinates, less than any gap."""
 
 
 def join(pieces: Sequence[MergedSurface], between: JoinAreaFunction) -> list[MergedSurface]:
-    """Join pieces that are one surface, directly or over others.
+    """Join pieces that are one surface, directly or through other pieces.
 
     Parameters
     ----------
     pieces
         Surfaces, in the order of their first patches.
     between
-        Is called for each pair, in order.
+        Decides for each pair, in order.
 
     Returns
     -------
@@ -91,10 +92,10 @@ def join_over_occlusions(
     sights: SightFunction,
     config: Config,
 ) -> list[MergedSurface]:
-    """Join pieces that are coplanar and between which no view looked through.
+    """Join coplanar pieces if no view looked through the area between them.
 
-    What views saw there before one of the pieces came tells nothing, and one that was not seen
-    since then may be there no more.
+    Views older than the newer piece are ignored. A piece that was not seen since the newer one
+    appeared may be gone and is not joined.
 
     Parameters
     ----------
@@ -103,12 +104,12 @@ def join_over_occlusions(
     views
         V views.
     T_map_view, cov_z_roll_pitch
-        float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch).
+        float64 (V, 4, 4), poses, and (V, 3, 3), covariances of (z, roll, pitch), of the views.
     walls
         float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
         joined.
     sights
-        When a piece was seen where it is.
+        Returns the first and the last view of a piece at its place.
     config
         Uses `surfaces.max_step` and `views.clear_margin`.
     """
@@ -117,7 +118,7 @@ def join_over_occlusions(
 
     @cache
     def seen(piece: MergedSurface) -> tuple[int, int]:
-        """Return the first view after a piece came, and the last one that showed it."""
+        """Return the indices of the first view since a piece appeared, and of the last with it."""
         placed, last = (bisect_left(keys, key) for key in sights(piece))
         before = views[:placed], T_map_view[:placed]
         return last_empty_view(piece.polygon, piece.height, *before, config) + 1, last
@@ -135,7 +136,10 @@ def join_over_occlusions(
 
 
 def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool:
-    """Return whether the shortest line from one piece to another crosses a wall."""
+    """Return whether a wall separates two pieces.
+
+    The shortest line between them crosses it, and their centroids are on its two sides.
+    """
     way = shapely.shortest_line(a.polygon, b.polygon)
     crossed = walls[shapely.intersects(shapely.linestrings(walls), way)]
     along = crossed[:, 1] - crossed[:, 0]
@@ -147,7 +151,7 @@ def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool
 
 
 def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) -> CoplanarityTest:
-    """Return the test whether the planes of two pieces agree, by the gates that `contact` has."""
+    """Return a test whether the planes of two pieces agree, with the gates of `contact`."""
 
     @cache
     def errors_of(piece: MergedSurface) -> SurfaceErrors:
@@ -164,14 +168,14 @@ def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) ->
 def are_beside(
     a: MergedSurface, b: MergedSurface, is_coplanar: CoplanarityTest, config: Config
 ) -> bool:
-    """Return whether two pieces are near to each other, and agree in height where they are nearest.
+    """Return whether two pieces are near each other and agree in height where they are nearest.
 
     Parameters
     ----------
     a, b
         Two pieces.
     is_coplanar
-        Whether they agree in height.
+        Tests whether they agree in height.
     config
         Uses `surfaces.merge_distance`, for pieces that are lines.
     """
@@ -191,22 +195,22 @@ def occluded_area_between(
     config: Config,
     depth: float = 0.0,
 ) -> Polygon | None:
-    """Return the largest area between two pieces that no view looked through; None: none.
+    """Return the largest occluded area between two pieces; None: there is none.
 
     Parameters
     ----------
     a, b
         Two pieces that are beside each other.
     views, T_map_view
-        Views, and float64 (V, 4, 4).
+        Views, and their poses, float64 (V, 4, 4).
     config
         Uses `views.clear_margin`.
     depth
-        A view looked through where it did so this far below the pieces, m.
+        Depth below the pieces at which free space is tested, m.
     """
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))
-    side = int(a.is_line or b.is_line)  # a line is as wide as its noise: it faces what is beside it
+    side = int(a.is_line or b.is_line)  # the width of a line is noise: use the longer sides
     width = min(box_sides(a.polygon)[side], box_sides(b.polygon)[side], MAX_FACING_WIDTH)
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
         if part.area < MIN_OCCLUDED_AREA or _facing(part, a, b) < MIN_FACING_FRACTION * width:
@@ -225,10 +229,10 @@ def _facing(part: Polygon, a: MergedSurface, b: MergedSurface) -> float:
 
 
 def _joined(pieces: Sequence[MergedSurface], areas: Sequence[Polygon]) -> MergedSurface:
-    """Return one surface of pieces and the areas between them."""
+    """Merge pieces and the areas between them into one surface."""
     if len(pieces) == 1:
         return pieces[0]
-    # An area touches the pieces along its edges alone: overlap makes one polygon of them.
+    # An area only touches the pieces: the buffer makes the union one polygon.
     grown = [area.buffer(OVERLAP, join_style="mitre") for area in areas]
     union = shapely.union_all([*(piece.polygon for piece in pieces), *grown], grid_size=GRID)
     members = sorted((m for piece in pieces for m in piece.members), key=lambda m: m.number)

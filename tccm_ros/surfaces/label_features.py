@@ -1,4 +1,4 @@
-"""The features of a surface that the rules of the labels use.
+"""Features of a surface for the label rules.
 
 They are height, width, length, area, nearby walls, and relations to the surfaces above, below and
 beside it: boards of a shelf, the back of a sofa, the surface under a step, the treads of stairs.
@@ -17,43 +17,45 @@ from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 
 MIN_OVERLAP = 0.5
-"""Min overlap of the footprints of surfaces over each other, as a fraction of one; chosen."""
+"""Min overlap of the footprints of stacked surfaces, as a fraction of the larger one; chosen. A
+back overlaps its seat by less than this fraction of itself."""
 
 MIN_CARRIED = 0.3
-"""A step has at least this fraction of its outline on or near the surface that carries it; chosen:
-one side of four is enough, as the surface behind a stove may never be seen."""
+"""Min fraction of a step's outline on or near the surface that carries it; chosen: one side of four
+is enough, as the surface behind a stove may never be seen."""
 
 MAX_BACK_WIDTH = 0.40
-"""The top of the back of a sofa is no wider than this, m; chosen."""
+"""Max width of the top of a sofa's back, m; chosen."""
 
 MIN_BACK_LENGTH = 0.8
-"""A back runs along at least this fraction of its seat's length; chosen."""
+"""Min fraction of a seat's length along which its back runs; chosen."""
 
 MIN_BOARD_DEPTH = 0.75
-"""A board over another does not make the lower one a shelf if its depth is less than this fraction
-of the lower one's; chosen: boards hang over worktops and desks."""
+"""Min depth of a board over a shelf, as a fraction of the lower board's depth; chosen: narrower
+boards hang over worktops and desks."""
 
 SLENDER = 3.0
-"""A surface is slender if its length is at least this many times its width; chosen."""
+"""Min ratio of length to width of a slender surface; chosen."""
 
 NARROW = 0.4
-"""Width of a box, m, up to which irregular edges are a large fraction of it; chosen."""
+"""Max width of a box of which irregular edges are a large fraction, m; chosen."""
 
 RAGGED = 0.08
-"""Deviation of outlines from straight edges, m; chosen."""
+"""Tolerance of the smoothing of irregular outlines, m; chosen."""
 
 MIN_TREADS = 3
-"""At least this many treads in a row are stairs; chosen."""
+"""Min number of successive treads of stairs; chosen."""
 
 MIN_TREAD_CONTACT = 0.5
-"""Two treads are adjacent along at least this fraction of the longer one's length; chosen."""
+"""Min length along which two treads are adjacent, as a fraction of the longer one's length;
+chosen."""
 
 MAX_GOING = 0.5
 """Max horizontal distance of the centroids of two treads, m; chosen."""
 
 MAX_TREAD_OVERLAP = 0.5
-"""Two treads overlap by less than this fraction of the smaller one: else they are boards over each
-other; chosen."""
+"""Max overlap of two treads, as a fraction of the smaller one; chosen: boards over each other
+overlap by more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,25 +65,25 @@ class Features:
     Attributes
     ----------
     height
-        Above the floor (above the map's origin where no floor is known).
+        Height above the floor, or above the map's origin if no floor is known.
     width
-        As of `outline_width`.
+        Width by `outline_width`.
     length
-        Of the narrowest box.
+        Length of the narrowest box.
     area
-        Of the outline.
+        Area of the outline.
     at_wall
-        Fraction of the outline that is near a wall.
+        Fraction of the outline near a wall.
     stacked
         Whether another board is above or below at the distance of shelf boards.
     carried
-        Whether it rises a step's height above a surface that carries it.
+        Whether it is a step's height above a surface that carries it.
     backed
-        Whether something higher runs along one of its long sides, as the back of a sofa does.
+        Whether a higher surface runs along one of its long sides, like the back of a sofa.
     filled
-        Fraction of its narrowest box that lies within its outline.
+        Fraction of its narrowest box that its outline covers.
     in_flight
-        Whether it is one of several treads, each beside and above the one before.
+        Whether it is one of several treads, each beside and above the previous one.
     """
 
     height: float
@@ -104,12 +106,12 @@ class Features:
 def features_of(
     surfaces: list[MergedSurface], floor_z: float | None, walls: Float64 | None, rules: Labels
 ) -> list[Features]:
-    """Return the features of surfaces, each among the others.
+    """Return the features of surfaces, including their relations to each other.
 
     Parameters
     ----------
     surfaces
-        All that are not floor.
+        All surfaces except the floor.
     floor_z
         Height of the floor, m; None: unknown.
     walls
@@ -154,11 +156,11 @@ def _features(
 def outline_width(polygon: shapely.Polygon) -> float:
     """Return the width of a surface, m.
 
-    It is that of the narrowest box around the outline, with two exceptions. An outline that fills
-    less than half of its box is a band with a bend, as of an L-shaped counter: its width is that of
-    the rectangle of the same area and perimeter. The outline is smoothed first, as an irregular
-    edge is long. The width of a narrow band without a bend is area over length, as waves of its
-    edges would be a large fraction of its box.
+    The width is that of the narrowest box around the outline, with two exceptions. An outline that
+    fills less than half of its box is a bent band, like an L-shaped counter: its width is that of
+    the rectangle with the same area and perimeter, after smoothing, as an irregular edge is long.
+    The width of a narrow straight band is area over length, as its irregular edges would be a large
+    fraction of its box.
     """
     sides, whole = box_sides(polygon), shapely.Polygon(polygon.exterior)
     smooth = whole.simplify(RAGGED)
@@ -199,8 +201,8 @@ def _is_carried(surface: MergedSurface, other: MergedSurface, rules: Labels) -> 
 def _is_back(back: MergedSurface, seat: MergedSurface, rules: Labels) -> bool:
     """Return whether a surface is the top of a back along a seat.
 
-    A back is higher than the seat, narrow, and beside most of its length, not over it. A headboard
-    is no back: it is along the short side of a bed.
+    A back is narrow, higher than the seat, and beside most of the seat's length, not over it. A
+    headboard is no back: it runs along the short side of a bed.
     """
     low, high = rules.back_height
     if not low <= back.height - seat.height <= high:
@@ -220,7 +222,7 @@ def treads(surfaces: list[MergedSurface], rules: Labels) -> list[MergedSurface]:
     Parameters
     ----------
     surfaces
-        All but the floor.
+        All surfaces except the floor.
     rules
         Uses `stair_rise` and `wall_distance`.
     """

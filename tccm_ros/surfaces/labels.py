@@ -2,7 +2,7 @@
 
 A rule is a range for height above the floor, width and area (configuration group ``labels``). Its
 score is 1 inside all ranges and falls to 0 outside; relations to walls and other surfaces weight
-it. Where the best label is not clearly better than the second-best, the label is ``other``: a wrong
+it. If the best label is not clearly better than the second-best, the label is ``other``: a wrong
 label is worse than none.
 """
 
@@ -24,40 +24,41 @@ Rule = tuple[float, float, float, float, float, float]
 """Min and max of height (m), width (m) and area (m2)."""
 
 FADE = 0.12
-"""A width's score falls to 0 over this, m, and this fraction of the bound that it is outside of;
+"""The score of a width falls to 0 over this distance, m, plus this fraction of the exceeded bound;
 chosen."""
 
 HEIGHT_FADE = 0.08
-"""A height's score falls to 0 over this, m, outside its range; chosen: furniture of one kind
-differs more than the map errs."""
+"""The score of a height falls to 0 over this distance outside its range, m; chosen: heights of one
+kind of furniture vary by more than the error of the map."""
 
 AREA_FADE = 0.5
-"""An area's score falls to 0 over this, in its natural logarithm (a factor of 1.65); chosen."""
+"""The score of an area falls to 0 over this difference in its natural logarithm (a factor of 1.65);
+chosen."""
 
 MIN_BED = (0.8, 1.6)
 """Min width and length of a bed, m; chosen."""
 
 MIN_BED_FILLED = 0.75
-"""A bed fills at least this fraction of its box; chosen: an L shape is a sofa."""
+"""Min fraction of its box that a bed fills; chosen: an L shape is a sofa."""
 
 LOW_TABLE = 0.9
 """Weight of a low table: a sofa whose back was not seen looks like one; chosen."""
 
 AT_WALL_TABLE = 0.4
-"""A table loses this fraction of its score where all of its outline is at walls; chosen."""
+"""Fraction of its score that a table loses if all of its outline is at walls; chosen."""
 
 SLENDER_SEAT = 0.8
-"""Weight of a seat that is slender; chosen."""
+"""Weight of a slender seat; chosen."""
 
 AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
-"""Weight of a counter or a ledge away from any wall, and what is added to it at a wall; chosen."""
+"""Weight of a counter or a ledge away from any wall, and its increase at a wall; chosen."""
 
 ONE_SIDE = 3.0
-"""A counter or a ledge has its full score where one part in so many of its outline is at walls: one
-side; chosen."""
+"""Inverse of the fraction of the outline at walls that gives a counter or a ledge its full score;
+chosen: one side."""
 
 BENCH_LENGTH = 1.8
-"""A bench is at least so many times as long as it is wide; chosen: two people sit side by side."""
+"""Min ratio of length to width of a bench; chosen: two people sit side by side."""
 
 AWAY_BENCH = 0.75
 """Weight of a bench away from any wall: a low table looks like one; chosen."""
@@ -66,10 +67,11 @@ LONE_SHELF = 0.3
 """Weight of a shelf without another board above or below it; chosen."""
 
 STACKED_OTHER = 0.6
-"""Weight of every label but the shelf for a board above or below another; chosen."""
+"""Weight of every label except the shelf for a board above or below another; chosen."""
 
 RIVAL = 0.5
-"""The confidence is the best score less this fraction of the second-best; chosen."""
+"""Fraction of the second-best score that is subtracted from the best one for the confidence;
+chosen."""
 
 UNDECIDED = 0.75
 """The label is ``other`` if the second-best score is above this fraction of the best; chosen."""
@@ -98,8 +100,8 @@ class Label:
     name
         The label.
     confidence
-        Score of the label less half of the second-best score, from `labels.min_confidence` to 1. Of
-        ``other``: 1 less the best score.
+        Score of the label minus half of the second-best score, from `labels.min_confidence` to 1.
+        For ``other``: 1 minus the best score.
     """
 
     name: SurfaceLabel
@@ -109,7 +111,7 @@ class Label:
 def label_surfaces(
     surfaces: list[MergedSurface], floor_z: float | None, walls: Float64 | None, config: Config
 ) -> list[Label]:
-    """Label surfaces.
+    """Return the labels of surfaces by the rules.
 
     Parameters
     ----------
@@ -134,11 +136,11 @@ def _met(value: float, low: float, high: float, fade: float, fraction: float = 0
     Parameters
     ----------
     value
-        What is judged.
+        Value of the feature.
     low, high
-        The range.
+        Range of the rule.
     fade, fraction
-        It falls over `fade` and this fraction of the bound that the value is outside of.
+        The score falls to 0 over `fade` plus this fraction of the exceeded bound.
     """
     bound = low if value < low else high
     outside = max(low - value, value - high, 0.0)
@@ -158,7 +160,7 @@ def _fit(surface: Features, rule: Rule) -> float:
 def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
     """Return the score of each label: its rule, weighted by relations to walls and surfaces.
 
-    Furniture that has no label of its own competes as ``other``.
+    Furniture without a label of its own competes as ``other``.
     """
     away = 1.0 - AT_WALL_TABLE * surface.at_wall
     is_at_wall = min(1.0, ONE_SIDE * surface.at_wall)

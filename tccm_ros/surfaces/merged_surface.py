@@ -1,4 +1,4 @@
-"""A merged surface in map: the plane, outline and moments of patches that are one surface."""
+"""A merged surface in map: plane, outline and moments of its patches."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_
 from tccm_ros.surfaces.views import View
 
 SIMPLIFY = 0.004
-"""Outlines are simplified by at most this, m; chosen: below the noise of a range."""
+"""Tolerance of the simplification of outlines, m; chosen: below the range noise."""
 
 SHADOW_WIDTH = 0.16
-"""Notches and holes up to this wide, m, are closed as shadows of objects on the surface; chosen."""
+"""Max width of notches and holes that are closed as shadows of objects on the surface, m;
+chosen."""
 
 LARGE_AREA = 4.0
-"""Above this area, m2, the scan lines of several views are not outlined together: such a surface is
-the floor, and that would take long; chosen."""
+"""Max area of a surface whose scan lines of several views are outlined together, m2; chosen: larger
+ones are the floor, and take long."""
 
 MAX_SPACING = 0.2
-"""Gaps are closed up to the finest spacing of a surface's views, but at most this, m; chosen."""
+"""Max gap that is closed because of the point spacing of a surface's views, m; chosen."""
 
 CLOSING = 0.505
-"""Outlines are grown and shrunk by this fraction of a gap's width to close it. Chosen: half, and
-a margin of 1 % for rounding."""
+"""Buffer that closes a gap, as a fraction of its width. Chosen: half, and a margin of 1 % for
+rounding."""
 
 FEW_POINTS, SPARSE = 50, 0.6
-"""Fewer points than this that are further from each other than this fraction of the edge of a
-square of their area have no outline. Chosen: two scan lines of 25 beams; and less than two lines
-across. Tops of a few small objects are such points, surfaces are not (docs/design/experiments)."""
+"""A surface of fewer points than this is sparse if their spacing exceeds this fraction of the edge
+of a square of its area. Chosen: two scan lines of 25 beams, and less than two lines across. Tops of
+a few small objects are sparse, surfaces are not (docs/design/experiments)."""
 
 OVERLAP = 1e-3
-"""Occluded areas are grown by this, m, so that they overlap the outline that they touch. Chosen:
-more than rounding of coordinates."""
+"""Buffer of occluded areas, m, so that they overlap the outline that they touch. Chosen: more than
+rounding of coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,13 +56,13 @@ class MergedSurface:
     members
         Its patches.
     polygon
-        Outline in x and y of map.
+        Outline in x and y of map, m.
     mean, cov
-        float64 (3,) and (3, 3), moments of the points measured, in map.
+        float64 (3,), m, and (3, 3), m2: moments of the measured points, in map.
     normal, offset
-        ``normal . p = offset``, up.
+        float64 (3,), unit, up, and m: the plane, ``normal . p = offset``.
     count
-        Points measured.
+        Number of measured points.
     """
 
     members: Members
@@ -76,31 +77,31 @@ class MergedSurface:
     def of_moments(
         cls, members: Members, polygon: Polygon, count: float, mean: Float64, cov: Float64
     ) -> MergedSurface:
-        """Return the surface with the least-squares plane of moments.
+        """Return the surface with the least-squares plane of the moments.
 
         Parameters
         ----------
         members, polygon
             As the attributes.
         count, mean, cov
-            Moments of the points measured: float, float64 (3,) and (3, 3), in map.
+            Moments of the measured points: float, float64 (3,) and (3, 3), in map.
         """
         normal, _ = fit_plane(cov)
         return cls(members, polygon, mean, cov, normal, float(normal @ mean), int(count))
 
     @property
     def views(self) -> set[int]:
-        """Indices of the views that saw any of it."""
+        """Indices of the views that measured a part of it."""
         return {member.view for member in self.members}
 
     @property
     def is_line(self) -> bool:
-        """Whether its points are on a line, which has no area whatever their noise is."""
+        """Whether its points are on a line, so that it has no area."""
         return is_line(self.cov)
 
     @property
     def has_area(self) -> bool:
-        """Whether it is more than a line, and than a few points far from each other."""
+        """Whether it is neither a line nor sparse."""
         return not self.is_line and not is_sparse(self.members, self.polygon.area)
 
     @property
@@ -121,14 +122,14 @@ class MergedSurface:
 def fit_surface(
     members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> MergedSurface | None:
-    """Compute plane, outline and moments of a merged surface; None where it has no outline.
+    """Compute plane, outline and moments of a merged surface; None if it has no outline.
 
     Parameters
     ----------
     members
-        Patches that are one surface.
+        Patches of the surface.
     views, T_map_view
-        V views, and float64 (V, 4, 4).
+        V views, and their poses, float64 (V, 4, 4).
     config
         Uses `surfaces.merge_distance` and `views.clear_margin`.
     """
@@ -150,14 +151,14 @@ def fit_surface(
 
 
 def is_sparse(members: Members, area: float) -> bool:
-    """Return whether an outline is that of a few points far from each other: tops of objects.
+    """Return whether a surface consists of a few distant points, such as tops of objects.
 
     Parameters
     ----------
     members
-        Patches that are one surface.
+        Patches of the surface.
     area
-        Of their outline, m2.
+        Area of their outline, m2.
     """
     count = sum(member.patch.count for member in members)
     spacing = min(member.patch.spacing for member in members)
@@ -167,8 +168,8 @@ def is_sparse(members: Members, area: float) -> bool:
 def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> Polygon:
     """Return the union of the outlines of patches, with gaps of up to `distance`, m, closed.
 
-    Where a view has sparse scan lines, lines of another view are between them: the points of such
-    views together cover more than the points of each view alone.
+    Sparse scan lines of several views interleave, so that their points are also outlined together:
+    they cover more than those of each view alone.
     """
     parts = []
     for member in members:
@@ -191,7 +192,7 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
 def _with_occluded_areas(
     polygon: Polygon, members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> Polygon:
-    """Close wide notches and holes of a surface that no view looked through."""
+    """Close occluded wide notches and holes of a surface."""
     closed = polygons_of(close_gaps(polygon, 0.5 * MAX_OCCLUDED_WIDTH).simplify(SIMPLIFY))
     added = polygons_of(closed.difference(polygon))
     height = float(np.mean([_height(m, T_map_view) for m in members]))
@@ -202,7 +203,7 @@ def _with_occluded_areas(
     ]
     if not hidden:
         return polygon
-    # Parts touch the outline along its edge alone: overlap makes one polygon of them.
+    # Parts only touch the outline: the buffer makes the union one polygon.
     grown = [part.buffer(OVERLAP, join_style="mitre") for part in hidden]
     union = shapely.union_all([polygon, *grown], grid_size=GRID)
     return largest_part(polygons_of(shapely.make_valid(union.simplify(SIMPLIFY))))

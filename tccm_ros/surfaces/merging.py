@@ -1,4 +1,4 @@
-"""Merging: patches that touch and are coplanar become one surface, in one view or several."""
+"""Merging: coplanar patches that touch become one surface, in one view or several."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class NumberedPatch:
     Attributes
     ----------
     number
-        Of the patch, counted over all views in stamp order.
+        Number of the patch, counted over all views in stamp order.
     view
         Index of its view.
     patch
-        In the frame of the view.
+        The patch, in the frame of the view.
     """
 
     number: int
@@ -41,18 +41,18 @@ class NumberedPatch:
 
 
 Members = tuple[NumberedPatch, ...]
-"""Patches that are one surface, in the order of their numbers."""
+"""Patches of one surface, in the order of their numbers."""
 
 MergeFunction = Callable[[Sequence[Float64], float], Int64]
-"""A merging of P patches, from the points of each in map, float64 (N, 3), and a distance (m):
-returns for each patch the first patch of its surface, int64 (P,)."""
+"""Merges P patches, given the points of each in map, float64 (N, 3), and a distance (m); returns
+for each patch the first patch of its surface, int64 (P,)."""
 
 
 class Remainders:
-    """Makes patches of the points that carving left, and remembers them.
+    """Makes patches of the points that carving left, with a cache.
 
-    Most patches keep the same points from one solution to the next. What is returned does not
-    depend on what is remembered.
+    Most patches keep the same points from one solution to the next. The cache does not affect the
+    result.
 
     Parameters
     ----------
@@ -62,7 +62,8 @@ class Remainders:
     Attributes
     ----------
     outlined
-        Patches whose outlines were found by the last `surviving_patches`, and not remembered.
+        Number of outlines that the last `surviving_patches` computed because they were not in the
+        cache.
     """
 
     def __init__(self, config: Config):
@@ -72,19 +73,19 @@ class Remainders:
         self.outlined = 0
 
     def surviving_patches(self, views: list[View], left: Survivors) -> list[NumberedPatch]:
-        """Return the patches of which points are left.
+        """Return the patches with points that carving left.
 
         Parameters
         ----------
         views
-            In stamp order.
+            Views in stamp order.
         left
-            Of `carve`, for these views.
+            Result of `carve` for these views.
 
         Returns
         -------
         list of NumberedPatch
-            In the order of their numbers; moments and outlines are of the points that are left.
+            In the order of their numbers, with moments and outlines of the remaining points.
         """
         self.outlined = 0
         found = []
@@ -99,7 +100,7 @@ class Remainders:
         return found
 
     def _rest(self, view: View, index: int, keep: Bool) -> Patch | None:
-        """Return a patch of a view without some points; None: none left."""
+        """Return a patch of a view with the kept points only; None: no points are kept."""
         patch, distance = view.patches[index], self._config.surfaces.merge_distance
         key = *view.key, index, distance, blake2b(keep.tobytes(), digest_size=16).digest()
         known = self._known.get(key)
@@ -111,11 +112,12 @@ class Remainders:
 
 
 _Key = tuple[int, int, int, float, bytes]
-"""Of a remainder: key of its view, index of its patch, `surfaces.merge_distance`, its points."""
+"""Key of a remainder: key of its view, index of its patch, `surfaces.merge_distance`, and a hash of
+its points."""
 
 
 class _Remainder(NamedTuple):
-    """What is left of a patch, None: nothing, and in which call it was used last."""
+    """A patch, its remainder (None: no points are left), and the call that used it last."""
 
     whole: Patch
     rest: Patch | None
@@ -123,7 +125,7 @@ class _Remainder(NamedTuple):
 
 
 def _rest(patch: Patch, keep: Bool, distance: float, sensor: SensorKind) -> Patch | None:
-    """Return a patch of the points that are left, with their moments and outline; None: none."""
+    """Return a patch of the kept points, with their moments and outline; None: no points."""
     if not keep.any():
         return None
     points, weights = patch.points[keep], patch.weights[keep]
@@ -146,14 +148,14 @@ def clouds_in_map(patches: Sequence[NumberedPatch], T_map_view: Float64) -> list
 def merge_coplanar(
     patches: list[NumberedPatch], T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config
 ) -> list[Members]:
-    """Merge patches that touch and are coplanar.
+    """Merge coplanar patches that touch.
 
     Parameters
     ----------
     patches
-        In the order of their numbers.
+        Patches in the order of their numbers.
     T_map_view, cov_z_roll_pitch
-        float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch), poses of the views.
+        float64 (V, 4, 4), poses, and (V, 3, 3), covariances of (z, roll, pitch), of the views.
     config
         Uses `surfaces.merge_distance` and `surfaces.max_step`.
     """

@@ -1,7 +1,7 @@
-"""Labels of objects: what detectors recognised where an object of the map stands.
+"""Labels of objects: association of detections with objects of the map.
 
-A detection is kept in the base frame of a view, so that it moves with that view when the map is
-corrected, and stays in saved maps. It gives its scores to the object that stands there after that
+A detection is stored in the base frame of a view, so that it moves with that view when the map is
+corrected, and is part of saved maps. Its scores are added to the object at its position after that
 view, if there is one.
 """
 
@@ -21,27 +21,27 @@ from tccm_ros.geometry import transform
 from tccm_ros.records import Hypothesis
 
 MAX_GAP = 0.05
-"""Max distance of a detection's middle from the box of the object that it is of, m; chosen: the
-error of a recogniser's position, and less than the distance of two objects."""
+"""Max distance of a detection's centre from the box of its object, m; chosen: the position error of
+a detector, and less than the distance of two objects."""
 
 MAX_WAIT_NS = 60_000_000_000
-"""Detections wait so long for the next view, ns; chosen: many tilt cycles. So what waits is
-bounded also where a robot stands and its laser does not tilt."""
+"""Max time for which detections wait for the next view, ns; chosen: many tilt cycles. It bounds the
+number of waiting detections of a robot at rest whose laser does not tilt."""
 
 SAME_PLACE = 0.03
-"""Detections of the same classes that are nearer than this in one view are one, m; chosen."""
+"""Max distance of detections of the same classes in one view that are merged, m; chosen."""
 
 
 @dataclass(slots=True, eq=False)
 class ClassScores:
-    """What detections say of the class of one object.
+    """Class scores of one object, from its detections.
 
     Attributes
     ----------
     total
         Sum of the scores of each class.
     count
-        Detections.
+        Number of detections.
     """
 
     total: dict[str, float] = field(default_factory=dict)
@@ -54,9 +54,9 @@ class ClassScores:
         self.count += count
 
     def label(self) -> Hypothesis | None:
-        """Return the class with the largest sum of scores and its mean score; None without any.
+        """Return the class with the largest sum of scores and its mean score; None: no detections.
 
-        Of classes with the same sum it is the first in the alphabet.
+        Of classes with equal sums, the first in alphabetical order is returned.
         """
         if not self.count:
             return None
@@ -71,11 +71,11 @@ class SeenDetection:
     Attributes
     ----------
     center
-        float64 (3,), mean of their middles, m.
+        float64 (3,), mean of their centres, m.
     scores
         Sum of their scores by class.
     count
-        How many there were.
+        Number of detections.
     """
 
     center: Float64
@@ -84,18 +84,18 @@ class SeenDetection:
 
 
 class PlacedDetections(NamedTuple):
-    """The detections of one message with their poses.
+    """The detections of one message with their positions.
 
     Attributes
     ----------
     stamp_ns
-        When.
+        Stamp of the message.
     center
         float64 (N, 3), in the base frame at that time or in map, m.
     hypotheses
-        Of each, its classes.
+        Class hypotheses of each detection.
     is_in_map
-        Whether they are in map.
+        Whether `center` is in map.
     """
 
     stamp_ns: int
@@ -105,16 +105,16 @@ class PlacedDetections(NamedTuple):
 
 
 def view_of(stamp_ns: int, view_stamps_ns: Sequence[int]) -> int | None:
-    """Return the index of the view that detections belong to; None where there is none.
+    """Return the index of the view that detections belong to; None: no such view.
 
-    It is the next one, if that comes within `MAX_WAIT_NS`, else the one before.
+    It is the next view if that follows within `MAX_WAIT_NS`, else the previous one.
 
     Parameters
     ----------
     stamp_ns
-        Of the detections.
+        Stamp of the detections.
     view_stamps_ns
-        Ascending.
+        Stamps of the views, ascending.
     """
     after = bisect_left(view_stamps_ns, stamp_ns)
     if after < len(view_stamps_ns) and view_stamps_ns[after] - stamp_ns <= MAX_WAIT_NS:
@@ -128,9 +128,9 @@ def seen_detections(placed: PlacedDetections, T_view: Float64) -> list[SeenDetec
     Parameters
     ----------
     placed
-        Detections.
+        Detections in the base frame or in map.
     T_view
-        float64 (4, 4), pose in the view of what they are in.
+        float64 (4, 4), pose of that frame in the view.
     """
     centers = transform(T_view, placed.center)
     return [
@@ -146,7 +146,7 @@ def _scores(found: Iterable[Hypothesis]) -> dict[str, float]:
 
 
 def merge_detections(seen: Iterable[SeenDetection]) -> tuple[SeenDetection, ...]:
-    """Return the detections of one view, with those that are of one place and classes as one."""
+    """Merge the detections of one view that have the same classes and nearly the same position."""
     merged: list[SeenDetection] = []
     for item in seen:
         for k, other in enumerate(merged):
@@ -167,7 +167,7 @@ def _joined(first: SeenDetection, second: SeenDetection) -> SeenDetection:
 
 
 def distance_to_box(point: Float64, center: Float64, size: Float64, yaw: float) -> float:
-    """Return the distance of a point from a box with vertical sides, 0 within it, m.
+    """Return the distance of a point from a box with vertical sides, m; 0 inside.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def distance_to_box(point: Float64, center: Float64, size: Float64, yaw: float) 
     size
         float64 (3,), edges along the box's x, y and z, m.
     yaw
-        Of its x axis, rad.
+        Yaw of its x axis, rad.
     """
     x, y, z = (point - center).tolist()
     c, s = math.cos(yaw), math.sin(yaw)
@@ -186,9 +186,9 @@ def distance_to_box(point: Float64, center: Float64, size: Float64, yaw: float) 
 
 NO_OBJECT = "detection: no object of the map there"
 NO_VIEW = "detection: no view before it, and none soon after it"
-"""Why a detection gives no label."""
+"""Reasons for which a detection gives no label."""
 
 
 def count_unused(unusable: Mapping[str, int], without_object: int) -> Counter[str]:
-    """Return why detections gave no label, with the number of each."""
+    """Return the number of detections that gave no label, by reason."""
     return Counter(unusable) + Counter({NO_OBJECT: without_object})

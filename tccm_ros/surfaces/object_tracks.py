@@ -1,10 +1,10 @@
-"""Object tracks: what stands on surfaces keeps its id while newer views measure it again.
+"""Object tracks: objects on surfaces keep their ids while newer views measure them again.
 
-A box is numbered over all views in stamp order, and the id of an object is the number of its oldest
-box. So ids follow from the views alone, as those of surfaces do (`track_ids`). An object that a
-view does not measure stays, as it may be hidden or out of sight; it has left once enough views have
-looked through it, and was none if enough views looked just above it and did not measure it. What
-detectors recognise where it stands says of which class it is.
+Boxes are numbered over all views in stamp order, and the id of an object is the number of its
+oldest box. So ids follow from the views alone, like those of surfaces (`track_ids`). An object that
+a view does not measure stays, as it may be occluded or out of view. It is removed once enough views
+have looked through it. It is a false detection if enough views looked just above it without
+measuring it. Detections at its position give its class.
 """
 
 from __future__ import annotations
@@ -27,45 +27,47 @@ from tccm_ros.surfaces.views import SeenObject, View, with_detections
 from tccm_ros.tabletop.free_places import rectangle_corners
 
 INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
-"""Points of a footprint that are all looked through where it is empty, in edge lengths: the columns
+"""Points of a footprint, in edge lengths, that must all be free if the object is gone: the columns
 of a view are as wide as a cup, and beams pass beside one. Chosen."""
 
 INSIDE = 0.5
-"""An object is part of another one where they share more of the smaller footprint. Chosen."""
+"""An object is part of another one if their footprints overlap by more than this fraction of the
+smaller one. Chosen."""
 
 ABOVE = 0.05
-"""A view that looks through this far above an object would measure it, m; chosen."""
+"""A view that looks through the space this far above an object would measure it, m; chosen."""
 
 PART_OF_POINTS = 0.5
-"""A view that measured fewer points than this fraction of an earlier one saw a part. Chosen."""
+"""A view measured only a part of an object if it has fewer points than this fraction of an earlier
+view's. Chosen."""
 
 
 @dataclass(slots=True, eq=False)
 class ObjectTrack:
-    """An object as the views so far have it.
+    """State of an object after the views processed so far.
 
     Attributes
     ----------
     id
         Number of its oldest box.
     center
-        float64 (3,), in map, m, as the last view measured it.
+        float64 (3,), in map, m, as measured by the view that gives the box.
     size
         float64 (3,), edges along its own x, y and z, m.
     yaw
-        Of its x axis in map, rad.
+        Yaw of its x axis in map, rad.
     points
-        Points measured on it in the view that gives the box.
+        Number of points on it in the view that gives the box.
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it.
     views
-        Views that measured it.
+        Number of views that measured it.
     measured_ns
-        Stamps of these views, as far as they are kept.
+        Stamps of those of these views that are kept.
     misses
-        Views in a row that looked through it.
+        Number of successive views that looked through it.
     scores
-        What detections say of its class.
+        Class scores of its detections.
     """
 
     id: int
@@ -88,14 +90,14 @@ class ObjectTrack:
 
 
 def nearest_pairs(first: Float64, second: Float64, max_distance: float) -> list[tuple[int, int]]:
-    """Return pairs of points, the nearest first; each point is in one pair at most.
+    """Return pairs of points, the nearest first; each point is in at most one pair.
 
     Parameters
     ----------
     first, second
         float64 (N, 3) and (M, 3), m.
     max_distance
-        Of the two points of a pair, m.
+        Max distance of the two points of a pair, m.
     """
     if not len(first) or not len(second):
         return []
@@ -113,7 +115,7 @@ def nearest_pairs(first: Float64, second: Float64, max_distance: float) -> list[
 
 
 def with_objects_of(newer: View, older: View, config: Config) -> View:
-    """Return the newer of two views from one pose, with numbers and stamps of the older's objects.
+    """Return the newer of two views at one pose with the older view's object numbers and stamps.
 
     Parameters
     ----------
@@ -145,9 +147,9 @@ class TrackedObjects(NamedTuple):
     Attributes
     ----------
     tracks
-        Those that stand somewhere after the last view, by id.
+        Objects that are present after the last view, by id.
     unused_detections
-        Detections at whose place no object stood.
+        Number of detections without an object at their position.
     """
 
     tracks: tuple[ObjectTrack, ...]
@@ -155,14 +157,15 @@ class TrackedObjects(NamedTuple):
 
 
 def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) -> TrackedObjects:
-    """Return the objects that stand somewhere after the last view.
+    """Return the objects that are present after the last view.
 
-    Noise, and parts of furniture, are measured once where many views look: such boxes are left out.
+    Noise and parts of furniture are measured once although many views look there; such boxes are
+    discarded.
 
     Parameters
     ----------
     views
-        In the order of sessions and stamps.
+        Views in the order of sessions and stamps.
     T_map_view
         float64 (V, 4, 4), their poses.
     config
@@ -182,9 +185,13 @@ def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) ->
 
 
 def _views_over(tracks: Sequence[ObjectTrack], views: Sequence[View], T_map_view: Float64) -> Int64:
-    """Return how many views looked just above each object and did not measure it, int64 (N,).
+    """Return the number of views that looked just above each object without measuring it.
 
-    Views that looked through its place saw it before it came.
+    Views that looked through the object itself are not counted: they saw the place without it.
+
+    Returns
+    -------
+    int64 (N,)
     """
     count = np.zeros(len(tracks), np.int64)
     centers = np.array([track.center for track in tracks]).reshape(-1, 3)
@@ -199,7 +206,7 @@ def _views_over(tracks: Sequence[ObjectTrack], views: Sequence[View], T_map_view
 
 
 def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> int:
-    """Give the detections of a view to the nearest object each; return how many have none."""
+    """Associate each detection of a view with the nearest object; return the number without one."""
     unused = 0
     for seen in view.detections:
         center = transform(T, seen.center[None])[0]
@@ -218,7 +225,7 @@ def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> i
 def _update(
     known: list[ObjectTrack], view: View, T: Float64, first: int, config: Config
 ) -> list[ObjectTrack]:
-    """Return the tracks after a view; `first` is the number of its first box."""
+    """Return the tracks after a view; `first` is the number of the view's first box."""
     if not known and not view.objects:
         return known
     seen = [_seen(item, k, view, T, first) for k, item in enumerate(view.objects)]
@@ -233,7 +240,7 @@ def _update(
 
 
 def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
-    """Return a box of a view as a track of its own; `first` is the number of its first box."""
+    """Return a box of a view as a new track; `first` is the number of the view's first box."""
     yaw = item.yaw + float(planar(T)[2])
     return ObjectTrack(
         id=first + (index if item.number is None else item.number),
@@ -251,11 +258,11 @@ def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> O
 def _matches(
     known: Sequence[ObjectTrack], seen: Sequence[ObjectTrack], config: Config
 ) -> dict[int, int]:
-    """Return which box of a view is which known object: of known ones, the index of the box.
+    """Associate known objects with the boxes of a view; return the box index by object index.
 
-    Nearest pairs come first, one to one. Views from two sides measure two sides of an object: what
-    overlaps, or is nearer than objects are to each other, is one. A known object that lies within
-    a box of the view is part of it.
+    Nearest pairs come first, one to one. Views from two sides measure two sides of an object: boxes
+    that overlap, or are nearer to each other than objects are, belong to one object. A known object
+    that is inside a box of the view is part of it.
     """
     if not known or not seen:
         return {}
@@ -291,14 +298,14 @@ def _overlap_in_height(first: Sequence[ObjectTrack], second: Sequence[ObjectTrac
 
 
 def _footprints(tracks: Sequence[ObjectTrack]) -> NDArray[Any]:
-    """Return the outlines of objects seen from above, in map."""
+    """Return the footprints of objects, in map."""
     return np.array([track.footprint for track in tracks], dtype=object)
 
 
 def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
-    """Return a known object, or several that are one, as a view measured it again.
+    """Merge the tracks of one object with the box of a view that measured it again.
 
-    Its box is that of the newest view, unless that measured a small part of it.
+    The box is that of the newest view, unless that view measured only a small part of the object.
     """
     best = max(same, key=lambda track: track.points)
     box = new if new.points >= PART_OF_POINTS * best.points else best

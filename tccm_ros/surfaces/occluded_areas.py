@@ -1,7 +1,7 @@
 """Occluded areas: gaps in surfaces that no view looked through.
 
-An object on a surface hides more of it than its own width, and a sensor may leave out strips. A
-notch, a hole, or the gap between two pieces is taken for surface where no view looked through it.
+An object on a surface occludes an area wider than itself, and a sensor may leave out strips. A
+notch, a hole, or the gap between two pieces counts as surface if no view looked through it.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.views import View
 
 MAX_OCCLUDED_WIDTH = 0.5
-"""Widest notch, hole or gap between pieces that may be occluded, m; chosen: an appliance on a
-worktop and its shadow. Wider ones are not taken for surface."""
+"""Max width of a notch, hole or gap between pieces that may be occluded, m; chosen: an appliance on
+a worktop and its shadow."""
 
 MAX_SEEN_FRACTION = 0.15
-"""Fraction of an occluded area that may count as looked through: columns extend over its edges;
+"""Max fraction of an occluded area that is free space: free columns extend over its edges;
 chosen."""
 
 PROBE_SPACING = 0.04
 """Distance between the points at which an area is probed, m; chosen: below half a column."""
 
 MAX_COVERED = 0.5
-"""A view that looked through more than this fraction of an area saw no surface there; chosen: most
-of it."""
+"""Min fraction of an area that a view looked through if there is no surface; chosen: most of it."""
 
 MIN_OCCLUDED_AREA = PROBE_SPACING**2
-"""Areas smaller than one probe's square, m2, are not closed: no probe need be in them. Chosen."""
+"""Min size of an area that is closed, m2. Chosen: the square of one probe, as smaller areas may
+have no probe in them."""
 
 
 def is_occluded(
@@ -44,11 +44,11 @@ def is_occluded(
     Parameters
     ----------
     area
-        In x and y of map, m.
+        Area in x and y of map, m.
     height
-        At which it is probed, m in map.
+        Height of the probes in map, m.
     views, T_map_view
-        V views, and float64 (V, 4, 4).
+        V views, and their poses, float64 (V, 4, 4).
     config
         Uses `views.clear_margin`.
     """
@@ -79,7 +79,7 @@ def last_empty_view(
 
 
 def _looked_through(points: Float64, view: View, T_map_view: Float64, config: Config) -> Bool:
-    """Return which points (N, 3) in map a view looked through, bool (N,)."""
+    """Return whether a view looked through each point (N, 3) in map, bool (N,)."""
     local = transform(inverse(T_map_view), points)
     if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
         return np.zeros(len(points), np.bool_)
@@ -87,7 +87,7 @@ def _looked_through(points: Float64, view: View, T_map_view: Float64, config: Co
 
 
 def probes(area: Polygon, height: float) -> Float64:
-    """Return points (N, 3) all over a polygon, at a height."""
+    """Return a grid of points (N, 3) inside a polygon, at a height."""
     x_min, y_min, x_max, y_max = area.bounds
     half = 0.5 * PROBE_SPACING
     x = np.arange(x_min + half, x_max, PROBE_SPACING)

@@ -4,9 +4,10 @@ The points of a horizontal surface are triangulated in x and y. A triangle belon
 its longest edge is not much longer than the local spacing: scan lines on a far table have distances
 of decimetres, while a distance of decimetres between dense points of a near table is a gap.
 
-A scan line ends one or two beams before the edge of a surface, as a beam that hits an edge in part
-is a mixed pixel: outlines of scan lines are widened by little. Images sample a surface at a
-millimetre or two, and the mixed pixels that they keep are beyond its edge: theirs are not.
+A scan line ends one or two beams before the edge of a surface, as a beam that hits the edge in part
+is a mixed pixel. So outlines of scan lines are widened slightly. Depth images sample a surface
+every one or two millimetres, and their mixed pixels are beyond its edge, so that their outlines are
+not widened.
 """
 
 from __future__ import annotations
@@ -22,52 +23,53 @@ from tccm_ros.surfaces.polygons import GRID, polygons_of
 from tccm_ros.surfaces.thinning import cell_means
 
 SPACING_FACTOR = 2.2
-"""A triangle longer than this many local spacings bridges a gap; chosen: twice, and noise."""
+"""Max edge of a triangle of the surface, in local spacings; chosen: two, and noise."""
 
 NEIGHBOURS = 24
-"""Number of nearest points over which the local spacing is taken; chosen."""
+"""Number of nearest points from which the local spacing is computed; chosen."""
 
 THINNING_FRACTION = 0.25
-"""Points are thinned to this fraction of the local spacing, that between scan lines; chosen."""
+"""Cell size of the thinning, as a fraction of the local spacing between scan lines; chosen."""
 
 QUANTILE = 0.4
-"""Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as
-along a border up to half of the neighbours have a gap across it."""
+"""The local spacing is this quantile of the neighbours' largest gaps; chosen: less than half, as at
+a border up to half of the neighbours have a gap across it."""
 
 SIDE_EDGE_FRACTION = 0.15
-"""The edge is expected this fraction of the lines' distance further out; chosen."""
+"""Expected distance of the edge beyond the points, as a fraction of the distance of scan lines;
+chosen."""
 
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
 """Limits of the distance by which an outline is widened, m; chosen: the lower one is half the
 distance of beams of 0.5 deg at 1 m."""
 
 MITRE_LIMIT = 2.0
-"""Corners of a widened outline move by at most this many times its distance; chosen."""
+"""Max motion of a corner of a widened outline, as a multiple of the widening; chosen."""
 
 Mesh = tuple[Float64, Int64, Float64]
-"""Points, triangles and longest edges, as of `_mesh`."""
+"""Points, triangles and longest edges, as returned by `_mesh`."""
 
 
 def horizontal_outline(
     points_xy: Float64, min_gap: float, sensor: SensorKind
 ) -> tuple[MultiPolygon, float]:
-    """Return the outline of the points of a surface that one view saw, and their spacing.
+    """Return the outline of the points that one view measured of a surface, and their spacing.
 
     Parameters
     ----------
     points_xy
         float64 (N, 2), m, without duplicates.
     min_gap
-        Gaps up to this are closed however dense the points are, m.
+        Gaps up to this are closed at any density of the points, m.
     sensor
         Kind of the sensor: lasers and point clouds have scan lines, depth images have none.
 
     Returns
     -------
     outline : MultiPolygon
-        The area that the points cover, with edges where they are expected; possibly empty.
+        The area that the points cover, up to the expected edges; possibly empty.
     spacing : float
-        Median of the local spacing, m; 0 where there is no outline.
+        Median of the local spacing, m; 0 if there is no outline.
     """
     area, spacing = covered_area(points_xy, min_gap)
     return area if sensor is SensorKind.DEPTH_IMAGE else expected_area(area, spacing), spacing
@@ -78,7 +80,7 @@ def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, floa
 
     The parameters are those of `horizontal_outline`.
     """
-    # Noise makes a scan line two or three fine cells wide: they seem to be of a dense surface.
+    # Noise makes a scan line two or three fine cells wide, so that it looks like a dense surface.
     coarse = _local_spacing(*_mesh(cell_means(points_xy, min_gap)[0]))
     gap = float(np.median(coarse)) if len(coarse) else 0.0
     cell_size = max(0.5 * min_gap, THINNING_FRACTION * gap)
@@ -99,7 +101,7 @@ def _mesh(points_xy: Float64) -> Mesh:
 
 
 def _area_of(points_xy: Float64, triangles: Int64) -> MultiPolygon:
-    """Return the area that triangles cover: edges of only one triangle are its border."""
+    """Return the area that triangles cover; edges of only one triangle form its border."""
     if len(triangles) == 0:
         return MultiPolygon()
     a, b = triangles, triangles[:, [1, 2, 0]]
@@ -112,7 +114,7 @@ def _area_of(points_xy: Float64, triangles: Int64) -> MultiPolygon:
 
 
 def _triangulate(points_xy: Float64) -> Int64:
-    """Return the Delaunay triangles, int64 (T, 3); none where all points are on one line."""
+    """Return the Delaunay triangles, int64 (T, 3); none if all points are collinear."""
     if len(points_xy) < 3:
         return np.zeros((0, 3), np.int64)
     try:
@@ -122,10 +124,10 @@ def _triangulate(points_xy: Float64) -> Int64:
 
 
 def _local_spacing(points_xy: Float64, triangles: Int64, longest: Float64) -> Float64:
-    """Return the spacing around each point, float64 (N,), m; of no triangles, none.
+    """Return the local spacing at each point, float64 (N,), m; empty without triangles.
 
-    A point's own gap is the longest edge of its triangles: the distance between scan lines, even
-    where the distance between the beams of a line is a hundredth of that.
+    The gap of a point is the longest edge of its triangles: the distance between scan lines, even
+    if the distance between the beams of a line is a hundredth of that.
     """
     if len(triangles) == 0:
         return np.zeros(0)
@@ -138,14 +140,14 @@ def _local_spacing(points_xy: Float64, triangles: Int64, longest: Float64) -> Fl
 
 
 def expected_area(area: MultiPolygon, spacing: float) -> MultiPolygon:
-    """Widen an outline of scan lines to where its edges are expected.
+    """Widen an outline of scan lines to its expected edges.
 
     Parameters
     ----------
     area
-        What the points of a view cover, m.
+        Area that the points of a view cover, m.
     spacing
-        Distance of the scan lines there, m.
+        Distance of its scan lines, m.
 
     Returns
     -------

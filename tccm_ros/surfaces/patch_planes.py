@@ -17,12 +17,12 @@ from tccm_ros.planes.horizontal_strips import MIN_WIDTH
 from tccm_ros.surfaces.views import Patch
 
 GATE = 3.0
-"""Sigmas within which the heights of two planes agree; chosen."""
+"""Max difference of the heights of two planes that agree, in standard deviations; chosen."""
 
 UP = np.array([0.0, 0.0, 1.0])
 
 MIN_NORMAL_Z_OF_SLOPE = 0.1
-"""Limit of a normal's z component in a division, so that a steep fit gives no infinite slope.
+"""Lower limit of a normal's z component in a division, so that a steep fit has a finite slope.
 Chosen: 84 deg."""
 
 
@@ -32,18 +32,18 @@ class PatchPlanes(NamedTuple):
     Attributes
     ----------
     view_index
-        int64 (P,), view of each patch: patches of one view share their pose's error.
+        int64 (P,), view of each patch: patches of one view have a common pose error.
     centroid
         float64 (P, 3), m.
     slope
         float64 (P, 2), dz/dx and dz/dy.
     cov_fit
-        float64 (P, 3, 3) of (z, a, b) at the centroid, from the patch's own points.
+        float64 (P, 3, 3), covariance of (z, a, b) at the centroid due to the patch's own points.
     systematic
-        float64 (P, 3, K): error of (z, a, b) for each part of the systematic error, at one sigma.
-        Patches of one view share them.
+        float64 (P, 3, K): error of (z, a, b) for each component of the systematic error, at one
+        sigma; common to the patches of one view.
     cov_pose
-        float64 (P, 3, 3) of (z, a, b) at the centroid, from the pose of the view.
+        float64 (P, 3, 3), covariance of (z, a, b) at the centroid due to the pose of the view.
     """
 
     view_index: Int64
@@ -57,9 +57,9 @@ class PatchPlanes(NamedTuple):
 def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """Fit the exact least-squares plane to points of covariance `cov`, float64 (3, 3).
 
-    Surfaces are horizontal, or nearly so. Where the fit is steep, the points are on a line and do
-    not determine the slope across it: the plane is then the one nearest to horizontal through the
-    line.
+    Surfaces are horizontal, or nearly so. If the fit is steep, the points are on a line and do not
+    determine the slope across it: the plane is then the one through the line that is nearest to
+    horizontal.
 
     Returns
     -------
@@ -89,13 +89,13 @@ def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float,
     Parameters
     ----------
     counts, means, covs
-        float64 (K,), (K, 3) and (K, 3, 3), of each set in one frame.
+        float64 (K,), (K, 3) and (K, 3, 3), moments of each set, in one frame.
 
     Returns
     -------
     count : float
     mean, cov : float64 (3,) and (3, 3)
-        Of the union of the sets.
+        Moments of the union of the sets.
     """
     total = float(counts.sum())
     weights = counts / total
@@ -106,7 +106,7 @@ def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float,
 
 
 def pose_jacobian(T_map_base: Float64, centroid: Float64) -> Float64:
-    """Return the derivative (3, 3) of (z, a, b) at a centroid by (z, roll, pitch) of the base.
+    """Return the Jacobian (3, 3) of (z, a, b) at a centroid by (z, roll, pitch) of the base.
 
     Parameters
     ----------
@@ -140,9 +140,9 @@ def stack_planes(
     view
         int64 (P,), index of each patch's view.
     T_map_view
-        float64 (V, 4, 4).
+        float64 (V, 4, 4), poses of the views.
     cov_z_roll_pitch
-        float64 (V, 3, 3) of (z, roll, pitch).
+        float64 (V, 3, 3), covariances of (z, roll, pitch) of the views.
     """
     P = len(patches)
     centroid, slope = np.zeros((P, 3)), np.zeros((P, 2))
@@ -154,7 +154,7 @@ def stack_planes(
         normal, _ = fit_plane(T[:3, :3] @ patch.cov @ T[:3, :3].T)
         centroid[p] = T[:3, :3] @ patch.mean + T[:3, 3]
         slope[p] = -normal[:2] / max(normal[2], MIN_NORMAL_Z_OF_SLOPE)
-        # The base is horizontal but for a few degrees: the slopes turn with its yaw.
+        # The base is horizontal within a few degrees: slopes rotate with its yaw.
         R = np.eye(3)
         R[1:, 1:] = T[:2, :2] / np.hypot(T[0, 0], T[1, 0])
         cov_fit[p] = R @ patch.cov_plane @ R.T

@@ -1,9 +1,9 @@
-"""Adjustment of z, roll and pitch of views by the planes of surfaces that several views saw.
+"""Adjustment of z, roll and pitch of views by the planes of surfaces seen in several views.
 
-Horizontal planes say nothing of x, y and yaw, so that the adjustment is outside the graph, and
-linear: unknown are (z, roll, pitch) of each view, the parts of its systematic error, and the plane
-of each surface. What views see of a surface is compared at the centroid of each patch. A patch that
-contradicts the others, by its residual and the covariance of that, is left out.
+Horizontal planes do not constrain x, y and yaw, so that the adjustment is outside of the graph, and
+linear. The unknowns are (z, roll, pitch) of each view, the components of its systematic error, and
+the plane of each surface. Each patch is an observation of its surface's plane, at the patch's
+centroid. A patch whose residual is too large for its covariance is rejected as an outlier.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.surfaces.patch_planes import PatchPlanes
 
 SIGNIFICANCE = 1e-3
-"""Probability at which a patch is left out that contradicts the others by chance alone; chosen:
-one in a thousand of those that agree is lost."""
+"""Probability that a correct patch is rejected as an outlier; chosen: one in a thousand."""
 
 MIN_REDUNDANCY = 1e-6
-"""The residual is not tested in directions in which its variance is less than this fraction of the
-patch's own: the patch alone determines the solution there. A numerical tolerance."""
+"""Min variance of the residual in a tested direction, as a fraction of the patch's own variance:
+below it, the patch alone determines the solution there. A numerical tolerance."""
 
 EXACT = 1e-6
-"""Standard deviation, m and rad, of a pose that is given without error: a numerical tolerance."""
+"""Standard deviation added to that of a pose, m and rad, for poses without error: a numerical
+tolerance."""
 
 OPEN_INFORMATION = 1e-6
-"""Information of a surface's plane before it was seen, 1/m2 and 1: it is open. A numerical
-tolerance, so that a plane of which every patch was left out has an inverse."""
+"""Prior information of a surface's plane per patch, 1/m2 and 1: a numerical tolerance, so that the
+information of a plane whose patches were all rejected is invertible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneAdjustment:
-    """What the planes of surfaces say of V views.
+    """Result of the adjustment of V views by P patches.
 
     Attributes
     ----------
     correction
-        float64 (V, 3), of z, roll and pitch, m and rad.
+        float64 (V, 3), corrections of z, roll and pitch, m and rad.
     cov
-        float64 (V, 3, 3), of the same after the correction.
+        float64 (V, 3, 3), covariance of (z, roll, pitch) after the correction.
     used
-        bool (P,), whether a patch agrees with the others.
+        bool (P,), whether a patch is an inlier.
     chi2
-        float64 (P,), squared residual of each patch over its covariance.
+        float64 (P,), squared Mahalanobis norm of the residual of each patch.
     freedom
         int64 (P,), its degrees of freedom.
     """
@@ -66,13 +66,13 @@ def adjust_planes(
     Parameters
     ----------
     planes
-        P patches.
+        Planes of P patches.
     jacobians
         float64 (P, 3, 3), derivatives of their planes by (z, roll, pitch) (`pose_jacobian`).
     surface
         int64 (P,), the surface of each patch, from 0.
     cov_z_roll_pitch
-        float64 (V, 3, 3), of the poses as they are known without planes.
+        float64 (V, 3, 3), prior covariances of (z, roll, pitch) of the views.
     """
     used = np.ones(len(surface), np.bool_)
     limits = chi2.ppf(1.0 - SIGNIFICANCE, np.arange(1, 4))
@@ -80,7 +80,7 @@ def adjust_planes(
         system = _System(planes, jacobians, surface, cov_z_roll_pitch, used)
         square, freedom = system.residuals()
         excess = np.where(used & (freedom > 0), square / limits[np.maximum(freedom, 1) - 1], 0.0)
-        # Of each surface the worst: it may be why the others do not agree.
+        # Reject only the worst patch of each surface: it may cause the residuals of the others.
         worst = np.lexsort((-excess, surface))
         worst = worst[np.unique(surface[worst], return_index=True)[1]]
         out = worst[excess[worst] > 1.0]
@@ -92,9 +92,9 @@ def adjust_planes(
 
 
 class _System:
-    """The normal equations, solved: of each view six unknowns or more, of each surface three.
+    """Solution of the normal equations: three unknowns per surface, three or more per view.
 
-    Views are eliminated first: each is connected to surfaces alone.
+    Views are eliminated first (Schur complement), as each is connected to surfaces only.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class _System:
         middle = np.stack(
             [np.bincount(surface, planes.centroid[:, k], S) / count for k in range(3)], axis=1
         )
-        # The measured plane plus B u (of the view) equals H theta (of the surface).
+        # Observation: y + B u (of the view) = H theta (of the surface).
         self._B = np.concatenate([jacobians, -parts], axis=2)
         self._H = np.tile(np.eye(3), (len(surface), 1, 1))
         offset = planes.centroid - middle[surface]
@@ -155,7 +155,7 @@ class _System:
             self._cov_both[rows] = -spread.reshape(D, -1, 3)[:, place].transpose(1, 0, 2)
 
     def residuals(self) -> tuple[Float64, Int64]:
-        """Return squared residuals over their covariance, float64 (P,), and their freedom."""
+        """Return chi2, float64 (P,), and degrees of freedom, int64 (P,), of the residuals."""
         rows = np.arange(3)
         columns = 3 * self._surface[:, None] + rows
         H, B = self._H, self._B
@@ -163,7 +163,7 @@ class _System:
         between = B @ self._cov_both @ H.transpose(0, 2, 1)
         known = B @ self.cov_views[self._view] @ B.transpose(0, 2, 1)
         known += H @ cov_plane @ H.transpose(0, 2, 1) - between - between.transpose(0, 2, 1)
-        # A patch that is used has pulled the solution to itself, another has not.
+        # The residual of an inlier is correlated with the solution; that of an outlier is not.
         cov = self._cov + np.where(self._used, -1.0, 1.0)[:, None, None] * known
         r = self._y + (B @ self.correction[self._view][:, :, None])[:, :, 0]
         r -= (H @ self._planes[self._surface][:, :, None])[:, :, 0]
@@ -176,7 +176,14 @@ class _System:
 
 
 def _seen_by_view(view: Int64, surface: Int64) -> dict[int, tuple[Int64, Int64, Int64]]:
-    """Return what each view saw: its patches, which of its surfaces each is, and their unknowns."""
+    """Return the patches of each view, and the unknowns of the surfaces that it saw.
+
+    Returns
+    -------
+    dict of int to (rows, place, columns)
+        By view: its patches, the index of each patch's surface among the surfaces of the view, and
+        the columns of the unknowns of these surfaces.
+    """
     seen = {}
     for v in np.unique(view).tolist():
         rows = np.flatnonzero(view == v)

@@ -1,4 +1,4 @@
-"""Errors of the plane that is fitted to the points of a patch: by themselves, and in common.
+"""Random and systematic errors of the plane fit of a patch.
 
 A plane is ``z + a (x - x0) + b (y - y0)`` about the centroid of the points.
 """
@@ -10,8 +10,8 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 
 BLOCKS = 9
-"""Blocks of a patch by whose residuals the covariance of its plane is estimated. Chosen: six more
-than the plane has parameters, so that the estimate itself is good to a factor of two."""
+"""Number of blocks of a patch from whose residuals the covariance of its plane is estimated.
+Chosen: six more than the plane has parameters, so that the estimate is good to a factor of two."""
 
 FLATNESS = 0.0013
 """Deviation of a surface from a plane, m (one sigma): DIN 18202 allows finished surfaces a gap of
@@ -19,20 +19,20 @@ FLATNESS = 0.0013
 
 
 def fit_covariance(points: Float64, weights: Float64) -> Float64:
-    """Return the covariance of (z, a, b) of the plane that is fitted to points.
+    """Return the covariance of (z, a, b) of the plane fit of points.
 
     Errors of neighbouring points are correlated: they are of one scan line or of neighbouring
-    pixels, and surfaces are not flat. The points are put into blocks, and the sums of residuals
-    over the blocks, not those of single points, are taken as independent (a cluster-robust
+    pixels, and surfaces are not flat. The points are divided into blocks, and the sums of residuals
+    over blocks, not the residuals of points, are assumed to be independent (a cluster-robust
     covariance: Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
-    To that comes the white noise of the points.
+    The white noise of the points is added.
 
     Parameters
     ----------
     points
         float64 (N, 3), m.
     weights
-        float64 (N,), points that each stands for.
+        float64 (N,), number of measured points that each point represents.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def fit_covariance(points: Float64, weights: Float64) -> Float64:
     X = np.column_stack([np.ones(len(points)), offsets[:, :2]])
     moments = (X * weights[:, None]).T @ X
     spread, axes = np.linalg.eigh(moments[1:, 1:] / total)
-    # Across a line the slope is known to what the flatness of a surface allows at least.
+    # Flatness regularises the slope across a line.
     moments[1:, 1:] += total * FLATNESS**2 * np.eye(2)
     inverse = np.linalg.inv(moments)
     residuals = offsets[:, 2] - X @ (inverse @ (X.T @ (weights * offsets[:, 2])))
@@ -56,7 +56,7 @@ def fit_covariance(points: Float64, weights: Float64) -> Float64:
 
 
 def _blocks(along: Float64, spread: Float64) -> tuple[Int64, int]:
-    """Return the block of each point, and how many there are: about square, of equal counts.
+    """Return the block of each point, and their number; blocks are about square, of equal counts.
 
     Parameters
     ----------
@@ -74,14 +74,15 @@ def _blocks(along: Float64, spread: Float64) -> tuple[Int64, int]:
 
 
 def systematic_planes(points: Float64, weights: Float64, errors: Float64) -> Float64:
-    """Return how the plane that is fitted to points moves with their systematic errors.
+    """Return the error of a plane fit due to systematic errors of its points.
 
     Parameters
     ----------
     points, weights
         As for `fit_covariance`.
     errors
-        float64 (N, K, 3), displacement of the points for each part (`noise.systematic_errors`).
+        float64 (N, K, 3), displacement of the points by each of K components of the error, m
+        (`noise.systematic_errors`).
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Surfaces and sides of racks as what a motion planner avoids: thin boxes or meshes with poses.
+"""Collision shapes of surfaces and sides of racks for motion planning: thin boxes or meshes.
 
 `Box` has the content of shape_msgs/SolidPrimitive, `Mesh` that of shape_msgs/Mesh.
 """
@@ -26,18 +26,19 @@ PANEL_PREFIX = "tccm_rack_"
 """Prefix of the names of panels of racks."""
 
 THICKNESS = 0.02
-"""Of a surface whose lower side was not measured, downwards, m; chosen: a thin board. What is below
-may be free."""
+"""Thickness of a surface whose lower side was not measured, downwards, m; chosen: a thin board, as
+the space below may be free."""
 
 MIN_BOARD, MAX_BOARD = 0.005, 0.08
 """Limits of a measured thickness, m; chosen: a sheet, and a worktop."""
 
 PANEL = 0.01
-"""Of sides and backs of racks, m; chosen: thinner than panels are, since only one side was seen."""
+"""Thickness of sides and backs of racks, m; chosen: thinner than real panels, as only one side was
+seen."""
 
 MIN_BOX_FILL = 0.75
-"""A surface that covers a smaller fraction of its box is a mesh; chosen: the box of an angled
-counter would block the space in front of it."""
+"""Min fraction of its box that a surface covers to be a box, else it is a mesh; chosen: the box of
+an angled counter would block the space in front of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,14 +74,14 @@ class Mesh:
 
 
 def surface_shape(surface: Surface, thickness: float = THICKNESS) -> Box | Mesh:
-    """Return a surface as a box, or as a mesh where the box would cover too much more.
+    """Return a surface as a box, or as a mesh if it covers too little of its box.
 
     Parameters
     ----------
     surface
         A surface of the map.
     thickness
-        Downwards from the surface, m.
+        Thickness downwards from the surface, m.
     """
     box = surface_box(surface, thickness)
     if surface.area / surface.normal[2] < MIN_BOX_FILL * box.size[0] * box.size[1]:
@@ -91,16 +92,16 @@ def surface_shape(surface: Surface, thickness: float = THICKNESS) -> Box | Mesh:
 def structure_shapes(
     surfaces: Iterable[Surface], compartments: Sequence[Compartment] = ()
 ) -> dict[str, Box | Mesh]:
-    """Return the shapes of all surfaces but the floor, and of measured faces of racks, by name.
+    """Return the shapes of all surfaces except the floor, and of measured faces of racks, by name.
 
     The robot, which stands on the floor, would always be in collision with it.
 
     Parameters
     ----------
     surfaces
-        Of the map. A board whose lower side was measured is as thick as it is.
+        Surfaces of the map. A board whose lower side was measured has its measured thickness.
     compartments
-        Their sides, backs and ceilings without a surface are panels behind what was measured.
+        Their sides, backs and ceilings without a surface are panels behind the measured faces.
     """
     known = [surface for surface in surfaces if surface.label != "floor"]
     heights = {surface.id: surface.height for surface in known}
@@ -141,7 +142,7 @@ def _panels(space: Compartment) -> Iterator[tuple[str, Box]]:
 
 
 def surface_box(surface: Surface, thickness: float = THICKNESS) -> Box:
-    """Return the smallest box under a surface's outline; its top lies in the surface's plane.
+    """Return the smallest box under a surface's outline; its top is in the surface's plane.
 
     Holes and notches are filled: a planner that avoids the box avoids the surface.
     """

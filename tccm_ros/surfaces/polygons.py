@@ -9,7 +9,7 @@ from shapely import MultiPolygon, Polygon
 from tccm_ros.arrays import Float64
 
 GRID = 1e-6
-"""Outlines are snapped to this grid, m, so that unions do not depend on rounding; chosen."""
+"""Grid to which outlines are snapped, m, so that unions do not depend on rounding; chosen."""
 
 
 def close_gaps(area: shapely.Geometry, half_width: float) -> shapely.Geometry:
@@ -24,21 +24,21 @@ def box_sides(polygon: Polygon) -> Float64:
 
 
 def equal_sides(area: shapely.Geometry) -> Float64:
-    """Return the sides of the rectangle that has the second moments of an area, float64 (2,), m.
+    """Return the sides of the rectangle with the second moments of an area, float64 (2,), m.
 
-    The shorter is first. A spike, or a tooth at a corner, hardly changes them.
+    The shorter side is first. A spike, or a tooth at a corner, hardly changes them.
 
     Parameters
     ----------
     area
-        A polygon or several, not empty.
+        One or more polygons, not empty.
     """
     center = area.centroid
     oriented = [shapely.geometry.polygon.orient(part) for part in polygons_of(area).geoms]
     rings = [ring for part in oriented for ring in (part.exterior, *part.interiors)]
     moments = np.zeros((2, 2))
     for ring in rings:
-        # Of the triangles between the centroid and each side, with the sign of the way around.
+        # Moments of the triangles of the centroid and each side, signed by orientation.
         p = np.asarray(ring.coords)[:, :2] - (center.x, center.y)
         a, b = p[:-1], p[1:]
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -49,7 +49,7 @@ def equal_sides(area: shapely.Geometry) -> Float64:
 
 
 def largest_part(area: MultiPolygon) -> Polygon:
-    """Return the polygon of the largest area; an empty one where there is none."""
+    """Return the polygon of the largest area; an empty polygon if there is none."""
     return min(area.geoms, key=lambda part: (-part.area, part.bounds), default=Polygon())
 
 

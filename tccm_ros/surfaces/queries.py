@@ -1,7 +1,7 @@
-"""Questions about the surface map: which surfaces meet some conditions, and where there is room.
+"""Queries of the surface map: surfaces and objects by conditions, and placements.
 
-A `SurfaceQueries` belongs to one solution. What a question needs of every surface is prepared when
-it is made, so that an answer takes milliseconds whatever the size of the map.
+A `SurfaceQueries` belongs to one solution. It prepares the data of every surface when it is made,
+so that a query takes milliseconds on a map of any size.
 """
 
 from __future__ import annotations
@@ -38,35 +38,35 @@ from tccm_ros.tabletop.placements import (
 )
 
 MIN_OVERHANG_HEIGHT_M = 0.05
-"""A surface that is less than this above another one stands beside it, m; chosen: what is put down
-is higher than that, or it would not be in the way."""
+"""Min height of an overhanging surface above another one, m; chosen: lower ones are beside it, and
+items to put down are higher."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceFilter:
-    """Conditions that a surface meets; as it is made, there are none.
+    """Conditions on a surface; by default there are none.
 
     Attributes
     ----------
     ids
         Ids or merged ids; empty for any.
     labels
-        Empty for any, but the floor only where ids or labels name it.
+        Labels; empty for any label except that of the floor, which `ids` or `labels` must name.
     min_confidence
-        Least confidence of the label, 0 to 1.
+        Min confidence of the label, 0 to 1.
     min_height, max_height
         Range of the height over the floor, m.
     min_area
-        m2.
+        Min area, m2.
     near
-        (x, y) in map, m; answers come in the order of their distance from it. None: by id.
+        (x, y) in map, m; results are sorted by their distance from it. None: by id.
     max_distance
-        Largest distance of a surface's outline from `near`, m; 0 for any.
+        Max distance of a surface's outline from `near`, m; 0 for any.
     near_sign
-        Parts of the text of a sign near the surface, upper and lower case alike; empty for any.
+        Parts of the text of a sign near the surface, case-insensitive; empty for any.
     words
-        Words that all stand in the label, the room, the texts of signs near it or the classes of
-        the objects on it, upper and lower case alike.
+        Words that must all be in the label, the room, the texts of signs near the surface or the
+        classes of the objects on it, case-insensitive.
     """
 
     ids: frozenset[int] = frozenset()
@@ -83,24 +83,24 @@ class SurfaceFilter:
 
 @dataclass(frozen=True, slots=True)
 class ObjectFilter:
-    """Conditions that an object meets; as it is made, there are none. And the hand that takes it.
+    """Conditions on an object, by default none, and the size of the hand for its accessibility.
 
     Attributes
     ----------
     labels
-        Classes that detectors give; empty for any.
+        Classes given by detectors; empty for any.
     surfaces
-        Ids of the surfaces that it stands on; empty for any.
+        Ids of the surfaces under the object; empty for any.
     min_size, max_size
-        Of its shortest and its longest edge, m.
+        Min length of its shortest edge and max length of its longest edge, m.
     near
-        (x, y) in map, m; answers come in the order of their distance from it. None: by surface.
+        (x, y) in map, m; results are sorted by their distance from it. None: by surface.
     max_distance
-        Largest distance of its middle from `near`, m; 0 for any.
+        Max distance of its centre from `near`, m; 0 for any.
     hand_width, hand_height
-        Of the hand, m: from above it is so high over the object.
+        Size of the hand, m; from above, the hand needs `hand_height` over the object.
     clearance
-        Stays free around the hand and the object, m.
+        Free space around the hand and the object, m.
     """
 
     labels: frozenset[str] = frozenset()
@@ -128,15 +128,15 @@ class ObjectFilter:
 
 @dataclass(frozen=True, slots=True)
 class FoundObject:
-    """An object, and from where it can be taken.
+    """An object and its accessibility.
 
     Attributes
     ----------
     item
         The object.
     above, front
-        Whether a hand comes to it from above, and through the front of its compartment; unknown
-        where it is in none.
+        Access of a hand from above, and through the front of its compartment; the latter is
+        unknown if the object is in no compartment.
     """
 
     item: SceneObject
@@ -145,18 +145,18 @@ class FoundObject:
 
 
 class SurfaceQueries:
-    """Answers questions about one solution.
+    """Answers queries about one solution.
 
     Parameters
     ----------
     surfaces
-        In map, by id.
+        Surfaces in map, by id.
     objects
-        What stands on them, in map.
+        Objects on them, in map.
     floor_z
-        Height of the floor in map, m; None where it was never seen: then heights count from z = 0.
+        Height of the floor in map, m; None if it was never seen: heights then count from z = 0.
     compartments
-        Of racks.
+        Compartments of racks.
     """
 
     def __init__(
@@ -182,10 +182,10 @@ class SurfaceQueries:
         shapely.prepare(self._outlines)
         self._to_put_on = self._placement_surfaces()
         for surface in self._to_put_on:
-            _ = surface.inner_radius  # kept there
+            _ = surface.inner_radius  # a cached property
 
     def find_surfaces(self, wanted: SurfaceFilter) -> list[Surface]:
-        """Return the surfaces that meet all conditions, by their distance or by id."""
+        """Return the surfaces that meet all conditions, by distance or by id."""
         return [self.surfaces[k] for k in self._chosen(wanted)]
 
     def find_placements(self, wanted: SurfaceFilter, request: PlacementRequest) -> list[Placement]:
@@ -194,9 +194,9 @@ class SurfaceQueries:
         Parameters
         ----------
         wanted
-            Of the surfaces; the nearest first where two placements have the same clearance.
+            Conditions on the surfaces; of placements with the same clearance the nearest is first.
         request
-            What is to be put down.
+            Size of the item to put down, and of the hand.
         """
         chosen = self._chosen(wanted)
         if request.approach == Approach.FRONT:
@@ -206,7 +206,7 @@ class SurfaceQueries:
         return find_placements([self._to_put_on[k] for k in chosen], request)
 
     def _through_fronts(self, boards: Sequence[int], request: PlacementRequest) -> list[Placement]:
-        """Return placements in compartments over some boards, the best first."""
+        """Return placements in the compartments over the given boards, the best first."""
         hand, x, y = Hand(request.hand_width, request.hand_height), request.size_x, request.size_y
         sizes = {(x, y, request.height): 0.0, (y, x, request.height): 0.5 * math.pi}
         found = []
@@ -223,7 +223,7 @@ class SurfaceQueries:
         return found[: request.max_count or None]
 
     def find_objects(self, wanted: ObjectFilter) -> list[FoundObject]:
-        """Return the objects that meet all conditions, by their distance or by surface and id."""
+        """Return the objects that meet all conditions, by distance or by surface and id."""
         found = [item for item in self.objects if wanted.accepts(item)]
         if wanted.near is not None:
             near = np.array(wanted.near)
@@ -234,7 +234,7 @@ class SurfaceQueries:
         ]
 
     def _from_above(self, item: SceneObject, wanted: ObjectFilter) -> Access:
-        """Return whether a hand comes to an object from above."""
+        """Return the access of a hand to an object from above."""
         k = next((k for k, s in enumerate(self.surfaces) if s.id == item.surface), None)
         if k is None:
             return Access(AccessState.UNKNOWN)
@@ -250,7 +250,7 @@ class SurfaceQueries:
         return Access(AccessState.BLOCKED, (), min(low, key=lambda o: o.height).surface)
 
     def _from_front(self, item: SceneObject, wanted: ObjectFilter) -> Access:
-        """Return whether a hand comes to an object through the front of its compartment."""
+        """Return the access of a hand to an object through the front of its compartment."""
         hand = Hand(wanted.hand_width, wanted.hand_height)
         for space in self._spaces.get(item.surface, ()):
             if space.holds(item.center):
@@ -258,7 +258,7 @@ class SurfaceQueries:
         return Access(AccessState.UNKNOWN)
 
     def objects_on(self, surfaces: Sequence[Surface]) -> list[SceneObject]:
-        """Return what stands on some surfaces, in their order."""
+        """Return the objects on the given surfaces, in the order of the surfaces."""
         return [item for surface in surfaces for item in self._objects_on.get(surface.id, ())]
 
     def _chosen(self, wanted: SurfaceFilter) -> list[int]:
@@ -276,7 +276,7 @@ class SurfaceQueries:
         return [chosen[k] for k in order]
 
     def _texts_of_surfaces(self) -> list[str]:
-        """Return label, room, signs near and classes of the objects of each surface."""
+        """Return label, room, near signs and object classes of each surface, in lower case."""
         classes: dict[int, list[str]] = {}
         for item in self.objects:
             classes.setdefault(item.surface, []).append(item.class_id)
@@ -340,21 +340,21 @@ def _outline(surface: Surface) -> shapely.Geometry:
 
 
 def _seen(surface: Surface, outline: shapely.Geometry) -> shapely.Geometry:
-    """Return the part of a surface's outline that views measured: nothing is put on a guess."""
+    """Return the measured part of a surface's outline: placements are not on extrapolated parts."""
     if not len(surface.boundary_seen):
         return outline
     return shapely.make_valid(Polygon(surface.boundary_seen[:, :2])).intersection(outline)
 
 
 def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) -> bool:
-    """Return whether a surface meets all conditions but those of its place.
+    """Return whether a surface meets all conditions except those on its position.
 
     Parameters
     ----------
     surface, height
         The surface, and its height over the floor, m.
     text
-        What is searched for words, in lower case.
+        Text in which words are searched, in lower case.
     wanted
         The conditions.
     """
@@ -378,5 +378,5 @@ def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) ->
 
 
 def _parts(text: str) -> list[str]:
-    """Return the letters and digits between the marks of a text: C7-118 is found as C7 118."""
+    """Return the alphanumeric parts of a text: C7-118 is found as C7 118."""
     return re.findall(r"[^\W_]+", text.casefold())

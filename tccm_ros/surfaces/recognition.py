@@ -1,11 +1,11 @@
-"""Surfaces that were carried elsewhere, recognised by height, size and shape.
+"""Recognition of surfaces that were moved, by height, size and shape.
 
-A surface stood somewhere if views measured it there and later ones looked through all of it. One
-that was first seen after that one was seen last, and has its height and size, is the same: it
-adopts the id. Where several fit, the one that was seen soonest, then the nearest, is taken. One
-that was lifted or lowered a little in its place is the same as well: its old height is too near to
-what newer views measured to be looked through, or hidden below it. All of this follows from the
-views and their poses alone.
+A surface has left a place if views measured it there and later views looked through all of it. A
+surface with the same height and size that was first seen after the old one was last seen is the
+same surface and adopts its id. Of several candidates, the one that was seen first is taken, then
+the nearest. A surface that was slightly lifted or lowered at its place is the same surface as well:
+its old height is too close to the new one to be looked through, or is occluded by it. The result
+depends only on the views and their poses.
 """
 
 from __future__ import annotations
@@ -32,29 +32,29 @@ from tccm_ros.surfaces.track_ids import SightKey, TrackIds
 from tccm_ros.surfaces.views import View, first_numbers
 
 MAX_LIFT = 0.15
-"""A surface that is lifted or lowered in its place by up to this is recognised, m. Chosen: boards
-of shelves are 0.2 m and more from each other."""
+"""Max change of height of a surface at its place, m. Chosen: boards of shelves are at least 0.2 m
+from each other."""
 
 MAX_LEFT_OVER = 0.06
-"""What is left of a surface that was lifted or lowered by less than this, m, may be below or above
-it still (`views.clear_margin` twice). What was lowered by more is looked through."""
+"""Max change of height, m, after which points at the old height may remain: they are within twice
+`views.clear_margin` of the new height. After a larger change they are looked through."""
 
 MAX_BESIDE = 0.1
-"""What is left of it is within the outline of the surface now but for this fraction. Chosen: its
+"""Max fraction of the remaining area that is outside of the new outline of the surface. Chosen: its
 edges."""
 
 MIN_PART = 0.05
-"""A view that shows less than this fraction of a surface's area does not show that it is still
-there. Chosen: the front of what was lifted has points at the old height."""
+"""Min fraction of a surface's area in a view that confirms that the surface is still there. Chosen:
+the front of a lifted object has points at the old height."""
 
 
 class PastPose(NamedTuple):
-    """Where a surface stood before.
+    """The previous pose of a surface.
 
     Attributes
     ----------
     surface
-        As it was.
+        The surface at that pose.
     last_seen_ns
         Stamp of the last view that showed it there.
     """
@@ -64,9 +64,10 @@ class PastPose(NamedTuple):
 
 
 class _Stand(NamedTuple):
-    """A surface at one place, from its first to its last sight there.
+    """A surface at one place, from its first to its last view there.
 
-    `whole` is all that views showed of it there; `is_former` says whether it is there no more.
+    `whole` is the union of its outlines in all views there; `is_former` is true if it has left the
+    place.
     """
 
     surface: MergedSurface
@@ -78,9 +79,10 @@ class _Stand(NamedTuple):
     is_former: bool
 
     def follows(self, old: _Stand) -> bool:
-        """Return whether it can be where a surface is that stood elsewhere, or at another height.
+        """Return whether this can be the surface `old` after it was moved.
 
-        In one place, views that measured it at the old height may count as views of it.
+        At the same place, views of the old height may have been merged into this surface, so that
+        `placed` is compared instead of `first`.
         """
         if self.footprint.outline.area < MIN_KNOWN_AREA:
             return False
@@ -94,16 +96,14 @@ class _Stand(NamedTuple):
         return self.first > old.last and step <= MIN_LIFT
 
     def was_lifted_to(self, new: _Stand) -> bool:
-        """Return whether it has another height now than when it was seen last."""
+        """Return whether it is the surface `new` at an earlier height."""
         step = abs(new.footprint.z - self.footprint.z)
         is_at_its_place = is_in_place(self.footprint, new.footprint) and step > MIN_LIFT
         is_close = new.placed > self.last and self.lies_close_to(new)
         return (is_close or is_at_its_place) and new.follows(self)
 
     def lies_close_to(self, new: _Stand) -> bool:
-        """Return whether all of it is so little above or below a surface that nothing fits
-        between.
-        """
+        """Return whether the vertical gap to another surface is too small for both to exist."""
         old, other = self.footprint, new.footprint
         if not MIN_LIFT < abs(old.z - other.z) <= MAX_LEFT_OVER:
             return False
@@ -119,27 +119,27 @@ def adopt_ids(
     left: Survivors,
     config: Config,
 ) -> tuple[list[MergedSurface], dict[Members, PastPose]]:
-    """Give surfaces that are recognised the ids that they had elsewhere.
+    """Assign their earlier ids to surfaces that were recognised.
 
     Parameters
     ----------
     surfaces
-        Of the map as it is.
+        Surfaces of the current map.
     ids
-        Of the same views; changed.
+        Ids of the same views; updated.
     views, left
-        In stamp order, and what carving left of them.
+        Views in stamp order, and the result of carving them.
     poses
         float64 (V, 4, 4), poses of the views, and (V, 3, 3), covariances of z, roll and pitch.
     config
-        Group ``surfaces``.
+        Uses the group ``surfaces``.
 
     Returns
     -------
     surfaces : list of MergedSurface
-        Without those that were lifted or lowered in their place since.
+        The surfaces without remainders at an earlier height.
     previous : dict of Members to PastPose
-        Where each of the recognised surfaces stood before.
+        Previous pose of each recognised surface.
     """
     former = _former_patches(views, poses[0], left, ids, [s.height for s in surfaces])
     candidates = [
@@ -167,9 +167,10 @@ def _former_patches(
     ids: TrackIds,
     heights: Sequence[float],
 ) -> list[NumberedPatch]:
-    """Return the patches that were looked through as a whole, at a height of some surface.
+    """Return the patches that were looked through as a whole, near the height of a surface.
 
-    With those that they replaced: the last view of a place may have had few scan lines there.
+    Patches that they replaced are included, as the last view of a place may have few scan lines
+    there.
     """
     first, found = first_numbers(views), set()
     for v, view in enumerate(views):
@@ -200,12 +201,12 @@ def _stand(
 
 
 def footprint_of(surface: MergedSurface, T_map_view: Float64) -> Footprint:
-    """Return where a surface is, as well as the view with the finest scan lines tells.
+    """Return the footprint of a surface, with the blur of the view with the finest scan lines.
 
     Parameters
     ----------
     surface
-        In map.
+        Surface in map.
     T_map_view
         float64 (V, 4, 4), poses of the views.
     """
@@ -215,7 +216,7 @@ def footprint_of(surface: MergedSurface, T_map_view: Float64) -> Footprint:
 
 
 def _successors(stands: Sequence[_Stand]) -> dict[int, int]:
-    """Return which stand is that of the same surface later, one to one."""
+    """Associate former surfaces with their successors, one to one; return indices of `stands`."""
     pairs = [
         (new.first, float(np.linalg.norm(new.footprint.middle - old.footprint.middle)), i, j)
         for i, old in enumerate(stands)

@@ -1,10 +1,9 @@
-"""Registration of views: what surfaces that several views saw say of their poses.
+"""Registration of views by the surfaces that they have in common.
 
-The planes of surfaces determine z, roll and pitch (`plane_adjustment`), outside the graph; their
-sides constrain x, y and yaw, as factors of it. A match of
-sides is a robust factor between two views; its covariance is large in directions that the common
-sides do not determine. There is no factor where two views have too few sides in common, or where
-another relative pose fits nearly as well.
+The planes of surfaces determine z, roll and pitch (`plane_adjustment`), outside of the graph. Their
+sides constrain x, y and yaw, as factors of the graph. A match of sides is a robust factor between
+two views; its covariance is large in directions that the common sides do not determine. There is no
+factor if two views have too few sides in common, or if the match is ambiguous.
 """
 
 from __future__ import annotations
@@ -38,47 +37,47 @@ from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.views import View
 
 Z_ROLL_PITCH = [5, 0, 1]
-"""z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
+"""Indices of z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
 
 PLANAR_ORDER = [3, 4, 2]
-"""x, y and yaw in the same order."""
+"""Indices of x, y and yaw in the same order."""
 
 MAX_NEIGHBOUR_VIEWS = 6
-"""Each view is matched with at most this many older ones, the nearest; chosen."""
+"""Max number of older views, the nearest, with which a view is matched; chosen."""
 
 YAW_WEIGHT = 1.0
-"""Metres that a radian of yaw counts in the distance of two poses; chosen."""
+"""Weight of yaw in the distance of two poses, m per rad; chosen."""
 
 MAX_SIGMA = (0.15, np.radians(3.0))
-"""Limits of the standard deviations (m, rad) of the relative pose of two views that the search
-covers; chosen: with a wider search, sides of other surfaces match."""
+"""Upper limits of the standard deviations (m, rad) of the relative pose of two views that the
+search covers; chosen: with a wider search, sides of other surfaces match."""
 
 VARIANCE_FACTORS = np.logspace(-4.0, 0.5, 37)
-"""Candidates for the factor of the covariances of the poses known so far. Chosen: eight
-to a decade, from none to what no match would be within."""
+"""Candidate factors on the covariances of the prior poses. Chosen: eight per decade, from nearly
+zero to three."""
 
 MAX_LIKELIHOOD_RATIO = 6.63
-"""Twice the log of the likelihood ratio beyond which covariances are not what they say: the 99 %
+"""Twice the log of the likelihood ratio above which the covariances are inconsistent: the 99 %
 quantile of chi-square with one degree of freedom (Wilks 1938)."""
 
 MIN_REMAINING = 0.5
-"""Min fraction of a patch that carving leaves for its sides to be matched; chosen: a patch with
-less was moved or replaced."""
+"""Min fraction of a patch that carving must leave for its sides to be matched; chosen: other
+patches were moved or replaced."""
 
 OPEN_SIGMAS = (1.0, 1.0, 1.0)
 """Standard deviations of z, roll and pitch (m, rad) in a factor of sides. Chosen: wide, so that
-it leaves them open."""
+the factor does not constrain them."""
 
 
 class Registration:
-    """Finds the factors between views, and remembers what does not change with their poses.
+    """Finds the factors between views, with a cache of the pose-independent sides.
 
     Parameters
     ----------
     config
         Uses the groups ``views`` and ``surfaces``.
     carver, remainders
-        Those of a map of the same views, which remember what it compared; by default others.
+        Those of a map of the same views, to use its caches; by default new ones.
     """
 
     def __init__(
@@ -110,12 +109,12 @@ class Registration:
         return side_factors(views, left, known, self._config, sides)
 
     def levelled(self, solution: Solution) -> Solution:
-        """Return a solution with z, roll and pitch of its views as the planes of surfaces say.
+        """Return a solution with z, roll and pitch of its views adjusted by the planes of surfaces.
 
         Parameters
         ----------
         solution
-            Of the graph, with the views of the last `side_factors`.
+            Solution of the graph, with the views of the last `side_factors`.
         """
         cov = solution.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
         T = solution.T_map_views
@@ -135,14 +134,14 @@ class Registration:
 def plane_adjustment(
     patches: list[NumberedPatch], T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config
 ) -> PlaneAdjustment | None:
-    """Adjust z, roll and pitch of views by surfaces that more than one saw; None: there are none.
+    """Adjust z, roll and pitch of views by common surfaces; None: there are no common surfaces.
 
     Parameters
     ----------
     patches
-        What is left of the patches, in the order of their numbers.
+        Remainders of the patches, in the order of their numbers.
     T_map_view, cov_z_roll_pitch
-        float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch), the views as known so far.
+        float64 (V, 4, 4), prior poses, and (V, 3, 3), covariances of (z, roll, pitch).
     config
         Uses the group ``surfaces``.
     """
@@ -180,22 +179,22 @@ def side_factors(
 ) -> list[BetweenViews]:
     """Return a factor for each pair of views whose sides match.
 
-    The covariances of the graph are conservative: those expected are `known.unit_variance` times as
-    large. The covariance of a match is the one expected, so it is divided by that, to weigh as the
-    other factors do.
+    The covariances of the graph are conservative: the expected ones are `known.unit_variance` times
+    as large. The covariance of a match is the expected one. It is divided by that factor, so that
+    the match has the same weight as other factors.
 
     Parameters
     ----------
     views
         V views in stamp order.
     left
-        Of `carve`, for these views.
+        Result of `carve` for these views.
     known
         Solution of the graph without these factors, with the same views.
     config
         Uses `surfaces.max_step`.
     sides_of_views
-        Of `find_sides`, for these views; None: they are found now.
+        Results of `find_sides` for these views; None: they are computed.
     """
     T_map_view, poses = known.T_map_views, planar(known.T_map_views)
     found_sides = sides_of_views or [find_sides(view) for view in views]
@@ -217,7 +216,7 @@ def side_factors(
                 matches.append((i, j, match))
                 moved.append(between2(start, match.pose))
                 cov_moved.append(cov)
-    # The matches of a view use the same sides: together they must not count more than once.
+    # The matches of a view use the same sides: inflate their covariances by the number of uses.
     uses = np.bincount([v for i, j, _ in matches for v in (i, j)], minlength=len(views))
     covs = np.array([match.cov for _, _, match in matches]).reshape(-1, 3, 3)
     observed = variance_factor(
@@ -231,18 +230,18 @@ def side_factors(
 
 
 def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -> float:
-    """Return by how much the poses known so far are better or worse than their covariances say.
+    """Return the maximum-likelihood factor on the covariances of the prior poses.
 
-    The differences between matches and these poses are as large as the errors of both explain.
-    Where matches alone explain them, the factor of greatest likelihood is small, and poses that are
-    good stay as they are. It is 1 where the matches do not contradict that (likelihood ratio).
+    The differences between matches and prior poses have the covariance of both errors. If the
+    errors of matches alone explain them, the factor is small, and good poses stay as they are. It
+    is 1 unless the matches contradict that (likelihood-ratio test).
 
     Parameters
     ----------
     moved
-        float64 (M, 3), the differences, (x, y, yaw).
+        float64 (M, 3), the differences (x, y, yaw), m and rad.
     cov_matches, cov_starts
-        float64 (M, 3, 3), of the matches and of the poses known so far.
+        float64 (M, 3, 3), covariances of the matches and of the prior relative poses.
     """
     costs = []
     for factor in VARIANCE_FACTORS:
@@ -255,20 +254,20 @@ def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -
 
 
 def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
-    """Return the sides of patches that newer views did not see moved or replaced."""
+    """Return the sides of patches that were not moved or replaced in newer views."""
     fraction = np.array([mask.mean() for mask in keep])
     return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)
 
 
 def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:
-    """Transform sides to the horizontal frame at the planar pose of their view, z as in map."""
+    """Return sides in the horizontal frame at the planar pose of their view, with z as in map."""
     T = inverse(spatial(planar(T_map_view))) @ T_map_view
     points = transform(T, np.column_stack([sides.middle, sides.height]))
     return sides.moved(points[:, :2], points[:, 2])
 
 
 def _nearest_views(poses: Float64, j: int) -> list[int]:
-    """Return the older views that are nearest to view `j`, in order."""
+    """Return the indices of the nearest older views of view `j`, ascending."""
     yaw = np.abs(wrap_angle(poses[:j, 2] - poses[j, 2]))
     distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + YAW_WEIGHT * yaw
     return sorted(np.argsort(distance, kind="stable")[:MAX_NEIGHBOUR_VIEWS].tolist())
@@ -282,17 +281,17 @@ def _relative_covariance(
     Parameters
     ----------
     cov_poses, poses
-        float64 (V, 3, 3) of (x, y, yaw) in each view's frame, and (V, 3).
+        float64 (V, 3, 3), covariances of (x, y, yaw) in each view's frame, and (V, 3), poses.
     i, j
         Two views.
     is_chain
-        Whether nothing but the steps between keyframes determines the poses: the error of `j` is
-        then that of `i` and those of the steps between them. Otherwise the correlation of the two
-        is not known here, and the sum of their covariances is an upper bound.
+        Whether only the steps between keyframes determine the poses: the error of `j` is then the
+        error of `i` plus those of the steps between them. Otherwise the cross-covariance is
+        unknown, and the sum of the two covariances is used.
 
     Returns
     -------
-    float64 (3, 3) of (x, y, yaw), diagonal, alike in x and y, at most `MAX_SIGMA`
+    float64 (3, 3) of (x, y, yaw), diagonal, isotropic in x and y, at most `MAX_SIGMA` squared
     """
     A = adjoint(between2(poses[j], poses[i]))
     cov = cov_poses[j] + (-1.0 if is_chain else 1.0) * A @ cov_poses[i] @ A.T
@@ -306,7 +305,7 @@ def _between_factor(
 ) -> BetweenViews:
     """Return the factor of a match: x, y and yaw as matched, their covariance times `scale`.
 
-    z, roll and pitch are those of the poses known so far, with `OPEN_SIGMAS`.
+    z, roll and pitch are those of the prior poses, with `OPEN_SIGMAS`.
     """
     T_level_view = inverse(spatial(planar(T_map_view[j]))) @ T_map_view[j]
     T_map_j = spatial(compose2(planar(T_map_view[i]), match.pose)) @ T_level_view

@@ -1,4 +1,4 @@
-"""A saved map: arrays of walls and keyframes, and views with poses in keyframes."""
+"""A saved map: arrays of walls and keyframes, and views with poses relative to keyframes."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from tccm_ros.surfaces.views import Patch, SeenObject, View
 Arrays = dict[str, NDArray[Any]]
 
 ABSENT = np.iinfo(np.int64).min
-"""Stands for None in a saved array."""
+"""Represents None in a saved array."""
 
 UNKNOWN = np.full(3, np.nan)
-"""Stands for None in an array of positions."""
+"""Represents None in an array of positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,13 +39,13 @@ class SavedView:
     view
         The view.
     keyframe
-        Keyframe of its session that is nearest in time; -1 where there was none.
+        Keyframe of its session that is nearest in time; -1: none.
     is_on_keyframe
         Whether its pose moves with that keyframe; else, without a level laser, it is fixed in map.
     T_anchor_view
         float64 (4, 4), pose in that keyframe (horizontal, at its planar pose), or in map.
     cov_z_roll_pitch
-        float64 (3, 3) of (z, roll, pitch).
+        float64 (3, 3), covariance of (z, roll, pitch).
     """
 
     view: View
@@ -72,16 +72,16 @@ class SavedMap:
 
 
 def views_in_map(saved: SavedMap) -> tuple[SavedView, ...]:
-    """Return the views of a saved map with their poses in map: no keyframe moves them any more.
+    """Return the views of a saved map with fixed poses in map, independent of keyframes.
 
     Raises
     ------
     MapError
-        Where the saved walls are damaged.
+        If the saved walls are damaged.
     """
     if not saved.walls:
         return saved.views
-    # Not by `unpack_walls`: the nodes read maps without the graph, which it loads.
+    # `unpack_walls` would import the graph, which nodes that read maps do not load.
     try:
         T_map_keyframe = spatial(np.asarray(saved.walls["keyframe_pose"]).reshape(-1, 3))
     except (KeyError, ValueError) as error:
@@ -95,7 +95,7 @@ def views_in_map(saved: SavedMap) -> tuple[SavedView, ...]:
 
 
 def pack_views(views: Sequence[View]) -> Arrays:
-    """Return the arrays of views: rows of all views one after the other, and counts of rows."""
+    """Return the arrays of views: concatenated rows of all views, and row counts."""
     patches = [patch for view in views for patch in view.patches]
     objects = [item for view in views for item in view.objects]
     outlines = [np.frombuffer(shapely.to_wkb(p.outline), np.uint8) for p in patches]
@@ -158,7 +158,7 @@ def pack_views(views: Sequence[View]) -> Arrays:
 
 
 def _pack_detections(views: Sequence[View]) -> Arrays:
-    """Return the arrays of what detectors recognised; none where they recognised nothing."""
+    """Return the arrays of detections; no arrays without detections."""
     seen = [item for view in views for item in view.detections]
     if not seen:
         return {}
@@ -175,7 +175,7 @@ def _pack_detections(views: Sequence[View]) -> Arrays:
 
 
 def _pack_corrections(views: Sequence[View]) -> Arrays:
-    """Return the arrays of labels that a person gave; none where nobody gave one."""
+    """Return the arrays of user-supplied labels; no arrays without such labels."""
     given = [item for view in views for item in view.corrected_labels.items()]
     if not given:
         return {}
@@ -193,12 +193,12 @@ def _joined(parts: Sequence[NDArray[Any]], dtype: Any, *shape: int) -> NDArray[A
 
 
 def unpack_views(arrays: Mapping[str, NDArray[Any]]) -> list[View]:
-    """Return the views of `pack_views`.
+    """Return the views from the arrays of `pack_views`.
 
     Raises
     ------
     MapError
-        For arrays that are missing or do not belong together.
+        If arrays are missing or inconsistent.
     """
     try:
         return _unpack(arrays)
@@ -259,7 +259,10 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
 
 
 def _unpack_errors(a: Mapping[str, NDArray[Any]]) -> list[tuple[Float64, Float64]]:
-    """Return the errors of each patch's plane; maps of older versions have points alone."""
+    """Return covariance and systematic error of each patch's plane.
+
+    Maps of older versions have no such arrays: covariances are computed from points.
+    """
     if "cov_plane" not in a:
         clouds = zip(_split(a["points"], a["points_of"]), _split(a["weights"], a["points_of"]))
         none = np.zeros((0, 3))
@@ -269,7 +272,7 @@ def _unpack_errors(a: Mapping[str, NDArray[Any]]) -> list[tuple[Float64, Float64
 
 
 def _unpack_viewpoint(a: Mapping[str, NDArray[Any]], v: int) -> tuple[Float64 | None, SensorKind]:
-    """Return position and kind of a view's sensor; maps of older versions do not have them."""
+    """Return viewpoint and kind of a view's sensor; defaults for maps of older versions."""
     if "viewpoints" not in a:
         return None, SensorKind.LASER
     viewpoint = a["viewpoints"].reshape(-1, 3)[v]
@@ -277,7 +280,7 @@ def _unpack_viewpoint(a: Mapping[str, NDArray[Any]], v: int) -> tuple[Float64 | 
 
 
 def _unpack_hits(a: Mapping[str, NDArray[Any]]) -> list[Float32]:
-    """Return what the beams of each view ended on; maps of older versions do not have it."""
+    """Return the hits of the beams of each view; empty for maps of older versions."""
     if "hits" not in a:
         return [np.zeros((0, 4), np.float32)] * len(a["stamp_ns"])
     hits = _split(a["hits"].reshape(-1, 4), a["hits_of"])
@@ -287,7 +290,7 @@ def _unpack_hits(a: Mapping[str, NDArray[Any]]) -> list[Float32]:
 
 
 def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...]]:
-    """Return the objects of each view; none in maps of older versions."""
+    """Return the objects of each view; empty for maps of older versions."""
     if "objects" not in a:
         return [()] * len(a["stamp_ns"])
     boxes, counts = a["object_boxes"].reshape(-1, 7), a["object_counts"].reshape(-1, 4)
@@ -309,7 +312,7 @@ def _unpack_object(box: Float64, numbers: Sequence[int]) -> SeenObject:
 
 
 def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetection, ...]]:
-    """Return the detections of each view; there are no arrays where there are none."""
+    """Return the detections of each view; empty if the map has no such arrays."""
     if "detections" not in a:
         return [()] * len(a["stamp_ns"])
     centers, scores = a["detection_centers"].reshape(-1, 3), a["detection_scores"]
@@ -340,7 +343,7 @@ def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetectio
 
 
 def _unpack_corrections(a: Mapping[str, NDArray[Any]]) -> list[dict[int, str]]:
-    """Return the labels that a person gave, by view; there are no arrays where nobody gave one."""
+    """Return the user-supplied labels of each view; empty if the map has no such arrays."""
     if "corrections" not in a:
         return [{}] * len(a["stamp_ns"])
     names = _split(a["correction_names"], a["correction_name_bytes"])
@@ -357,7 +360,7 @@ def _absent(value: int) -> int | None:
 
 
 def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
-    """Return an entry that may be None, or may be missing in maps of older versions."""
+    """Return an optional entry; None if the array is missing, as in maps of older versions."""
     value = int(a[name][k]) if name in a else ABSENT
     return _absent(value)
 

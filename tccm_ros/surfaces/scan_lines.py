@@ -1,7 +1,7 @@
 """Scan lines in the points of a patch: their direction, and the distance of beams along them.
 
-A laser measures a surface in lines, whose distance is larger than that of the beams along them. A
-line that crosses an edge ends within one beam of it, whatever the distance of the lines is.
+A laser measures a surface in lines whose distance is larger than that of the beams along them. A
+line that crosses an edge ends within one beam of it, at any distance of the lines.
 """
 
 from __future__ import annotations
@@ -12,37 +12,38 @@ from scipy.spatial import cKDTree
 from tccm_ros.arrays import Float64
 
 MAX_QUERIES = 200
-"""Directions and distances are taken at most at so many points; chosen."""
+"""Number of points at which directions and distances are computed; chosen."""
 
 NEIGHBOURS = 9
-"""Points that are compared with each, itself included; chosen: noise leaves a few on its line."""
+"""Number of nearest points, including itself, that are compared with a point; chosen: a few of them
+are on its line despite noise."""
 
 NEIGHBOURHOOD = 0.6
-"""Points within this fraction of the distance of scan lines are on the same line; chosen: more than
-half, less than one."""
+"""Max distance of points on the same line, as a fraction of the distance of scan lines; chosen:
+more than half, less than one."""
 
 NEAREST = 1.5
-"""They may have so many times the distance of the nearest points, where beams are no nearer to each
-other than lines; chosen."""
+"""Lower limit of that distance, as a multiple of the median distance of nearest points: beams may
+be as far from each other as lines; chosen."""
 
 MIN_POINTS = 12
-"""Fewer points have no direction; chosen."""
+"""Min number of points that define a direction; chosen."""
 
 MAX_SCATTER = 0.6
-"""Points are in lines where they scatter at most so much across as along; chosen."""
+"""Max ratio of the scatter across to that along the lines; chosen."""
 
 CONE, MIN_ASIDE = 0.3, 0.008
-"""The next beam of a line is ahead within this fraction of its distance to the side, or this, m:
-lines are straight, ranges have noise. Chosen."""
+"""Max lateral offset of the next beam of a line, as a fraction of its distance, and lower limit of
+this offset, m: lines are straight, ranges have noise. Chosen."""
 
 MIN_STEP = 0.004
-"""Min distance of beams, m; chosen: below the noise of a range."""
+"""Min distance of beams, m; chosen: below the range noise."""
 
 
 def line_direction(points_xy: Float64, spacing: float) -> Float64 | None:
-    """Return the direction of the scan lines of a patch; None: it has none.
+    """Return the direction of the scan lines of a patch; None: the points are not in lines.
 
-    The first principal axis of the differences of points that are on the same line.
+    It is the first principal axis of the differences of points on the same line.
 
     Parameters
     ----------
@@ -70,14 +71,14 @@ def line_direction(points_xy: Float64, spacing: float) -> Float64 | None:
 
 
 def beam_step(points_xy: Float64, direction: Float64) -> float | None:
-    """Return the distance of the beams of scan lines, m; None where no line has two.
+    """Return the median distance of neighbouring beams of scan lines, m; None: there are none.
 
     Parameters
     ----------
     points_xy
         float64 (N, 2), m.
     direction
-        float64 (2,), unit, of the lines.
+        float64 (2,), unit vector along the lines.
     """
     if len(points_xy) < 2:
         return None
@@ -91,5 +92,5 @@ def beam_step(points_xy: Float64, direction: Float64) -> float | None:
 
 
 def _chosen(points_xy: Float64) -> Float64:
-    """Return points evenly over their order, `MAX_QUERIES` or less than twice as many."""
+    """Return every n-th point: at most twice `MAX_QUERIES` points."""
     return points_xy[:: max(len(points_xy) // MAX_QUERIES, 1)]

@@ -1,4 +1,4 @@
-"""A solution as programs see it: surfaces, objects and free floor, without points and graph."""
+"""A solution for clients: surfaces, objects and free floor, without points and graph."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class KnownSurface(NamedTuple):
     Attributes
     ----------
     surface
-        Without its views.
+        The surface, without its views.
     last_view_ns
-        Stamp of the last view that is part of it.
+        Stamp of its last view.
     message
-        The whole of it: a serialised tccm_interfaces/Surface; empty where nobody asks for it.
+        The complete surface as a serialised tccm_interfaces/Surface; empty if it is not needed.
     """
 
     surface: Surface
@@ -37,30 +37,30 @@ class KnownSurface(NamedTuple):
 
 
 def known_surface(surface: Surface) -> KnownSurface:
-    """Return a surface of a solution as a scene has it, without its message."""
+    """Return a surface of a solution as a surface of a scene, without its message."""
     last_ns = surface.views[-1].stamp_ns if surface.views else surface.last_seen_ns
     return KnownSurface(replace(surface, views=()), last_ns)
 
 
 class Scene(NamedTuple):
-    """One solution as programs see it.
+    """One solution for clients.
 
     Attributes
     ----------
     stamp_ns, frame_id
-        Of the solution.
+        Stamp and map frame of the solution.
     floor_z
-        Height of the floor in map, m; None where it was never seen.
+        Height of the floor in map, m; None if it was never seen.
     objects
-        By surface and id.
+        Objects by surface and id.
     free_floor
-        Where the base can stand; None without a level laser.
+        Free floor for the base; None without a level laser.
     surfaces
-        By id.
+        Surfaces by id.
     newest_view_ns, previous_view_ns
-        Stamps of the newest view of this session and of the one before; 0 where there is none.
+        Stamps of the newest and the second-newest view of this session; 0: none.
     compartments
-        Of racks.
+        Compartments of racks.
     """
 
     stamp_ns: int
@@ -80,9 +80,9 @@ def surface_pose(surface: Surface | PreviousPose) -> tuple[Float64, Float64]:
     Returns
     -------
     T_map_surface : float64 (4, 4)
-        Its middle, on the plane; x along the longer side, z along the normal.
+        Pose of its centre, on the plane; x along the longer side, z along the normal.
     size : float64 (2,)
-        Along x and y, m.
+        Size along x and y, m.
     """
     x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
     normal = surface.normal
@@ -95,23 +95,23 @@ def surface_pose(surface: Surface | PreviousPose) -> tuple[Float64, Float64]:
 
 
 def surface_frame(surface_id: int, prefix: str) -> str:
-    """Return the name of a surface's frame on tf; `prefix` is that of the robot's frames."""
+    """Return the name of a surface's tf frame; `prefix` is that of the robot's frames."""
     return f"{prefix}surface_{surface_id}"
 
 
 def frames_of_surfaces(
     surfaces: Iterable[Surface], stamp_ns: int, map_frame: str, prefix: str
 ) -> list[TransformSample]:
-    """Return the frames of all surfaces but the floor in map (`surface_pose`).
+    """Return the frames of all surfaces except the floor, in map (`surface_pose`).
 
     Parameters
     ----------
     surfaces
-        In map.
+        Surfaces in map.
     stamp_ns
-        Of the transforms.
+        Stamp of the transforms.
     map_frame, prefix
-        Name of the map frame, and what is put before the names of frames.
+        Name of the map frame, and prefix of frame names.
     """
     return [
         TransformSample(stamp_ns, map_frame, surface_frame(s.id, prefix), surface_pose(s)[0], False)

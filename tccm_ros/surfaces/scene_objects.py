@@ -1,4 +1,4 @@
-"""Objects on the surfaces of the map, and where there is room for more."""
+"""Objects on the surfaces of the map, and free places between them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ OUTLINE_MARGIN = 0.05
 
 
 PANEL = 0.10
-"""Legs, sides and fronts of furniture are seen as less deep than this, m; chosen: a leg of the
-thickest tables. Of what stands under a table and is no part of it the top is seen."""
+"""Max measured depth of legs, sides and fronts of furniture, m; chosen: a leg of the thickest
+tables. Objects under a table that are no part of it are deeper, as their tops are seen."""
 
 FLUSH = 0.015
-"""What ends so near to the height of a surface reaches up to it, m: nearer than what stands under a
-thin board of furniture. Chosen."""
+"""Max difference in height of a surface and the upper side of a part that extends up to it, m:
+objects under a thin board are further below it. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,23 +41,23 @@ class SceneObject:
     Attributes
     ----------
     id
-        Of the object; kept while it stands, and in saved maps.
+        Id of the object, constant while it is present, and in saved maps.
     surface
-        Id of the surface that it is on.
+        Id of the surface under it.
     center
         float64 (3,), m.
     size
         float64 (3,), edges along its own x, y and z, m.
     yaw
-        Of its x axis, in (-pi/2, pi/2], rad.
+        Yaw of its x axis, in (-pi/2, pi/2], rad.
     points
-        Points measured on it in the view that gives the box.
+        Number of points on it in the view that gives the box.
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it.
     views
-        Views that measured it.
+        Number of views that measured it.
     label
-        Class that detectors gave it, with its mean score; None where none did.
+        Class given by detectors, with its mean score; None: no detections.
     """
 
     id: int
@@ -73,7 +73,7 @@ class SceneObject:
 
     @property
     def class_id(self) -> str:
-        """Class that detectors gave it, empty where none did."""
+        """Class given by detectors; empty: none."""
         return "" if self.label is None else self.label.class_id
 
     @property
@@ -86,14 +86,14 @@ class SceneObject:
 def scene_objects(
     surfaces: Sequence[Surface], tracks: Sequence[ObjectTrack]
 ) -> tuple[SceneObject, ...]:
-    """Return the objects that stand on surfaces, by surface and id.
+    """Return the objects on surfaces, by surface and id.
 
     Parameters
     ----------
     surfaces
-        Of the map.
+        Surfaces of the map.
     tracks
-        What stands somewhere, in map.
+        Tracks of objects, in map.
     """
     if not tracks or not surfaces:
         return ()
@@ -123,20 +123,20 @@ def _is_part(
     surfaces: Sequence[Surface],
     outlines: NDArray[Any],
 ) -> bool:
-    """Return whether a box is a part of what has another surface as its top: a side, or a leg.
+    """Return whether a box is a part of furniture whose top is another surface: a side, or a leg.
 
-    A part on the floor is under that surface, and thin. A side of what stands on a top, as a
-    stove's, lies along the edge of the stove, and reaches up to it and no further; beside it the
-    surface is large, which tells a side from an object whose top was measured.
+    A part on the floor is thin and under that surface. A side of an appliance on a worktop, such as
+    a stove, is along the edge of the appliance's top and extends up to it. The top is larger than
+    the box, which distinguishes a side from an object whose top was measured.
 
     Parameters
     ----------
     track
         The box.
     under
-        Id of the surface that it stands on.
+        Id of the surface under it.
     surfaces, outlines
-        Of the map, and their outlines.
+        Surfaces of the map, and their outlines.
     """
     top, footprint = float(track.center[2] + 0.5 * track.size[2]), track.footprint
     is_thin = min(track.size[:2]) < PANEL
@@ -165,21 +165,21 @@ def _scene_object(track: ObjectTrack, surface: int) -> SceneObject:
 def free_places(
     surfaces: Sequence[Surface], objects: Sequence[SceneObject], size: tuple[float, float]
 ) -> dict[int, list[Float64]]:
-    """Return where something can be put down on the surfaces other than the floor.
+    """Return the areas on surfaces, except the floor, in which an item can be put down.
 
     Parameters
     ----------
     surfaces, objects
-        Of one solution.
+        Surfaces and objects of one solution.
     size
-        Width and depth of what is to be put down, m; its sides are parallel to the smallest
-        rectangle around the surface, either way round.
+        Width and depth of the item, m; its sides are parallel to those of the smallest rectangle
+        around the surface, in either order.
 
     Returns
     -------
     dict of int to list of float64 (N, 3)
-        Outer rings of the area that it can cover, in map, by id of the surface; surfaces without
-        room are left out.
+        Outer rings of the area that the item can cover, in map, by id of the surface; surfaces
+        without free places are left out.
     """
     occupied: dict[int, list[Polygon]] = {}
     for item in objects:

@@ -1,9 +1,9 @@
-"""Alignment of a new session with a saved map, where there is no level laser to localise it.
+"""Alignment of a new session with a saved map, without a level laser.
 
 The free space of views ends at walls and furniture. The first columns behind free space, its
-*frontier*, are matched with those of the saved map over all yaws and shifts, seen from above; the
-floor gives z, roll and pitch. An ambiguous match is refused: a session at a wrong pose would spoil
-the map for good.
+*frontier*, are matched with those of the saved map over all yaws and translations in the plane. The
+floor gives z, roll and pitch. Ambiguous matches are rejected, as a session at a wrong pose would
+corrupt the map permanently.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.views import View
 
 BAND = (0.3, 1.6)
-"""Heights above the floor, m, in which a column must be free to count as open; chosen."""
+"""Range of heights above the floor in which an open column is free, m; chosen."""
 
 MIN_FREE_FRACTION = 0.5
 """Min fraction of the band that is free in an open column; chosen."""
@@ -33,17 +33,17 @@ CELL = 0.1
 """Edge of a cell of the search, m; chosen: a column of a view by default."""
 
 YAWS = 360
-"""Number of yaws that are searched: steps of one degree; chosen."""
+"""Number of yaws of the search: steps of one degree; chosen."""
 
 SAME_POSE = (0.4, np.radians(10.0))
-"""Poses that differ by more than this (m, rad) are different ones; chosen."""
+"""Max difference (m, rad) of two poses that count as the same; chosen."""
 
 CONTRADICTION = 0.5
-"""Score that a frontier cell loses in open columns of the map, as a fraction of that of a match;
+"""Penalty of a frontier cell in an open column of the map, as a fraction of the score of a match;
 chosen."""
 
 MAX_BLUR = 0.03
-"""Open cells count as such where the blurred frontier is below this; chosen."""
+"""Max value of the blurred frontier in a cell that counts as open; chosen."""
 
 BLUR = 0.7
 """Standard deviation of the blur of the frontier, cells; chosen."""
@@ -52,11 +52,11 @@ FULL_MATCH = 0.45
 """Value of the blurred frontier at which a cell matches fully; chosen."""
 
 MIN_SCORE = 0.12
-"""Min score of a match: fraction of the session's frontier cells that match, less contradictions;
+"""Min score of a match: fraction of the session's frontier cells that match, minus penalties;
 chosen."""
 
 AMBIGUOUS = 0.72
-"""A second pose with this fraction of the best one's score makes the match ambiguous; chosen."""
+"""Max ratio of the second-best to the best score of an unambiguous match; chosen."""
 
 MIN_FRONTIER = 30
 """Min number of frontier cells for a match; chosen."""
@@ -70,7 +70,7 @@ MIN_WEIGHT = 3.0
 
 
 class AlignmentResult(StrEnum):
-    """Whether a session was found in a map, and by what, or why not."""
+    """Result of the search for a session in a map; values are sources or reasons of failure."""
 
     FOUND = "structure and floor"
     TOO_FEW_ENDS = "too little structure"
@@ -85,9 +85,9 @@ class SessionAlignment:
     Attributes
     ----------
     result
-        Whether the session is part of the map, or why not.
+        Success, or the reason of the failure.
     T_map_session
-        float64 (4, 4); identity where it was not found.
+        float64 (4, 4); identity if the session was not found.
     """
 
     result: AlignmentResult
@@ -95,16 +95,16 @@ class SessionAlignment:
 
     @property
     def found(self) -> bool:
-        """Whether the session is part of the map."""
+        """Whether the session was found in the map."""
         return self.result is AlignmentResult.FOUND
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FreeSpace:
-    """The free space of views, seen from above, m: centres of columns.
+    """The free space of views in the plane: centres of columns, m.
 
     `frontier` float64 (N, 2) are the first columns behind open ones, `open` float64 (M, 2) the open
-    ones.
+    columns.
     """
 
     frontier: Float64
@@ -124,7 +124,7 @@ def _free_space(views: list[View], T_map_view: Float64, floor_z: float) -> _Free
 
 
 def _open_cells(view: View, floor_z: float) -> Int64:
-    """Return the columns (N, 2) that are free over most of the band."""
+    """Return the open columns (N, 2): free in at least `MIN_FREE_FRACTION` of the band."""
     low, high = floor_z + BAND[0], floor_z + BAND[1]
     free = np.clip(np.minimum(view.free.high, high) - np.maximum(view.free.low, low), 0.0, None)
     keys, group = np.unique(view.free.keys, return_inverse=True)
@@ -136,13 +136,13 @@ def _open_cells(view: View, floor_z: float) -> Int64:
 def _frontier(cells: Int64, size: float) -> Int64:
     """Return the first columns (N, 2) behind open ones, seen from the base.
 
-    The lateral borders of the field of view are not among them: a column behind a column there,
+    The lateral borders of the field of view are not included: the column behind a column there,
     seen from the base, is open too.
     """
     middle = (cells + 0.5) * size
     direction = middle / np.linalg.norm(middle, axis=1)[:, None]
     behind = np.unique(np.floor((middle + direction * size) / size).astype(np.int64), axis=0)
-    # A view covers a square around the base: free space that ends at its border was cut there.
+    # A view covers a square around the base: free space is cropped at its border.
     behind = behind[np.abs((behind + 0.5) * size).max(axis=1) < np.abs(middle).max()]
     known = set(map(tuple, cells.tolist()))
     return np.array([c for c in behind.tolist() if tuple(c) not in known], np.int64).reshape(-1, 2)
@@ -158,7 +158,7 @@ def align_session(
     old, new
         Views of the map and of the session.
     T_map_old, T_session_new
-        float64 (V, 4, 4) of each.
+        float64 (V, 4, 4), poses of these views.
     config
         Uses the group ``surfaces``.
     """
@@ -180,9 +180,9 @@ def align_session(
 
 
 def _search(in_map: _FreeSpace, in_session: _FreeSpace) -> tuple[Float64, float, float]:
-    """Return the planar pose (3,) of the session that scores best, its score, and the second best.
+    """Return the best planar pose (3,) of the session, its score, and the second-best score.
 
-    The scores of all shifts at one yaw are a correlation of rasters.
+    The scores of all translations at one yaw are a cross-correlation of rasters.
     """
     origin = in_map.open.min(axis=0) - 1.0
     farthest = max(np.abs(in_session.frontier).max(), np.abs(in_session.open).max())
@@ -203,7 +203,7 @@ def _search(in_map: _FreeSpace, in_session: _FreeSpace) -> tuple[Float64, float,
         scores[k] = matches[tuple(cell)]
         cell -= np.array(shape) * (cell > np.array(shape) // 2)
         poses[k] = (*(origin + cell * CELL + radius), yaw)
-    k = int(np.argmax(scores))  # of equal ones the first: the smallest yaw
+    k = int(np.argmax(scores))  # of equal scores the first: the smallest yaw
     moved = poses - poses[k]
     yaw = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
     elsewhere = (np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]) | (yaw > SAME_POSE[1])
@@ -233,7 +233,7 @@ def _refine(in_map: _FreeSpace, in_session: _FreeSpace, start: Float64) -> Float
 
 
 def _fit(source: Float64, target: Float64, weight: Float64) -> Float64:
-    """Return the planar pose that moves source points (N, 2) onto target points."""
+    """Return the weighted least-squares planar transform of source points (N, 2) to targets."""
     w = weight / weight.sum()
     a, b = w @ source, w @ target
     s, t = source - a, target - b
@@ -243,7 +243,7 @@ def _fit(source: Float64, target: Float64, weight: Float64) -> Float64:
 
 
 def _floor_frame(views: list[View], T_map_view: Float64, config: Config) -> Float64 | None:
-    """Return a frame on the largest patch of floor, float64 (4, 4), z up; None: no floor seen."""
+    """Return a frame on the largest patch of the floor, float64 (4, 4), z up; None: no floor."""
     best: tuple[float, Float64] | None = None
     for view, T in zip(views, T_map_view):
         for patch in view.patches:
@@ -256,7 +256,7 @@ def _floor_frame(views: list[View], T_map_view: Float64, config: Config) -> Floa
 
 
 def _rotation_to(normal: Float64) -> Float64:
-    """Return the rotation whose z axis is `normal`, by roll and pitch alone."""
+    """Return the rotation with z axis `normal` and zero yaw."""
     x = np.array([1.0, 0.0, -normal[0] / normal[2]])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(normal, x), normal], axis=1)

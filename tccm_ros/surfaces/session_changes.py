@@ -1,4 +1,4 @@
-"""Changes of the map while a recording is read, as a live node tells them."""
+"""Changes of the map during the replay of a recording, as a live node reports them."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.changes import Change, MapChanges
 from tccm_ros.surfaces.scene import Scene, known_surface
 
-if TYPE_CHECKING:  # slam_node, which makes scenes of messages, does without the graph
+if TYPE_CHECKING:  # slam_node makes scenes from messages and does not load the graph
     from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 
 def scene_of(
     solution: SurfaceSolution, frame_id: str, free_floor: FreeFloor | None = None
 ) -> Scene:
-    """Return a solution as programs see it, without the messages of its surfaces.
+    """Return the scene of a solution, without the messages of its surfaces.
 
     Parameters
     ----------
     solution
-        In map.
+        Solution in map.
     frame_id
         Name of the map frame.
     free_floor
-        Where the base can stand, if that is known.
+        Free floor for the base; None: unknown.
     """
     previous_ns, newest_ns = sorted([0, 0, *solution.view_stamps_ns.tolist()])[-2:]
     return Scene(
@@ -41,14 +41,14 @@ def scene_of(
 
 
 class SessionChanges:
-    """Solves for the map of a session, again and again, and tells what has changed.
+    """Solves for the map of a session repeatedly and reports its changes.
 
     Parameters
     ----------
     slam
-        Gets the events of the session.
+        Processor that receives the events of the session.
     is_map_loaded
-        Whether it continues a saved map.
+        Whether the session continues a saved map.
     """
 
     def __init__(self, slam: SurfaceSlam, *, is_map_loaded: bool):
@@ -59,7 +59,7 @@ class SessionChanges:
             self.solve()
 
     def solve(self) -> list[Change]:
-        """Return what has changed since the last time."""
+        """Solve for the map and return the changes since the last call."""
         if self._slam.counts["resets"] != self._resets:
             self._resets = self._slam.counts["resets"]
             self._changes = MapChanges(is_map_loaded=self._is_map_loaded)

@@ -1,9 +1,9 @@
-"""Shapes of surfaces: the simplest outline that the views support, and what is known of its edges.
+"""Shapes of surfaces: the simplest outline that the views support, and the state of its edges.
 
-The model is chosen by the outline of what the views cover (`outlines.shape_models`). Each of its
-edges is then put where the last points of all views and the walls expect it
-(`outlines.edge_position`), and all edges of a rectangle or an L have one direction, that of a wall
-where one of them runs along it.
+The model is selected for the outline of the area that the views cover (`outlines.shape_models`).
+The position of each edge is then estimated from the last points of all views and the walls
+(`outlines.edge_position`). All edges of a rectangle or an L rotate together, and are aligned with a
+wall if one of them runs along it.
 """
 
 from __future__ import annotations
@@ -42,36 +42,38 @@ from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.views import View
 
 ROUNDS = 2
-"""Rounds in which the edges of a model are put where the points expect them; chosen."""
+"""Number of iterations of the refinement of a model's edges; chosen."""
 
 MIN_LENGTH = 0.08
-"""Shorter edges stay where the outline has them, m; chosen: they have few points."""
+"""Min length of an edge that is refined, m; chosen: shorter edges have few points."""
 
 WALL_YAW_SIGMA = 0.003
-"""Standard deviation of the direction of an edge at a wall against the wall's, rad; chosen."""
+"""Standard deviation of the yaw between an edge at a wall and the wall, rad; chosen."""
 
 WALL_WEIGHT = 0.1
-"""Weight of a last point that may be of the wall; chosen: ten of them count as one."""
+"""Weight of a last point that may be on the wall; chosen: ten of them count as one."""
 
 MIN_BEYOND = 0.02
-"""A front that goes on by less ends where the edge is, m; chosen: the error of its end."""
+"""Min extent of a front beyond an edge that extends the top, m; chosen: the error of the front's
+end."""
 
 MIN_PART = 0.25
-"""The same where all of the edge ends in line, at something that stands there, m; chosen: arms of
-sofas and side panels of furniture have the same front, and are narrower than what stands on it."""
+"""The same for an edge with collinear last points, which an object there may cause, m; chosen: arms
+of sofas and side panels have the same front as the surface, and are narrower than such objects."""
 
 AT_WALL_SEEN = 0.03
-"""An edge at a wall was seen where last samples are so near, m; chosen: a distance of beams."""
+"""Max distance of last samples from an edge at a wall that was seen, m; chosen: a distance of
+beams."""
 
 RAGGED = 0.012
-"""What hides an edge lets most last points end short of the furthest by more than a distance of
-samples and this, m; chosen: twice the noise of each. Points that end at an edge are in line."""
+"""Most last points of an occluded edge are short of the furthest one by more than the sample
+distance plus this, m; chosen: twice the noise of each. Last points at a true edge are collinear."""
 
 MAX_ROTATION = 0.07
-"""Edges rotate by at most this in a round, rad; chosen."""
+"""Max rotation of an edge in an iteration, rad; chosen."""
 
 ROTATIONS = np.linspace(-MAX_ROTATION, MAX_ROTATION, 29)
-"""Rotations that are compared, rad: of an edge of 1 m, 2.5 mm at its ends from one to the next."""
+"""Candidate rotations, rad: steps of 2.5 mm at the ends of an edge of 1 m."""
 
 ROTATION_SIGMA = 0.05
 """Standard deviation of the directions of the outline of points, rad; chosen: a distance of scan
@@ -84,14 +86,14 @@ FREE_SIGMA = 0.02
 """Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
 
 END_SIGMA = 0.005
-"""Standard deviation of where samples end at an edge, common to all views, m: mixed pixels. With it
-errors are as large as deviations say, on four recordings (`bench/bench_edges.py`)."""
+"""Standard deviation of the end of samples at an edge, common to all views, m: mixed pixels. With
+it errors agree with standard deviations on four recordings (`bench/bench_edges.py`)."""
 
 NEAR = 0.08
-"""Samples of the outline within this of an edge are of it, m; chosen."""
+"""Max distance of an edge from the samples of the outline that belong to it, m; chosen."""
 
 SEEN_FRACTION = 0.5
-"""An edge was seen if views looked past this fraction of it; chosen: more than half."""
+"""Min fraction of an edge past which views looked if the edge was seen; chosen: half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,13 +103,13 @@ class ShapedEdge:
     Attributes
     ----------
     edge
-        In x and y of map.
+        The edge in x and y of map.
     state
-        Whether it was seen.
+        Whether it was seen, occluded, or cut by the end of the views.
     sigma
-        Standard deviation across, m; NaN where it was not seen.
+        Standard deviation across the edge, m; NaN if it was not seen.
     hidden_by
-        The surface that hides it; None where that is no surface, or it is not hidden.
+        The surface that occludes it; None if it is not occluded, or not by a surface.
     """
 
     edge: Edge
@@ -123,11 +125,11 @@ class Shape:
     Attributes
     ----------
     name
-        Of the model.
+        Name of the model.
     polygon
-        In x and y of map, with the holes that were seen.
+        Outline in x and y of map, with the holes that were seen.
     edges
-        Of its exterior, counter-clockwise, from its corner with the smallest (x, y).
+        Edges of its exterior, counter-clockwise, from its corner with the smallest (x, y).
     """
 
     name: SurfaceShape
@@ -148,11 +150,11 @@ def fit_shape(
     Parameters
     ----------
     surface
-        With the outline that the views cover.
+        Surface with the outline of the area that the views cover.
     others
-        Surfaces that may hide its edges.
+        Surfaces that may occlude its edges.
     views, T_map_view
-        All views, and float64 (V, 4, 4).
+        All views, and their poses, float64 (V, 4, 4).
     walls
         float64 (W, 2, 2), ends of the walls in map, m.
     config
@@ -181,12 +183,12 @@ def fit_shape(
 
 
 def free_shape(surface: MergedSurface) -> Shape:
-    """Return the outline that the views cover, without edges: that of a floor."""
+    """Return the free outline of a surface without edges, as for the floor."""
     return Shape(SurfaceShape.FREE, surface.polygon, ())
 
 
 def _free(sampler: EdgeSampler, samples: OutlineSamples, others: Sequence[MergedSurface]) -> Shape:
-    """Return the outline that the views cover, as it is."""
+    """Return the free outline of a surface with the states of its edges."""
     surface = sampler.surface
     boundary, _ = polygon_rings(surface.polygon)
     edges = [
@@ -201,7 +203,7 @@ def _edges_of(corners: Float64) -> list[Edge]:
 
 
 def _yaws(outline: Polygon, walls: Float64) -> Float64:
-    """Return the directions that the edges of an outline may have, rad."""
+    """Return candidate directions of the edges of an outline, rad, float64 (Y,)."""
     box = np.asarray(shapely.oriented_envelope(outline).exterior.coords)
     ring = np.asarray(outline.exterior.simplify(0.03).coords)
     steps = np.diff(ring, axis=0)
@@ -217,9 +219,9 @@ def _yaws(outline: Polygon, walls: Float64) -> Float64:
 def _refined(
     model: StraightModel, sampler: EdgeSampler, walls: Float64, at_wall: set[int]
 ) -> tuple[StraightModel, Float64]:
-    """Return the model with its edges where the last points expect them, and their deviations.
+    """Refine the edges of a model by last points; return the model and the edges' sigmas, m.
 
-    Hidden edges that reach a wall are added to `at_wall`, and stay there.
+    Occluded edges that end at a wall are added to `at_wall`, and stay there.
     """
     corners = model.corners()
     if not np.isfinite(corners).all():
@@ -244,7 +246,7 @@ def _refined(
             at_wall.add(k)
             offsets[k] += wall
             continue
-        # A point at a distance from the middle of an edge is further across after a rotation.
+        # The rotation changes the distance across of points away from the middle of the edge.
         last = found.last + rotation * (found.at - 0.5 * edge.length)
         shift, sigmas[k] = locate_edge(found._replace(last=last), wall)
         offsets[k] += shift
@@ -254,10 +256,10 @@ def _refined(
 def _to_ends_of_fronts(
     model: StraightModel, sampler: EdgeSampler, samples: OutlineSamples, walls: Float64
 ) -> StraightModel:
-    """Return the model with hidden edges where the fronts beside them end.
+    """Return the model with occluded edges moved to the ends of the fronts beside them.
 
-    A top goes on as far as the front below its near edge, which the level laser sees. It does so by
-    no more than what was seen of that edge.
+    A top extends as far as the front below its near edge, which the level laser sees, but by no
+    more than the length of that edge.
     """
     corners = model.corners()
     if not model.has_axes or not np.isfinite(corners).all():
@@ -281,11 +283,11 @@ def _to_ends_of_fronts(
 
 
 def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSampler) -> bool:
-    """Return whether a hidden edge ends so near to a wall that it is taken to be there.
+    """Return whether an occluded edge ends near enough to a wall to be assumed at the wall.
 
-    Furniture stands at walls: what stands on it hides the last of it from all views. Points on the
-    wall tell nothing, as it has some at the height of a board that ends before it. What has points
-    beyond a wall is not behind it: that is the front of something lower.
+    Furniture stands at walls, and objects on it occlude its last part in all views. Points on the
+    wall are ignored, as the wall also has points at the height of a board that ends before it. If
+    the surface has points beyond a wall, the wall is the front of lower furniture.
     """
     if samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
         return False
@@ -296,22 +298,22 @@ def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSa
 
 
 def _is_ragged(samples: EdgeSamples, furthest: float) -> bool:
-    """Return whether most last points end short of the furthest: objects hide the rest."""
+    """Return whether most last points are short of the furthest one, as at an occlusion."""
     is_short = samples.last < furthest - samples.gap - RAGGED
     return bool(samples.weight[is_short].sum() > 0.5 * samples.weight.sum())
 
 
 def doubting_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
-    """Return samples with less weight for last points on a wall, past which no view looked.
+    """Return samples with a lower weight of last points on a wall past which no view looked.
 
-    A wall has points at the height of a board whether the board reaches it or not.
+    A wall has points at the height of a board whether the board extends to it or not.
 
     Parameters
     ----------
     samples
         The last points before an edge.
     wall
-        How far across the edge the wall is, m; None: there is none.
+        Distance of the wall across the edge, m; None: no wall.
     """
     if wall is None:
         return samples
@@ -326,10 +328,10 @@ def _rotations(
     across: Sequence[float | None],
     walls: Float64,
 ) -> Float64:
-    """Return by how much each edge is to be rotated, float64 (E,), rad.
+    """Return the rotation of each edge, float64 (E,), rad.
 
-    The edges of a model with axes rotate together. Where one runs along a wall, within what the
-    points leave open, its direction is that of the wall.
+    The edges of a model with axes rotate together. An edge along a wall gets the direction of the
+    wall if that is compatible with its points.
     """
     scores = np.zeros((len(edges), len(ROTATIONS)))
     for k, (edge, found) in enumerate(zip(edges, samples)):
@@ -343,7 +345,7 @@ def _rotations(
 
 
 def _rotation(scores: Float64, to_wall: float) -> float:
-    """Return the rotation that last points ask for, rad: that of a wall, or their mean.
+    """Return the rotation to a wall if it is likely enough, else the mean of the likelihood, rad.
 
     Parameters
     ----------
@@ -371,7 +373,7 @@ def _edges(
     walls: Float64,
     others: Sequence[MergedSurface],
 ) -> tuple[ShapedEdge, ...]:
-    """Return the edges of a model with what is known of each."""
+    """Return the edges of a model with their states, sigmas and occluding surfaces."""
     corners = np.asarray(polygon.exterior.coords)[:-1]
     edges = []
     for k, edge in enumerate(_edges_of(corners)):
@@ -398,7 +400,7 @@ def _known(
     sampler: EdgeSampler,
     others: Sequence[MergedSurface],
 ) -> ShapedEdge:
-    """Return an edge with its deviation if it was seen, and with what hides it if that did."""
+    """Return an edge with its sigma if it was seen, or with the lowest surface that occludes it."""
     if state is EdgeState.SEEN:
         return ShapedEdge(edge, state, sigma)
     hiding = [other for other in others if state is EdgeState.HIDDEN and sampler.hides(edge, other)]
@@ -407,7 +409,7 @@ def _known(
 
 
 def _state(edge: Edge, sampler: EdgeSampler, samples: OutlineSamples) -> EdgeState:
-    """Return whether views looked past an edge, by the samples of the outline near it."""
+    """Return the state of an edge, from the samples of the outline near it."""
     offset = samples.points - edge.start
     at, across = offset @ edge.along, offset @ edge.outward
     near = (at >= -PIECE) & (at <= edge.length + PIECE) & (np.abs(across) <= NEAR)

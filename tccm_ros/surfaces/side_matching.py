@@ -1,9 +1,9 @@
 """Matching of the sides of surfaces in two views: their relative pose in x, y and yaw.
 
 A side is a line segment: it measures the position across itself and a yaw. Sides of one table have
-different directions, so that one common table is often enough. Where all sides are parallel, the
-position along them stays undetermined, and the covariance is large in that direction. Hypotheses
-from pairs of sides are compared before one is refined, so that ambiguous matches are refused.
+different directions, so that one common table is often enough. If all sides are parallel, the
+position along them is undetermined, and the covariance is large in that direction. Hypotheses from
+pairs of sides are compared before the best is refined, and ambiguous matches are rejected.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ MIN_OVERLAP = 0.12
 """Min overlap of two sides along themselves, m; chosen."""
 
 YAW_GATE = np.radians(12.0)
-"""Max difference in yaw of two sides beyond the search, rad; chosen: short sides err by a few
-degrees."""
+"""Max difference in yaw of two sides in addition to the search, rad; chosen: short sides have
+errors of a few degrees."""
 
 INLIER = 3.0
-"""Max residual of two sides that are one, standard deviations; chosen."""
+"""Max residual of an inlier, standard deviations; chosen."""
 
 CROSSING = 0.4
 """Min sine of the angle of two sides that determine a position; chosen."""
@@ -33,32 +33,34 @@ MAX_LENGTH = 1.0
 """Max votes of a side, m of its length; chosen."""
 
 AMBIGUOUS = 0.75
-"""A second pose with this fraction of the best one's votes makes a match ambiguous; chosen."""
+"""Max ratio of the votes of a different pose to those of the best one; chosen."""
 
 SAME_POSE = (0.05, np.radians(4.0))
-"""Poses that differ by more than this (m, rad) are different ones; chosen."""
+"""Max difference (m, rad) of two poses that count as the same; chosen."""
 
 MIN_SIDES, MIN_VOTES = 2, 0.5
 """Min number of sides in a match, and their min total length, m; chosen."""
 
 WIDE_SEARCH, MIN_SIDES_WIDE = 0.06, 3
-"""Min number of sides after a search of more than this, m: more match by chance; chosen."""
+"""Search distance, m, above which a match needs this number of sides, as more sides match by
+chance; chosen."""
 
 MAX_HYPOTHESES = 400
-"""Max number of hypotheses, those of the longest sides first; chosen."""
+"""Max number of hypotheses, from the longest sides first; chosen."""
 
 SEARCH_MARGIN = 0.02
-"""Hypotheses may leave the search by this, m and rad; chosen."""
+"""Margin by which hypotheses may exceed the search, m and rad; chosen."""
 
 MAX_CHI2 = 16.27
-"""Max squared difference of a match from the pose known so far, over the covariance of both: the
-99.9 % quantile of three degrees of freedom."""
+"""Max squared Mahalanobis distance of a match from the prior pose: the 99.9 % quantile of
+chi-square with three degrees of freedom."""
 
 MAX_ROUNDS, CONVERGED = 8, 1e-7
 """Max iterations of the refinement, and the change (m, rad) below which it ends; chosen."""
 
 OPEN_SIGMA = 0.3
-"""Standard deviation (m, rad) of the pose in directions that the sides do not determine; chosen."""
+"""Prior standard deviation (m, rad) of the pose; chosen. It is that of the result in directions
+that the sides do not determine."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +74,7 @@ class SideMatch:
     cov
         float64 (3, 3) of (x, y, yaw) in the second view's frame; `OPEN_SIGMA` where undetermined.
     sides
-        Number of sides that agree.
+        Number of inliers.
     """
 
     pose: Float64
@@ -82,10 +84,11 @@ class SideMatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pairs:
-    """Candidates for a match: side `a` of the first view and side `b` of the second.
+    """Candidate associations of side `a` of the first view and side `b` of the second.
 
-    `normal` and `anchor` float64 (M, 2) are of the first, `middle` (M, 2) and `outward` (M, 2) of
-    the second view, each in its own frame; `sigma` (M,) across, `yaw_sigma` (M,), `votes` (M,).
+    `normal` and `anchor` float64 (M, 2) are of the first view, `middle` and `outward` (M, 2) of the
+    second, each in its own frame. `sigma` (M,), m, is the standard deviation across, `yaw_sigma`
+    (M,) is in rad, and `votes` (M,) in m.
     """
 
     a: Int64
@@ -102,17 +105,17 @@ class _Pairs:
 def match_sides(
     first: Sides, second: Sides, start: Float64, cov_start: Float64, height_gate: float
 ) -> SideMatch | None:
-    """Find the pose of `second` in `first`; None where there is no match, or an ambiguous one.
+    """Find the pose of `second` in `first`; None if there is no match, or an ambiguous one.
 
     Parameters
     ----------
     first, second
-        Sides in horizontal frames whose origins have one height.
+        Sides in horizontal frames whose origins have the same height.
     start
-        float64 (3,), planar pose as known so far.
+        float64 (3,), prior planar pose.
     cov_start
-        float64 (3, 3) of (x, y, yaw), alike in x and y: the search covers three standard
-        deviations, and a match that contradicts it by its own covariance is refused.
+        float64 (3, 3), covariance of (x, y, yaw) of `start`, isotropic in x and y. The search
+        covers three standard deviations, and a match that contradicts the prior is rejected.
     height_gate
         Max difference in height of two sides of one surface, m.
     """
@@ -128,7 +131,7 @@ def match_sides(
     if best is None or _has_rival(pairs, trials, votes, start, best):
         return None
     moved = between2(start, best.pose)
-    # The start is as uncertain along x as along y, so that its frame does not matter.
+    # The prior is isotropic in x and y, so that its frame does not matter.
     if moved @ np.linalg.solve(cov_start + best.cov, moved) > MAX_CHI2:
         return None
     return best
@@ -141,7 +144,7 @@ def _candidates(
     search: tuple[float, float],
     height_gate: float,
 ) -> _Pairs:
-    """Return the pairs of sides that may be one, within a shift (m) and yaw (rad) from `start`."""
+    """Return candidate associations, within a translation (m) and yaw (rad) from `start`."""
     max_shift, max_yaw = search
     middle = transform2(start, second.middle)
     outward = transform2(np.array([0.0, 0.0, start[2]]), second.outward)
@@ -173,7 +176,7 @@ def _candidates(
 
 
 def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> Float64:
-    """Return poses (H, 3): the start, and those that two crossing pairs of sides determine."""
+    """Return pose hypotheses (H, 3): the start, and one for each two pairs of crossing sides."""
     max_shift, max_yaw = search
     trials = [start]
     order = np.argsort(-pairs.votes, kind="stable")
@@ -222,7 +225,7 @@ def _solve(pairs: _Pairs, use: Int64, start: Float64, weight: Float64) -> Float6
 
 
 def _system(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]:
-    """Return Jacobian (2M, 3) over (x, y, yaw) of `pose` and residuals (2M,)."""
+    """Return the Jacobian (2M, 3) by (x, y, yaw) of `pose`, and the residuals (2M,)."""
     across, rotation = _residuals(pairs, use, pose)
     arm = transform2(np.array([0.0, 0.0, pose[2]]), pairs.middle[use])
     normal = pairs.normal[use]
@@ -234,12 +237,12 @@ def _system(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]
 
 
 def _votes(pairs: _Pairs, pose: Float64) -> float:
-    """Return the votes at a pose: the length, m, of the sides that agree, each side once."""
+    """Return the votes for a pose: the total length of the inliers, m, each side once."""
     return float(pairs.votes[_agreeing(pairs, pose)].sum())
 
 
 def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
-    """Return the pairs that agree at a pose, at most one for each side of either view."""
+    """Return the inlier pairs at a pose, at most one for each side of either view."""
     across, rotation = _residuals(pairs, np.arange(len(pairs.a)), pose)
     miss = np.maximum(np.abs(across), np.abs(rotation))
     chosen: list[int] = []
@@ -258,7 +261,7 @@ def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
 def _has_rival(
     pairs: _Pairs, trials: Float64, votes: Float64, start: Float64, best: SideMatch
 ) -> bool:
-    """Return whether a hypothesis is refined to another pose with nearly as many votes."""
+    """Return whether a hypothesis converges to a different pose with nearly as many votes."""
     enough = AMBIGUOUS * _votes(pairs, best.pose)
     for trial in trials[(votes > enough) & _differ(trials, best.pose)]:
         other = _refine(pairs, trial, start, MIN_SIDES)
@@ -270,14 +273,14 @@ def _has_rival(
 
 
 def _differ(poses: Float64, pose: Float64) -> Bool:
-    """Return which poses (N, 3) differ from a pose (3,)."""
+    """Return whether each pose (N, 3) differs from a pose (3,) by more than `SAME_POSE`."""
     moved = poses - pose
     far = np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]
     return np.asarray(far | (np.abs(wrap_angle(moved[:, 2])) > SAME_POSE[1]))
 
 
 def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> SideMatch | None:
-    """Fit the pose to all pairs that agree, robust to outliers; None: too few agree."""
+    """Fit the pose to all inlier pairs with robust weights; None: too few inliers."""
     pose = trial
     use = _agreeing(pairs, pose)
     for _ in range(MAX_ROUNDS):

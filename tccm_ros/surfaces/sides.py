@@ -1,9 +1,9 @@
-"""Sides of surfaces: straight edges at which a view saw that a surface ends.
+"""Sides of surfaces: straight edges that a view observed.
 
-Most of a patch's outline is no edge of the surface: there the tilt cycle ended, or an object hid
-the rest. A segment of the outline is a side if the view looked through the columns just beyond it.
-Its position is where the surface is expected to end, beyond the last points by half the distance of
-the scan lines across it; that distance also gives its standard deviation.
+Most of a patch's outline is no edge of the surface: the tilt cycle ended there, or an object
+occludes the rest. A segment of the outline is a side if the view looked through the columns just
+beyond it. Its position is the expected end of the surface, beyond the last points by half the
+distance of the scan lines across it; that distance also gives its standard deviation.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ STRAIGHT = 0.02
 """Max deviation of an outline from its straight sides, m; chosen."""
 
 MIN_LENGTH = 0.2
-"""Min length of a side, m; chosen: shorter ones have no certain yaw."""
+"""Min length of a side, m; chosen: the yaw of shorter ones is uncertain."""
 
 INSIDE, OUTSIDE = 0.12, 0.05
-"""Points within these distances inside and outside of a segment may be at the edge, m; chosen."""
+"""Max distances inside and outside of a segment of points that may be at the edge, m; chosen."""
 
 MIN_BINS = 5
 """Min number of points to which a line is fitted; chosen."""
 
 BEYOND = (0.10, 0.15)
-"""Distances beyond a side, m, at one of which the view must have looked through; chosen."""
+"""Distances beyond a side, m, one of which must be free space; chosen."""
 
 SEEN_THROUGH = 0.8
 """Min fraction of a side along which the view looked through; chosen."""
 
 PROBE_SPACING, END_MARGIN = 0.05, 0.1
-"""Distance of the probes along a side, and length of it that they leave out, m; chosen."""
+"""Distance of the probes along a side, and length of the side without probes, m; chosen."""
 
 CLEAR = 0.02
 """Min distance of a probe from the ends of its free interval, m; chosen."""
@@ -55,7 +55,7 @@ FRONT_FRACTION = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sides:
-    """The sides that one view saw, seen from above in the frame of its patches.
+    """The sides of the surfaces of one view, in x and y of the frame of its patches.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Sides:
     length
         float64 (S,), m.
     height
-        float64 (S,), of the surface at the side, m.
+        float64 (S,), height of the surface at the side, m.
     sigma
         float64 (S,), standard deviation across the side, m.
     """
@@ -89,7 +89,7 @@ class Sides:
         return np.sqrt(12.0) * self.sigma / self.length
 
     def chosen(self, keep: Bool) -> Sides:
-        """Return the sides of which `keep`, bool (S,), is true."""
+        """Return the sides selected by `keep`, bool (S,)."""
         return Sides(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def moved(self, middle: Float64, height: Float64) -> Sides:
@@ -119,7 +119,7 @@ def find_sides(view: View) -> Sides:
 
 
 def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
-    """Fit a side to a segment, the surface to its left; None: the segment is no edge of it."""
+    """Fit a side to a segment with the surface to its left; None: the segment is no side."""
     length = float(np.hypot(*(end - start)))
     if length < MIN_LENGTH:
         return None
@@ -143,7 +143,7 @@ def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Sid
 def _edge_points(
     patch: Patch, start: Float64, along: Float64, outward: Float64, length: float
 ) -> tuple[Float64, Float64, float] | None:
-    """Return position along and across a side of its outermost points, and their median gap, m."""
+    """Return positions along and across a side of its outermost points, and their median gap, m."""
     offset = patch.points[:, :2].astype(np.float64) - start
     at, across = offset @ along, offset @ outward
     near = (at > 0.0) & (at < length) & (across > -INSIDE) & (across < OUTSIDE)
@@ -181,7 +181,7 @@ def _is_edge(
     length: float,
     height: float,
 ) -> bool:
-    """Return whether the view looked through the columns beyond a side."""
+    """Return whether the view looked through the columns just beyond a side."""
     count = max(int(length / PROBE_SPACING), 2)
     steps = np.linspace(-0.5, 0.5, count) * (length - END_MARGIN)
     for beyond in BEYOND:
@@ -196,12 +196,12 @@ def _is_edge(
 def _expected_edge(
     spacing: float, gap: float, outward: Float64, middle: Float64
 ) -> tuple[float, float]:
-    """Return the expected distance of an edge beyond the last points, and its deviation, m.
+    """Return the expected distance of an edge beyond the last points, and its sigma, m.
 
     Scan lines run around the robot at a distance of `spacing`, with beams at a distance of `gap`. A
-    far side is between the last line and the next. On a line that runs across a side, the last beam
-    is lost as a mixed pixel. At a near side the laser sees the front of the object, so that the
-    last points are at the side.
+    far side is between the last line and the next. On a line across a side, the last beam is lost
+    as a mixed pixel. At a near side, the laser sees the front of the object, so that the last
+    points are at the side.
     """
     radial = float(outward @ middle / max(np.hypot(*middle), 1e-6))
     line, beam = spacing * max(radial, 0.0), gap * np.sqrt(max(1.0 - radial**2, 0.0))

@@ -1,8 +1,8 @@
-"""Stray points of a surface in one view: a few that another surface of the view explains.
+"""Stray points of a surface in one view: a few points that belong to another surface of the view.
 
-A beam on the front of a table behind can have the height of the table before it, and of two tables
-of nearly one height a few points of one may go to the other. The outline would go on over the gap
-between them to such points, and two tables would be one where they overlap.
+A beam on the front of a table can have the height of the table before it, and of two tables with
+nearly the same height, a few points of one may be assigned to the other. The outline would extend
+over the gap to such points, and the two tables would be merged.
 """
 
 from __future__ import annotations
@@ -16,43 +16,43 @@ from tccm_ros.arrays import Bool, Float32, Int32
 from tccm_ros.surfaces.thinning import cells_of
 
 GAP = 1.5
-"""Strays are further from all others than this multiple of the spacing of the surface's points.
+"""Min gap between stray points and all others, as a multiple of the point spacing of the surface.
 Chosen: the next scan line is nearer, with noise."""
 
 CELL = 0.5
-"""Points are linked by the means of cells of this edge, in spacings of the surface's points: denser
-points link nothing more, and cost the square of their density."""
+"""Edge of the cells whose means are linked, as a multiple of the point spacing: denser points add
+no links, at a cost quadratic in their density."""
 
 MAX_FRACTION = 0.05
-"""And are at most this fraction of the points. Chosen: what an object hides is seen to both sides,
-by more."""
+"""Max fraction of the points in a stray group. Chosen: the parts of a surface on both sides of an
+occlusion are larger."""
 
 MAX_FRONT_FRACTION, MAX_FRONT_DEPTH = 0.3, 0.1
-"""Or at most this one where they are a strip of less than this depth, m: that of a whole front.
-Chosen: less than the surface itself, which has more lines; noise, and a table's rotated front."""
+"""The same fraction for a strip of less than this depth, m: points on a whole front. Chosen: less
+than the surface itself, which has more lines; noise, and a table's rotated front."""
 
 BESIDE = 0.05
-"""And they are so near to points of another surface, seen from above, m, or as near as scan lines
-are to each other. Chosen: two cells."""
+"""Max horizontal distance of stray points from those of another surface, m, or the point spacing.
+Chosen: two cells."""
 
 NOT_LOWER = 0.006
-"""That surface is not lower than they are by more than this, m: they are on its front, or of it.
-Chosen: two deviations of a range."""
+"""Max height of stray points over that surface, m: they are on its front, or on the surface.
+Chosen: two standard deviations of a range."""
 
 
 def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32) -> Bool:
-    """Return which points are strays, bool (N,).
+    """Return whether each point is a stray point, bool (N,).
 
     Parameters
     ----------
     points
-        float32 (N, 3), of one surface in one view, m.
+        float32 (N, 3), points of one surface in one view, m.
     weights
-        int32 (N,), measurements of each.
+        int32 (N,), number of measurements of each point.
     spacing
-        Median distance of neighbours, m; where it is 0 nothing is a stray.
+        Median distance of neighbours, m; if it is 0, no point is a stray.
     others
-        float32 (M, 3), of the other surfaces of the view, m.
+        float32 (M, 3), points of the other surfaces of the view, m.
     """
     if spacing <= 0.0 or not len(others):
         return np.zeros(len(points), np.bool_)
@@ -71,7 +71,7 @@ def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32
 
 
 def _depth(points: Float32) -> float:
-    """Return the shorter side of points, seen from above, m."""
+    """Return the horizontal extent of points along their shorter axis, m."""
     if len(points) < 2:
         return 0.0
     variance = np.linalg.eigvalsh(np.cov(points[:, :2].astype(np.float64).T))[0]
@@ -79,7 +79,7 @@ def _depth(points: Float32) -> float:
 
 
 def _are_explained(members: Float32, others: Float32, beside: float) -> bool:
-    """Return whether most points are within a distance, m, of those of a surface not lower."""
+    """Return whether most points are within a distance, m, of points that are not lower."""
     near = others[others[:, 2] >= members[:, 2].mean() - NOT_LOWER]
     if not len(near):
         return False

@@ -1,8 +1,8 @@
-"""Errors of the planes of surfaces that several patches measured.
+"""Errors of the planes of surfaces with several patches.
 
 The plane of a surface is fitted to the points of all its patches. Its error is the weighted sum of
-those of the patches: each has one of its own, and shares the errors of its view's pose and of its
-view's sensor with the other patches of the view.
+those of the patches. Each patch has an independent error; the errors of the view's pose and of its
+sensor are common to the patches of the view.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tccm_ros.surfaces.plane_errors import BLOCKS, FLATNESS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceErrors:
-    """The error of (z, dz/dx, dz/dy) of a surface's plane at its centroid, by its sources.
+    """The error of (z, dz/dx, dz/dy) of a surface's plane at its centroid, by source.
 
     Attributes
     ----------
@@ -29,13 +29,13 @@ class SurfaceErrors:
     view
         int64 (P,), view of each patch.
     own
-        float64 (P, 3, 3), covariance that each patch adds.
+        float64 (P, 3, 3), covariance due to each patch's own error.
     pose
         float64 (P, 3, 3), derivative by (z, roll, pitch) of the patch's view.
     systematic
-        float64 (P, 3, K), by the parts of the view's systematic error, at one sigma.
+        float64 (P, 3, K), error due to the components of the view's systematic error, at one sigma.
     bend
-        Variance, m2, of the surface about its plane: of the points of a block, by which the
+        Variance, m2, of the surface about its plane, at the scale of the blocks from which the
         covariances of the patches' planes were estimated.
     """
 
@@ -49,12 +49,12 @@ class SurfaceErrors:
     def covariance(self, cov_z_roll_pitch: Float64) -> Float64:
         """Return the covariance float64 (3, 3) of the plane.
 
-        One sensor took the views: its systematic error is the same in all.
+        One sensor took all views, so that its systematic error is the same in all of them.
 
         Parameters
         ----------
         cov_z_roll_pitch
-            float64 (V, 3, 3), of the views.
+            float64 (V, 3, 3), covariances of (z, roll, pitch) of the views.
         """
         cov = self.own.sum(axis=0) + np.diag([FLATNESS**2, 0.0, 0.0])
         for v in np.unique(self.view):
@@ -67,7 +67,7 @@ class SurfaceErrors:
 def surface_errors(
     members: Sequence[NumberedPatch], mean: Float64, T_map_view: Float64, cov_z_roll_pitch: Float64
 ) -> SurfaceErrors:
-    """Return the errors of the plane that is fitted to the points of patches.
+    """Return the errors of the plane fit of the points of patches.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def surface_errors(
     mean
         float64 (3,), the centroid of their points, in map, m.
     T_map_view, cov_z_roll_pitch
-        float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch).
+        float64 (V, 4, 4), poses, and (V, 3, 3), covariances of (z, roll, pitch), of the views.
     """
     view = np.array([member.view for member in members])
     planes = stack_planes([m.patch for m in members], view, T_map_view, cov_z_roll_pitch)
@@ -99,18 +99,19 @@ def surface_errors(
 def step_variance(
     a: SurfaceErrors, b: SurfaceErrors, at_xy: Float64, cov_z_roll_pitch: Float64
 ) -> float:
-    """Return the variance, m2, of the difference in height of two surfaces at a place.
+    """Return the variance, m2, of the difference in height of two surfaces at a position.
 
-    What a view has wrong of both alike cancels. A surface is not at its plane where it is bent.
+    Errors of a view that are common to both surfaces cancel. The deviation of both surfaces from
+    their planes is added.
 
     Parameters
     ----------
     a, b
-        Of the two surfaces.
+        Errors of the two surfaces.
     at_xy
         float64 (2,), in map, m.
     cov_z_roll_pitch
-        float64 (V, 3, 3), of the views.
+        float64 (V, 3, 3), covariances of (z, roll, pitch) of the views.
     """
     variance = a.bend + b.bend
     by_view: dict[int, tuple[Float64, Float64]] = {}

@@ -1,6 +1,6 @@
-"""The surface map: surfaces from all views at the poses that the graph gives them.
+"""The surface map: surfaces from all views at their optimised poses.
 
-It is built anew after each optimisation from the same views. So a loop closure can merge and split
+It is rebuilt from the views after each optimisation. So a loop closure can merge and split
 surfaces, and the map depends neither on the order in which views arrive nor on earlier solutions.
 """
 
@@ -75,7 +75,7 @@ class ViewPoses:
     T_map_view
         float64 (V, 4, 4), in the order of `SurfaceMap.views`.
     cov_z_roll_pitch
-        float64 (V, 3, 3) of (z, roll, pitch), m and rad.
+        float64 (V, 3, 3), covariances of (z, roll, pitch), m and rad.
     keyframes
         int64 (V,), id of the nearest keyframe of each view; -1: none.
     """
@@ -92,13 +92,13 @@ class MappedSurfaces:
     Attributes
     ----------
     surfaces
-        Sorted by id.
+        Surfaces by id.
     floor_z
-        Height of the floor in map, m; None where none was seen.
+        Height of the floor in map, m; None: no floor was seen.
     points
-        float32 (N, 3), the thinned points in map, by surface.
+        float32 (N, 3), the thinned points in map, by surface, m.
     surface_id
-        uint32 (N,).
+        uint32 (N,), id of each point's surface.
     members
         For each surface, its patches.
     """
@@ -111,7 +111,7 @@ class MappedSurfaces:
 
 
 class SurfaceMap:
-    """Views in stamp order, in whatever order they arrive, and the surfaces built from them.
+    """Views in stamp order, independent of their order of arrival, and their surfaces.
 
     Parameters
     ----------
@@ -120,13 +120,13 @@ class SurfaceMap:
     session
         Session of the views that will be added, counted from 0.
     baseline_merge
-        Merging of a baseline, in place of `merge_coplanar`; nothing is joined over occluded areas
-        then. None: no baseline.
+        Merging of a baseline in place of `merge_coplanar`; nothing is then joined over occluded
+        areas. None: no baseline.
 
     Attributes
     ----------
     carver, remainders
-        They remember what they made of views for the solutions to come.
+        Carving and remainders, with caches for later solutions.
     """
 
     def __init__(
@@ -141,9 +141,10 @@ class SurfaceMap:
         self._newest_compared = (-1, -1)
 
     def add(self, record: SurfaceCloud | ViewIntervals | ObjectBoxes) -> None:
-        """Add the cloud, the free intervals or the objects of a view; of one stamp, of one view.
+        """Add the cloud, the free intervals or the objects of a view.
 
-        A second cloud, second intervals or objects of one stamp replace the first.
+        Records with the same stamp belong to one view. A second record of one type replaces the
+        first.
         """
         key = self._session, record.stamp_ns
         view = self._views.get(key) or empty_view(record.stamp_ns, self._session, self._config)
@@ -156,20 +157,20 @@ class SurfaceMap:
         self._views[key] = view
 
     def add_view(self, view: View) -> None:
-        """Add a complete view, of a saved map."""
+        """Add a complete view of a saved map."""
         self._views[view.key] = view
 
     def add_detections(self, key: tuple[int, int], seen: Sequence[SeenDetection]) -> None:
-        """Add what detectors recognised to the view of a session and stamp."""
+        """Add detections to the view of a session and stamp."""
         self._views[key] = with_detections(self._views[key], seen)
 
     def correct_label(self, correction: LabelCorrection) -> None:
-        """Give a surface the label that a person says, or the one of the rules again.
+        """Set the user-supplied label of a surface, or remove it.
 
         Raises
         ------
         MapError
-            For what is no label, or no surface of these views.
+            If the label is unknown, or the views have no such surface.
         """
         views = self.views
         labels = corrected_labels(views)
@@ -180,7 +181,7 @@ class SurfaceMap:
         self._views = {view.key: view for view in with_corrected_labels(views, labels)}
 
     def forget(self, is_stationary: Callable[[int, int], bool]) -> None:
-        """Remove views that the next one, from the same pose, makes redundant.
+        """Remove views that the next view from the same pose makes redundant.
 
         The newest views are not compared yet, so that the order of arrival has no effect.
 
@@ -194,7 +195,7 @@ class SurfaceMap:
             if newer.key <= self._newest_compared:
                 continue
             self._newest_compared = newer.key
-            # Both may have inherited numbers when the pair before was compared.
+            # Both may have inherited numbers from the previous pair.
             older, newer = self._views[older.key], self._views[newer.key]
             replaced_by = None
             if is_stationary(older.stamp_ns, newer.stamp_ns):
@@ -215,7 +216,7 @@ class SurfaceMap:
         Parameters
         ----------
         poses
-            In the order of `views`.
+            Poses in the order of `views`.
         walls
             float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
             joined, and labels depend on the distance to walls. None: no walls.
@@ -281,7 +282,7 @@ class SurfaceMap:
         T_map_view: Float64,
         walls: Float64,
     ) -> list[Shape]:
-        """Return the shape of each surface: the floor, and all of a baseline, have no model."""
+        """Return the shape of each surface; the floor and surfaces of a baseline have no model."""
         above = [surface for surface in surfaces if not is_floor(surface, floor_z)]
         if self._published_merge is not None:
             above = []
@@ -304,7 +305,7 @@ class SurfaceMap:
 
 
 def _is_wanted(surface: MergedSurface, floor_z: float | None, config: Config) -> bool:
-    """Return whether a surface is floor, or at least `surfaces.min_height` above it."""
+    """Return whether a surface is floor, or at least `surfaces.min_height` above the floor."""
     height = surface.height - (floor_z or 0.0)
     return is_floor(surface, floor_z) or height >= config.surfaces.min_height
 

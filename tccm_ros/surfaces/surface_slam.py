@@ -1,4 +1,4 @@
-"""`SurfaceSlam`, the processor that makes a surface map of level scans, odometry and views."""
+"""`SurfaceSlam`, the processor that builds a surface map from level scans, odometry and views."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ SlamInput = (
 )
 
 MAX_STATIONARY_MOTION = (0.01, 0.005)
-"""Max motion (m, rad) of a base that is stationary; chosen."""
+"""Max motion (m, rad) of a stationary base; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,43 +89,44 @@ class SurfaceSolution:
     Attributes
     ----------
     slam
-        Keyframes, walls, loops and poses; in the frame of this session where it is not aligned.
+        Keyframes, walls, loops and poses; in the frame of this session if it is not aligned.
     view_stamps_ns, T_map_views
-        int64 (V,), increasing, and float64 (V, 4, 4): the views of this session.
+        int64 (V,), increasing, and float64 (V, 4, 4): stamps and poses of the views of this
+        session.
     view_poses
-        Of all views, those of a saved map first.
+        Poses of all views, those of a saved map first.
     mapped
         Surfaces, floor and points.
     trajectory_ns, trajectory
-        int64 (N,) and float64 (N, 3): planar pose of base in map for each level scan, for each
-        tilt scan where there is no level laser.
+        int64 (N,) and float64 (N, 3): planar pose of base in map for each level scan, or for each
+        tilt scan without a level laser.
     objects
-        What stands on the surfaces, by surface and id.
+        Objects on the surfaces, by surface and id.
     rooms
         Rooms between the walls, from the largest to the smallest, named by door signs.
     free_places
-        Where there is room on the surfaces, by their ids (`scene_objects.free_places`).
+        Free places on the surfaces, by surface id (`scene_objects.free_places`).
     place_size
-        Width and depth of what there is room for, m.
+        Width and depth of an item for which places are free, m.
     alignment
-        How this session was aligned with a saved map; None where there was nothing to align.
+        Alignment of this session with a saved map; None if there is nothing to align.
     stamp_ns
         Stamp of the newest event that it contains; 0 before the first.
     newest_detections
-        Detections after the newest view: theirs is the next one.
+        Detections after the newest view, which belong to the next view.
     unused_detections
-        Detections that gave no label, by reason.
+        Number of detections that gave no label, by reason.
     corrected_labels
-        Labels that a person gave, by surface id.
+        User-supplied labels by surface id.
     grid
-        What the level laser saw; None without one.
+        Occupancy grid of the level laser; None without one.
     stages
-        Runs what hangs on this map, and counts what failed.
+        Runs the optional stages that depend on this map, and counts their failures.
     attitudes
-        float64 (N, 3), height, roll and pitch of the base beside `trajectory`; empty where
-        odometry tells none.
+        float64 (N, 3), height, roll and pitch of the base along `trajectory`; empty if odometry
+        does not provide them.
     compartments
-        Of racks, by rack and height.
+        Compartments of racks, by rack and height.
     """
 
     slam: Solution
@@ -161,7 +162,7 @@ class SurfaceSolution:
 
     @property
     def floor_z(self) -> float | None:
-        """Height of the floor in map, m; None where it was never seen."""
+        """Height of the floor in map, m; None if it was never seen."""
         return self.mapped.floor_z
 
 
@@ -203,17 +204,17 @@ class SurfaceSlam:
             ObjectBoxes: partial(self._take_view, "boxes"),
             PosedDetections: self._take_detections,
         }
-        # Of its streams, and of what is for all processors.
+        # Roles of its streams; None is for events without a role.
         self._roles = {None, *roles_of("slam", config)}
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
         self._saved_walls: Mapping[str, NDArray[Any]] = {}
-        # Of a map in which another program localises the robot: saved as they are.
+        # Walls of a map in which another program localises the robot: saved unchanged.
         self._kept_walls: Mapping[str, NDArray[Any]] = {}
         self._begin()
 
     def _begin(self) -> None:
-        """Begin a session, with the saved map if there is one."""
+        """Start a session, with the saved map if there is one."""
         self.walls = (
             WallSlam.from_saved(self.config, self._saved_walls, _label_lines)
             if self._saved_walls
@@ -229,7 +230,7 @@ class SurfaceSlam:
         self._unusable: Counter[str] = Counter()
 
     def _empty_map(self, session: int = 0) -> SurfaceMap:
-        """Return a map without views, with the merging that the configuration selects."""
+        """Return a map without views, with the configured merging."""
         is_published = self.config.surfaces.segmentation == "seed"
         return SurfaceMap(self.config, session, merge_by_distance if is_published else None)
 
@@ -239,14 +240,14 @@ class SurfaceSlam:
         return len(self._saved_walls.get("keyframe_stamp_ns", ()))
 
     def takes(self, event: SlamInput) -> bool:
-        """Return whether an event is for this processor."""
+        """Return whether this processor handles an event."""
         return type(event) in self._handlers and getattr(event, "role", None) in self._roles
 
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell
-        where they belong. Events for other processors are ignored.
+        Landmarks, signs, surface clouds and intervals may arrive in any order; they are associated
+        by their stamps. Events for other processors are ignored.
         """
         if not self.takes(event):
             return []
@@ -320,7 +321,7 @@ class SurfaceSlam:
         return []
 
     def _take_reset(self, reset: MapReset) -> list[ScanPose]:
-        """Begin the session anew: stamps before and after a jump cannot be compared."""
+        """Restart the session: stamps before and after a jump cannot be compared."""
         self.counts["resets"] += 1
         self._begin()
         return []
@@ -336,7 +337,7 @@ class SurfaceSlam:
         )
 
     def add_pose_stamp(self, stamp_ns: int) -> None:
-        """Add the stamp of a tilt scan: without a level laser the trajectory has its pose."""
+        """Add the stamp of a tilt scan; without a level laser the trajectory has its pose."""
         self._tilt_stamps.add(stamp_ns)
 
     def current_pose(self) -> LivePose:
@@ -360,9 +361,9 @@ class SurfaceSlam:
         is_final
             Whether the graph is solved as a batch at any size.
         with_racks
-            Whether compartments of racks are found: a tenth of a second for each.
+            Whether compartments of racks are found, which takes a tenth of a second for each.
         stages
-            Runs what hangs on the map.
+            Runs the optional stages that depend on the map.
         """
         is_lost, stages = self._is_lost, stages or OptionalStages()
         views = [view for view in self.map.views if view.session == self.session and not is_lost]
@@ -418,7 +419,7 @@ class SurfaceSlam:
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
-        """Return the rooms between the walls; none without a level laser, or where it is lost."""
+        """Return the rooms between the walls; none without a level laser, or while it is lost."""
         if self._is_lost or grid is None:
             return ()
         outlines = find_rooms([wall.endpoints for wall in slam.walls], grid)
@@ -427,12 +428,12 @@ class SurfaceSlam:
     def _place_detections(
         self, views: Sequence[View], T_map_view: Float64, slam: Solution
     ) -> tuple[SeenDetection, ...]:
-        """Add detections to the view of each (`view_of`); return those whose next may still come.
+        """Add detections to their views (`view_of`); return those whose next view may still arrive.
 
         Parameters
         ----------
         views, T_map_view
-            Of this session, with their poses.
+            Views of this session, and their poses, float64 (V, 4, 4).
         slam
             The optimised graph, in the frame of this session.
         """
@@ -461,7 +462,7 @@ class SurfaceSlam:
         return tuple(newest)
 
     def _solve_graph(self, views: list[View], **how: bool) -> Solution:
-        """Optimise the graph; where views have surfaces in common, again with their factors."""
+        """Optimise the graph, and again with side factors if views have surfaces in common."""
         stamps = [view.stamp_ns for view in views]
         slam = self.walls.solve(stamps, None, **how)
         if not self.config.surfaces.registration or len(views) < 2:
@@ -479,12 +480,12 @@ class SurfaceSlam:
 
     @property
     def _is_lost(self) -> bool:
-        """Whether this session is not localised in the saved walls, or by another program, yet."""
+        """Whether this session is not yet localised in the saved walls, or by another program."""
         is_searched = bool(self.saved_keyframes) and not self.walls.has_place
         return is_searched or self.walls.waits_to_be_told
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
-        """Align this session with a saved map without walls; None where there is none."""
+        """Align this session with a saved map without walls; None if there is no such map."""
         if not self.saved_views or self.saved_keyframes or self.config.localisation.is_external:
             return None
         old = [saved.view for saved in self.saved_views]
@@ -559,7 +560,7 @@ class SurfaceSlam:
         return self.walls.saved(slam)
 
     def solved_map(self, solution: SurfaceSolution) -> SolvedMap:
-        """Return what a solution tells of the map and of the robot in it, for a `Tracker`."""
+        """Return the map of a solution and the pose of the robot in it, for a `Tracker`."""
         graph, place = solution.slam, solution.alignment
         T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
         keyframe = None
@@ -577,12 +578,12 @@ class SurfaceSlam:
         )
 
     def placed_map(self, walls: MapWalls) -> SolvedMap | None:
-        """Return where a session is as soon as it has a place; None while it has none.
+        """Return the pose of a session in map once it is localised; None until then.
 
         Parameters
         ----------
         walls
-            Of the newest solution, in map.
+            Walls of the newest solution, in map.
         """
         keyframe = self.walls.placed_keyframe()
         if keyframe is None:
@@ -595,13 +596,13 @@ class SurfaceSlam:
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:
         """Return a processor that continues a saved map in a new session.
 
-        The robot may start anywhere in the map. Where another program localises the robot, it does
-        so in the map's frame.
+        The robot may start anywhere in the map. If another program localises the robot, its poses
+        are in the map's frame.
 
         Raises
         ------
         MapError
-            Where the saved walls are damaged.
+            If the saved walls are damaged.
         """
         slam = cls(config)
         slam.session = 1 + max((s.view.session for s in saved.views), default=-1)
@@ -615,12 +616,12 @@ class SurfaceSlam:
 
 
 def seen_views(views: Sequence[View], T_map_view: Float64) -> list[SeenView]:
-    """Return what views saw of the space near surfaces, of those that have a viewpoint.
+    """Return hits and free space of the views that have a viewpoint.
 
     Parameters
     ----------
     views, T_map_view
-        Views, and float64 (V, 4, 4), their poses.
+        Views, and their poses, float64 (V, 4, 4).
     """
     return [
         SeenView(T, view.viewpoint, view.hits.astype(np.float64), view.free)
@@ -635,6 +636,6 @@ def _view_poses(slam: Solution) -> ViewPoses:
 
 
 def _label_lines(beams: Float64, config: Config) -> Int32:
-    """Label the beams of a scan by line, by the method that `lines.extractor` chooses now."""
+    """Label the beams of a scan by line, with the method that `lines.extractor` selects."""
     label = label_by_ransac if config.lines.extractor == "ransac" else label_by_splitting
     return label(beams, config)

@@ -1,4 +1,4 @@
-"""Thinning of points: the points of each cell or voxel are replaced by their mean."""
+"""Thinning of points: replace the points of each cell or voxel by their mean."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tccm_ros.cuboids.free_columns import KEY_STEP
 
 
 class Cells(NamedTuple):
-    """The cells that points are in.
+    """The occupied cells of a set of points.
 
     Attributes
     ----------
     means
-        float64 (M, D), of the points of each cell, in the order of the cells.
+        float64 (M, D), mean of the points of each cell, in the order of the cells.
     counts
-        int64 (M,), points of each cell.
+        int64 (M,), number of points of each cell.
     of_point
         int64 (N,), the cell of each point.
     """
@@ -44,7 +44,7 @@ def cell_means(points: Float64, cell_size: float) -> tuple[Float64, Int64]:
     means : float64 (M, 2) or (M, 3)
         In the order of the cells (x, y) or (x, y, z).
     counts : int64 (M,)
-        Points of each cell.
+        Number of points of each cell.
     """
     return cells_of(points, cell_size)[:2]
 
@@ -59,7 +59,7 @@ def cells_of(points: Float64, cell_size: float) -> Cells:
 
 
 def thin_cloud(points: Float32, voxel_size: float) -> tuple[Float32, Int32]:
-    """Return the mean of the points of each voxel, as `cell_means`, in the types of a cloud.
+    """Return the mean of the points of each voxel, as `cell_means`, with the dtypes of a cloud.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def thin_cloud(points: Float32, voxel_size: float) -> tuple[Float32, Int32]:
     points : float32 (M, 3)
         In the order of the voxels (x, y, z).
     weights : int32 (M,)
-        Points of each voxel.
+        Number of points of each voxel.
     """
     means, count = cell_means(points.astype(np.float64), voxel_size)
     return means.astype(np.float32), count.astype(np.int32)

@@ -1,13 +1,13 @@
-"""Track ids: a surface keeps its id while newer views replace older ones, and where it is carried.
+"""Track ids: a surface keeps its id when newer views replace older ones, and when it is moved.
 
-A patch is numbered over all views in stamp order. The id of a surface is the number of its oldest
-patch; the patch of a newer view that replaced that patch inherits the number. So ids follow from
-the views alone, not from the order in which they arrived or from how often the map was built. A
-surface that is recognised elsewhere (`recognition`) adopts the numbers that it had where it stood.
+Patches are numbered over all views in stamp order. The id of a surface is the number of its oldest
+patch; the patch of a newer view that replaces it inherits the number. So ids depend only on the
+views, not on their order of arrival or on the number of solutions. A surface that is recognised at
+another place (`recognition`) adopts the numbers of its old place.
 
 The merged ids of a surface are the numbers that its other patches have or inherited. They contain
-the id of each surface of an earlier solution that is part of this one, whatever poses that solution
-had. A surface that is split off is not among them any more.
+the id of each surface of an earlier solution that is part of this one, for any poses of that
+solution. A surface that was split off is no longer among them.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from tccm_ros.surfaces.polygons import GRID
 from tccm_ros.surfaces.views import View, first_numbers
 
 CUT = 0.1
-"""A patch that lost more than this fraction of its points may show where its surface was before.
-Chosen: edges that are looked through in part are less."""
+"""A patch that lost more than this fraction of its points may show an earlier place of its surface.
+Chosen: edges that are looked through in part lose less."""
 
 
 class SightKey(NamedTuple):
-    """When something was seen, in the order of views; stamps may repeat over sessions."""
+    """Session and stamp of a view, in the order of views; stamps may repeat over sessions."""
 
     session: int
     stamp_ns: int
 
 
 class TrackIds:
-    """Ids and dates of surfaces, from the numbers that patches have and inherited.
+    """Ids and stamps of surfaces, from the numbers that their patches have and inherited.
 
     Parameters
     ----------
     views
-        In stamp order.
+        Views in stamp order.
     T_map_view
         float64 (V, 4, 4), their poses.
     left
-        Of `carve`, for these views: which patch replaced which.
+        Result of `carve` for these views, with the replacements of patches.
     """
 
     def __init__(self, views: list[View], T_map_view: Float64, left: Survivors):
@@ -83,14 +83,14 @@ class TrackIds:
         self._sights[newer] |= self._sights[older]
 
     def adopt(self, members: Members, older: Members) -> None:
-        """Give a surface the ids and the first sight of one that it is, and that stood elsewhere.
+        """Add the ids and the first view of a surface at its old place to those at its new place.
 
         Parameters
         ----------
         members
-            The surface.
+            Patches of the surface at its new place.
         older
-            The patches that showed it where it stood.
+            Patches of the surface at its old place.
         """
         first = members[0].number
         for member in older:
@@ -98,12 +98,12 @@ class TrackIds:
             self._first_seen[first] = min(self._first_seen[first], self._first_seen[member.number])
 
     def earlier_sights(self, sight: tuple[int, int], number: int) -> list[tuple[int, int]]:
-        """Return the patches (view, patch) that one replaced, where it showed the surface.
+        """Return the patches (view, patch) that a patch replaced at the same place.
 
         Parameters
         ----------
         sight, number
-            The patch, and its number.
+            The patch as (view, patch), and its number.
         """
         now = self._footprint([sight])
         earlier = sorted(self._sights[number] - {sight})
@@ -118,52 +118,52 @@ class TrackIds:
         return self.all_ids(members)[0]
 
     def merged_ids(self, members: Members) -> tuple[int, ...]:
-        """Return the ids of the surfaces that are merged into this one."""
+        """Return the ids of the surfaces merged into this one."""
         return tuple(self.all_ids(members)[1:])
 
     def first_seen(self, members: Members) -> SightKey:
-        """Return when a view saw the surface first."""
+        """Return the key of the first view that saw the surface."""
         return min(self._first_seen[member.number] for member in members)
 
     def last_seen(self, members: Members) -> SightKey:
-        """Return when a view saw the surface last."""
+        """Return the key of the last view that saw the surface."""
         return max(self._last_seen[member.number] for member in members)
 
     def placed(self, members: Members, now: Footprint) -> SightKey:
-        """Return when a view first showed the surface where it is now.
+        """Return the key of the first view that showed the surface at its current place.
 
         Parameters
         ----------
         members, now
-            The surface and its outline.
+            The surface and its footprint.
         """
         stamps = [self._own_placed(group) for group in self._in_place(members, now)]
         return min([self.last_seen(members), *stamps])
 
     def outline_in_place(self, members: Members, now: Footprint) -> Footprint:
-        """Return the outline of all that views showed of the surface where it is now.
+        """Return the union of the outlines of the surface in all views of its current place.
 
-        What replaced it may be of a view that had few scan lines there.
+        The patch that replaced older ones may have few scan lines.
 
         Parameters
         ----------
         members, now
-            The surface and its outline.
+            The surface and its footprint.
         """
         seen = [self._footprint(group).outline for group in self._in_place(members, now)]
         return now._replace(outline=shapely.union_all([now.outline, *seen], grid_size=GRID))
 
     def _in_place(self, members: Members, now: Footprint) -> list[list[tuple[int, int]]]:
-        """Return what `_sights_in_place` finds, once for each surface."""
+        """Return the result of `_sights_in_place`, cached by surface."""
         if members not in self._known:
             self._known[members] = list(self._sights_in_place(members, now))
         return self._known[members]
 
     def _sights_in_place(self, members: Members, now: Footprint) -> Iterator[list[tuple[int, int]]]:
-        """Yield the patches of each view that showed the surface where it is now, newest first.
+        """Yield the patches of each view of the surface at its current place, newest view first.
 
-        Those are all views after the last that showed it elsewhere. What a view saw of it counts
-        as one: a strip of a table that was moved may still be within its outline.
+        These are all views after the last one that showed it at another place. The patches of a
+        view are tested together, as one strip of a moved table may still be within its outline.
         """
         sights = sorted(set().union(*(self._sights[member.number] for member in members)))
         for _, group in reversed([(v, list(g)) for v, g in groupby(sights, lambda s: s[0])]):
@@ -174,14 +174,17 @@ class TrackIds:
             yield group
 
     def _own_placed(self, sights: Sequence[tuple[int, int]]) -> SightKey:
-        """Return since when patches of a view are there, by views that it replaced for good."""
+        """Return the key since which patches of a view are at their place.
+
+        Removed views that the view replaced are included.
+        """
         view = self._views[sights[0][0]]
         placed = [view.patches[p].placed_ns for _, p in sights]
         stamps = [view.stamp_ns if stamp_ns is None else stamp_ns for stamp_ns in placed]
         return SightKey(view.session, max(stamps))
 
     def _footprint(self, sights: Sequence[tuple[int, int]]) -> Footprint:
-        """Return where the patches of one view that are one surface are together."""
+        """Return the common footprint of patches of one view."""
         patches = [self._views[v].patches[p] for v, p in sights]
         T = self._T_map_view[sights[0][0]]
         parts = [footprint_in_map(p.outline, p.mean, p.spacing, T) for p in patches]

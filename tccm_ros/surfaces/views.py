@@ -1,7 +1,7 @@
 """Views: the surfaces that one tilt cycle measured, in the base frame of its stamp.
 
 A view keeps the exact moments of each patch, its outline, a thinned cloud, and the free intervals
-that the tilt cycle looked through. Nothing is read again from the recording.
+that the tilt cycle looked through. The recording is not read again.
 """
 
 from __future__ import annotations
@@ -38,29 +38,31 @@ class Patch:
     points
         float32 (N, 3), thinned, m.
     weights
-        int32 (N,), points that each thinned point stands for.
+        int32 (N,), number of measured points that each thinned point represents.
     count
-        Points measured.
+        Number of measured points.
     mean
-        float64 (3,), m, of the points measured.
+        float64 (3,), mean of the measured points, m.
     cov
-        float64 (3, 3), m2, of the points measured.
+        float64 (3, 3), covariance of the measured points, m2.
     outline
-        In x and y of the base frame.
+        Outline in x and y of the base frame, m.
     spacing
         Distance between neighbouring points or scan lines, m.
     cov_plane
-        float64 (3, 3) of (z, dz/dx, dz/dy) of the plane at `mean`, from the patch's own points.
+        float64 (3, 3), covariance of (z, dz/dx, dz/dy) of the plane at `mean`, due to the patch's
+        own points.
     systematic
-        float64 (3, K), error of the same for each part of the view's systematic error, one sigma.
+        float64 (3, K), error of the same for each component of the view's systematic error, at one
+        sigma.
     number
-        Of the oldest patch that this one replaced, counted from the first patch of its view (so
-        it is negative); None where it is the first.
+        Number of the oldest removed patch that this one replaced, relative to the first patch of
+        its view (negative); None: it replaced none.
     first_seen_ns
-        Stamp of the oldest patch that this one replaced; None where it is the first.
+        Stamp of the oldest removed patch that this one replaced; None: it replaced none.
     placed_ns
-        Stamp of the oldest patch that this one replaced and that was where it is; None where it
-        is the first there.
+        Stamp of the oldest removed patch that this one replaced at the same place; None: it
+        replaced none there.
     """
 
     points: Float32
@@ -79,7 +81,7 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenObject:
-    """A box that stood on a surface in one view, in the base frame of the view.
+    """The box of an object on a surface in one view, in the base frame of the view.
 
     Attributes
     ----------
@@ -88,16 +90,16 @@ class SeenObject:
     size
         float64 (3,), edges along its own x, y and z, m.
     yaw
-        Of its x axis, rad.
+        Yaw of its x axis, rad.
     points
-        Points measured on it.
+        Number of points on it.
     number
-        Of the oldest box that this one replaced, counted from the first box of its view (so it is
-        negative); None where it is the first.
+        Number of the oldest removed box that this one replaced, relative to the first box of its
+        view (negative); None: it replaced none.
     first_seen_ns
-        Stamp of that box; None where it is the first.
+        Stamp of that box; None: it replaced none.
     views
-        Views that measured it, those that were removed included.
+        Number of views that measured it, including removed views.
     """
 
     center: Float64
@@ -118,26 +120,26 @@ class View:
     stamp_ns
         Stamp of the base frame.
     patches
-        In the order of the cloud's surface indices.
+        Patches in the order of the cloud's surface indices.
     free
-        Columns looked through, in the base frame.
+        Columns of free space, in the base frame.
     max_range
-        Largest horizontal distance of a point or a free column from the base, m.
+        Max horizontal distance of a point or a free column from the base, m.
     session
-        Session in which it was taken, counted from 0; stamps may repeat over sessions.
+        Session of the view, counted from 0; stamps may repeat over sessions.
     forgotten
-        Number of patches of older views that this one replaced and that were removed.
+        Number of patches of removed older views that this one replaced.
     objects
-        What stood on the surfaces.
+        Objects on the surfaces.
     forgotten_objects
-        Number of objects of older views that this one replaced and that were removed.
+        Number of objects of removed older views that this one replaced.
     detections
-        What detectors recognised since the view before, or in views that were removed.
+        Detections since the previous view, and those of removed views.
     corrected_labels
-        Labels that a person gave surfaces, by the number of a patch, counted from the first of this
-        view (negative for one of a view that was removed).
+        User-supplied labels of surfaces, by patch number relative to the first patch of this view
+        (negative for a patch of a removed view).
     viewpoint
-        float64 (3,), position of the sensor in the base frame, m; None where it is not known.
+        float64 (3,), position of the sensor in the base frame, m; None: unknown.
     sensor
         Kind of that sensor.
     hits
@@ -165,7 +167,7 @@ class View:
 
 
 class _Outlined(NamedTuple):
-    """Points of a surface, thinned with their weights, their outline, and their spacing, m."""
+    """Points of a surface, thinned points with weights, outline, and spacing, m."""
 
     points: Float32
     thinned: Float32
@@ -177,12 +179,11 @@ class _Outlined(NamedTuple):
 def _make_patches(
     points: Float32, others: Float32, sensor: SensorKind, config: Config
 ) -> list[Patch]:
-    """Make the patches of one surface of a cloud, one for each part of its outline.
+    """Return the patches of one surface of a cloud, one for each part of its outline.
 
-    `others`, float32 (M, 3), are the points of the cloud's other surfaces: what they explain is
-    left out, first of all points and then of each part, beside which the other parts are.
-
-    Points without an outline (a single scan line) make one patch without area.
+    Stray points are removed, first by the points of the cloud's other surfaces (`others`, float32
+    (M, 3)), and then, for each part, also by those of the other parts. Points without an outline (a
+    single scan line) make one patch without area.
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
     min_gap = config.surfaces.merge_distance
@@ -212,7 +213,7 @@ def _make_patches(
 def _without_strays(
     surface: _Outlined, others: Float32, min_gap: float, sensor: SensorKind
 ) -> _Outlined:
-    """Return a surface without the points that others explain, outlined anew if there are any."""
+    """Return a surface without stray points, with a new outline if there are any."""
     points, thinned, weights, _, spacing = surface
     strays = mark_strays(thinned, weights, spacing, others)
     if not strays.any():
@@ -224,7 +225,7 @@ def _without_strays(
 
 
 def _nearest(parts: list[Polygon], points: Float32) -> Int64:
-    """Return the index of the part that is nearest to each point (N, >= 2), int64 (N,)."""
+    """Return the index of the part nearest to each point (N, >= 2), int64 (N,)."""
     x, y = points[:, :2].astype(np.float64).T
     nearest = np.zeros(len(points), np.int64)
     found = np.zeros(len(points), np.int64)
@@ -233,7 +234,7 @@ def _nearest(parts: list[Polygon], points: Float32) -> Int64:
         inside = shapely.intersects_xy(part, x, y)
         nearest[inside] = k
         found += inside
-    others = np.flatnonzero(found != 1)  # a tree takes long, and most points are in one part alone
+    others = np.flatnonzero(found != 1)  # the tree is slow, and most points are in just one part
     nearest[others] = shapely.STRtree(parts).nearest(shapely.points(x[others], y[others]))
     return nearest
 
@@ -263,14 +264,14 @@ def first_numbers(views: Sequence[View]) -> list[int]:
 
 
 def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) -> View:
-    """Return the newer view with the numbers and stamps of an older one that will be removed.
+    """Return the newer view with the numbers and stamps of an older view that will be removed.
 
     Parameters
     ----------
     newer, older
         Two successive views.
     replaced_by
-        Of `find_replacements`: for patches of the older view, that of the newer one.
+        Result of `find_replacements`: patches of the newer view by patches of the older one.
     """
     patches = list(newer.patches)
     for p, q in sorted(replaced_by.items()):
@@ -306,7 +307,7 @@ def empty_view(stamp_ns: int, session: int, config: Config) -> View:
     Parameters
     ----------
     stamp_ns, session
-        As of `View`.
+        As in `View`.
     config
         Uses `views.cell_size`.
     """
@@ -319,7 +320,7 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     Parameters
     ----------
     view
-        Of the same stamp; patches that it has are replaced.
+        View of the same stamp; its patches are replaced.
     cloud
         The surfaces that the tilt cycle measured, in the base frame.
     config
@@ -346,7 +347,7 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
 
 
 def _with_systematic(patch: Patch, eye: Float64, sensor: SensorKind, config: Config) -> Patch:
-    """Return a patch with the error of its plane that all points of its view share."""
+    """Return a patch with the systematic error of its plane."""
     points, weights = patch.points.astype(np.float64), patch.weights.astype(np.float64)
     errors = systematic_errors(points, eye, sensor, config)
     return replace(patch, systematic=systematic_planes(points, weights, errors))
@@ -362,7 +363,7 @@ def with_intervals(view: View, intervals: ViewIntervals) -> View:
 
 
 def with_objects(view: View, boxes: ObjectBoxes) -> View:
-    """Return a view with the objects of the same stamp; those that it has are replaced."""
+    """Return a view with the objects of the same stamp in place of its own."""
     seen = tuple(
         SeenObject(center, size, yaw, points)
         for center, size, yaw, points in zip(
@@ -378,5 +379,5 @@ def with_detections(view: View, seen: Iterable[SeenDetection]) -> View:
 
 
 def with_newest(views: list[View], seen: Sequence[SeenDetection]) -> list[View]:
-    """Return views with detections of which no view is newer, in the newest one."""
+    """Return views with detections that are newer than all views added to the newest one."""
     return [*views[:-1], with_detections(views[-1], seen)] if seen and views else views

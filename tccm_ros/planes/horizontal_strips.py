@@ -93,8 +93,8 @@ MIN_POINTS = 20
 
 MIN_WIDTH = 0.03
 """Minimum width of a strip of several lines, m, from the variance of a uniform distribution: a
-vertical object has no width. A narrower strip is a line, whose runs must not be vertical.
-Chosen."""
+vertical object has no width. A narrower strip is a line, whose runs must not be vertical. A wide
+strip of one bent line is rejected. Chosen."""
 
 MIN_LENGTH = 0.30
 """Minimum length of a strip, m: shorter ones are tops of objects. Chosen."""

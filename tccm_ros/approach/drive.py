@@ -29,7 +29,7 @@ ALIGNED_RAD = math.radians(4.0)
 
 
 class Driver:
-    """Limits velocity commands to free motions, and records what blocks them.
+    """Limits velocity commands to free motions, and records blocking obstacles.
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ def _straight_edge(
 def _round_edge(
     points: Float64, target: Target, near: Float64, normal: Float64
 ) -> MeasuredEdge | None:
-    """Fit the centre of a circle of known radius to the part that faces the base."""
+    """Return the edge of a round surface: a circle of known radius, fitted to the facing arc."""
     middle, radius = target.middle, target.radius
     found = None
     for _ in range(3):
@@ -150,7 +150,7 @@ def _round_edge(
 
 
 def _extent(target: Target, near: Float64, normal: Float64) -> tuple[float, float]:
-    """Return the extent each way of the straight side through a point, m, up to `HALF_WIDTH_M`."""
+    """Return both ends along the straight side through a point, m, within `HALF_WIDTH_M`."""
     tangent = np.array([-normal[1], normal[0]])
     starts, ends = target.outline, np.roll(target.outline, -1, axis=0)
     middles, ways = 0.5 * (starts + ends), ends - starts

@@ -153,7 +153,7 @@ class Footprint:
         Parameters
         ----------
         points, margins
-            As of `free_way`.
+            As in `free_way`.
         angle
             Wanted turn, counter-clockwise, rad.
 

@@ -95,7 +95,7 @@ def is_elsewhere(points: Float64, sensor: Float64, target: Target) -> bool:
     Parameters
     ----------
     points, sensor, target
-        As of `locate`.
+        As in `locate`.
     """
     thin = _largest(_thinned(points))
     return len(thin) >= MIN_POINTS and not _is_fit(_facing(thin, sensor), thin, target)

@@ -1,6 +1,6 @@
 """Plane detection by pooled moments.
 
-Read in this order: `fits` is what users call; `search` is the kernel behind it, and its steps are
+Read in this order: `fits` is the interface; `search` is the kernel behind it, and its steps are
 `blocks`, `region_growing`, `inliers`, `vertical_patches` and `vertical_planes`, `reassignment` and
 `edge_planes`. After each tilt cycle follow `tracking` and, for the surface message,
 `horizontal_strips`, `plane_noise`, `front_tops` and `wall_contact`.

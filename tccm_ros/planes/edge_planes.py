@@ -28,7 +28,7 @@ MIN_EDGE_FRACTION = 0.8
 def drop_edge_planes(
     cuboids: PlaneMap, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
-    """Drop the planes that are edges of flatter ones.
+    """Remove the planes that are edges of flatter ones; return the remaining planes.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class PlaneFit:
 
     @cached_property
     def members(self) -> Int64:
-        """Indices of its cuboids."""
+        """Indices of the plane's cuboids, rising."""
         return self.plane_cuboids.members(self.index)
 
     @cached_property
@@ -194,7 +194,7 @@ class PlaneFits(Sequence[PlaneFit]):
 
 
 def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
-    """Find all planes of a part map or an integration map.
+    """Return all planes of a part map or an integration map.
 
     Parameters
     ----------

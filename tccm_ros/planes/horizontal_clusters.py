@@ -17,7 +17,7 @@ from tccm_ros.kernels import kernel
 def label_horizontal(
     cuboids: Cuboids, height_threshold: float = 0.010, min_cuboids: int = 4
 ) -> Int32:
-    """Label the horizontal surfaces of a map.
+    """Return labels of the horizontal surfaces of a map.
 
     Parameters
     ----------

@@ -224,7 +224,7 @@ def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float)
 
 @kernel
 def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
-    """Link runs of neighbouring lines that have one height.
+    """Return connected sets of runs: runs of equal height in neighbouring lines are linked.
 
     Parameters
     ----------

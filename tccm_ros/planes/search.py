@@ -217,7 +217,7 @@ def split_and_fit(
     planes: PlaneTable,
     found: int,
 ) -> int:
-    """Split a plane's cuboids into connected sets, fit and label each set.
+    """Split a plane's cuboids into connected sets, fit and label each set; return the plane count.
 
     Parameters
     ----------

@@ -149,7 +149,7 @@ def through_median(pooled: Float64, plane: Plane) -> Plane:
 
 @kernel
 def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> tuple[Plane, int]:
-    """Refit a vertical plane to the patches within its noise.
+    """Return a vertical plane refitted to the patches within its noise.
 
     Parameters
     ----------

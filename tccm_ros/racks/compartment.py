@@ -115,7 +115,7 @@ class Compartment:
 
     @property
     def outline(self) -> Polygon:
-        """Its part of the board seen from above, in map, m."""
+        """Outline of the compartment seen from above, in map, m."""
         x, y = np.array([0.0, self.depth]), 0.5 * self.width
         corners = np.array([[x[0], -y], [x[1], -y], [x[1], y], [x[0], y]])
         T = self.T_map_front

@@ -41,8 +41,8 @@ MIN_FILLED = 0.8
 """Minimum fraction of their bounding rectangle that pieces fill; chosen: an L fills less."""
 
 SAME_FRONT = 0.1
-"""Of faces whose open fractions differ by less than this, the front is the one that is most towards
-the sensors; chosen: a tenth of its cells."""
+"""Maximum difference of the open fractions of candidate fronts; the one most towards the sensors is
+the front. Chosen: a tenth of the cells."""
 
 
 def find_compartments(

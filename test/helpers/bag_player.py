@@ -9,7 +9,7 @@ from std_srvs.srv import SetBool
 from tccm_ros.nodes.player_node import PlayerNode
 
 RATE = 20.0
-"""Maximum playback rate; it is lower where the nodes are slower."""
+"""Maximum playback rate, seconds of the bag per second; it is lower where the nodes are slower."""
 
 MAX_WAITING = 20
 """Number of messages of a topic in flight to a node at which the player is paused. The player sends

@@ -83,7 +83,7 @@ def _item(solid, T_map_world) -> TrueItem:
 
 
 def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
-    """Yield the reported changes while the inputs are processed, with a solution a tilt cycle."""
+    """Yield the reported changes of the inputs; the map is solved after each tilt cycle."""
     for event in inputs:
         slam.add(event)
         if isinstance(event, ObjectBoxes):

@@ -43,7 +43,7 @@ def find_chromium():
 
 
 def _above_pipe(fd):
-    """Return the descriptor moved out of the way of 3 and 4."""
+    """Return a duplicate of the descriptor with a number above 3 and 4."""
     moved = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 10)
     os.close(fd)
     return moved

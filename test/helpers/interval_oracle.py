@@ -48,8 +48,8 @@ def moments_of(points):
 def pieces(parts):
     """Return {(ix, iy): [(bottom, top, cycle, index)]} of [(cycle, cuboids, voids)], oldest first.
 
-    Each unit step of height belongs to the newest part that covers it, unless a newer part saw
-    through it. `cuboids` is as from `part_cuboids`, `voids` {(ix, iy): [(bottom, top)]}.
+    Each unit step of height belongs to the newest part that covers it, unless a newer part has a
+    void there. `cuboids` is as from `part_cuboids`, `voids` {(ix, iy): [(bottom, top)]}.
     """
     owners = defaultdict(dict)
     for cycle, cuboids, voids in parts:

@@ -33,7 +33,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Cameras:
-    """Cameras that look to the left and right of the way ahead."""
+    """Cameras that look to the left and right of the direction of motion."""
 
     yaws: Sequence[float] = (0.6, -0.6)
     height: float = 1.1

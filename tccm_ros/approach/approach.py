@@ -59,7 +59,7 @@ MISSES = 3
 """The base stops after this many consecutive tilt cycles without the edge. Chosen."""
 
 UNSEEN_M = 0.6
-"""Maximum distance driven on odometry without a measured edge, m: its error is 2 %, 12 mm."""
+"""Maximum distance driven on odometry alone, without a measured edge, m: 2 % of error are 12 mm."""
 
 BACK_M = np.arange(0.0, 1.01, 0.1)
 """Distances of reversing that are tried where the base starts in a narrow place, m."""

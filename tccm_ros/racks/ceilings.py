@@ -35,7 +35,7 @@ INNER = 0.08
 """Hits further than this from the sides and the back do not belong to them, m; chosen."""
 
 FLAT = 0.02
-"""Maximum height of a hit on an underside, m; chosen: noise on 4 cm."""
+"""Maximum vertical extent of a hit on an underside, m; chosen: noise on 4 cm."""
 
 MIN_COVERED = 0.2
 """Minimum fraction of the area of an underside that its hits cover; chosen: there are gaps between

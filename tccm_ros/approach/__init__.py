@@ -1,1 +1,1 @@
-"""Driving the base to a surface: where to stand, the edge as measured now, speeds, phases."""
+"""Driving the base to a surface: goal pose, edge measurement, velocity commands, state machine."""

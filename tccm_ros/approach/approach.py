@@ -1,4 +1,4 @@
-"""One approach, as a state machine: look, stage, close in, verify."""
+"""State machine of one approach: look, stage, close in, verify."""
 
 from __future__ import annotations
 
@@ -23,65 +23,66 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, inverse2, transform2, wrap_angle
 
 CYCLES = 3
-"""Newest tilt cycles that an edge is fitted to: their scan lines lie between each other's."""
+"""An edge is fitted to this many newest tilt cycles: their scan lines interleave."""
 
 CLOSING_SPEED = 0.5
-"""Fraction of the top speed for the way up to the edge. Chosen."""
+"""Fraction of the velocity limit on the straight motion up to the edge. Chosen."""
 
 ANEW_M, ANEW_RAD = 0.10, math.radians(8.0)
-"""A surface further from where the way was planned to is planned anew: less is steered on the
-way."""
+"""The path is replanned where the surface is further than this from its pose at the last plan;
+smaller errors are corrected while driving."""
 
 MOVED_M, MOVED_RAD = 0.05, math.radians(3.0)
-"""A surface this far from where the map has it has moved: twice what localisation is off by."""
+"""A surface this far from its pose in the map has moved: twice the localisation error."""
 
 MAX_PLANS = 6
-"""Ways that are planned for one goal, at most. Chosen."""
+"""Maximum number of plans for one goal. Chosen."""
 
 MAX_CORRECTIONS = 4
-"""Motions after a verification, at most. Chosen."""
+"""Maximum number of correcting motions after verifications. Chosen."""
 
 GAP_M, YAW_RAD = 0.006, math.radians(0.6)
-"""What a verification corrects: a third of the 2 cm and 1.5 deg that are promised."""
+"""Larger errors of gap or yaw are corrected: a third of the specified 2 cm and 1.5 deg."""
 
 VERIFIED = 2
-"""Tilt cycles, begun after the base stood, that verify."""
+"""Number of tilt cycles that verify the final pose, measured after the base has stopped."""
 
 BEYOND_M = 0.01
-"""An edge at the limit of the view is taken only where it is not this much further than expected,
+"""An edge at the limit of the field of view is rejected where it is further than expected by this,
 m."""
 
 VIEW_LIMIT_RAD = math.radians(1.0)
-"""Points within this of the steepest view are at its limit, rad: a scan line."""
+"""Points within this of the steepest depression angle are at the limit of the field of view, rad:
+one scan line."""
 
 MISSES = 3
-"""Tilt cycles in a row without the edge that stop the base. Chosen."""
+"""The base stops after this many consecutive tilt cycles without the edge. Chosen."""
 
 UNSEEN_M = 0.6
-"""Way that the base goes on odometry without a measured edge, at most, m: 2 % of it are 12 mm."""
+"""Maximum distance driven on odometry alone, without a measured edge, m: 2 % of error are 12 mm."""
 
 BACK_M = np.arange(0.0, 1.01, 0.1)
-"""Ways straight back that are tried where the base begins in a narrow place, m."""
+"""Distances of reversing that are tried where the base starts in a narrow place, m."""
 
 
 class Approach:
-    """Drives the base to a surface, one step of `PERIOD_S` at a time.
+    """State machine that drives the base to a surface, one step of `PERIOD_S` at a time.
 
     Parameters
     ----------
     robot, goal, around
-        The base, what is asked, and the map.
+        The base, the goal, and the map.
 
     Attributes
     ----------
     phase
-        What it does.
+        Current phase.
     outcome
-        How it ended; None while it runs.
+        Result; None while the approach runs.
     target
-        The surface as it is known now, in odom; None before the first step.
+        Newest estimate of the surface, in odom; None before the first step.
     edge
-        The measured edge, in odom; None before it is.
+        The measured edge, in odom; None before the first measurement.
     """
 
     def __init__(self, robot: Robot, goal: Goal, around: Surroundings):
@@ -107,7 +108,7 @@ class Approach:
         self._avoided = np.zeros((0, 2))
 
     def step(self, senses: Senses) -> Speeds:
-        """Return the command of this step; that to stand once `outcome` is set."""
+        """Return the velocity command of this step; zero once `outcome` is set."""
         lost = loss_of(senses)
         if lost is not None:
             return self._end(senses, *lost)
@@ -126,7 +127,7 @@ class Approach:
         return self._verify(senses, is_new)
 
     def cancel(self, senses: Senses) -> Speeds:
-        """End it; return the command to stand."""
+        """Cancel the approach; return the zero command."""
         return self._end(senses, Reason.CANCELLED, "cancelled")
 
     def gap(self, pose: Float64) -> float:
@@ -136,7 +137,7 @@ class Approach:
     # --- endings ---
 
     def _end(self, senses: Senses, reason: Reason, message: str) -> Speeds:
-        """Set the outcome with what is known; return the command to stand."""
+        """Set the outcome from the newest estimates; return the zero command."""
         gap = yaw_error = sigma = distance = math.nan
         surface, has_moved = None, False
         if self.edge is not None:
@@ -144,7 +145,7 @@ class Approach:
             sigma = self.edge.sigma
         if self.target is not None and self._located and senses.map_odom is not None:
             surface = compose2(senses.map_odom, self.target.pose)
-            # Along an edge whose ends are not seen its place is known less well than across.
+            # Position along an edge whose ends are not visible is less certain than across it.
             has_moved = _is_off(surface, self._goal.target, 2.0 * MOVED_M, 2.0 * MOVED_RAD)
         spot = self._spot()
         if spot is not None:
@@ -164,16 +165,16 @@ class Approach:
         return to_edge - self._robot.footprint.front, float(wrap_angle(pose[2] - inwards))
 
     def _spot(self) -> Float64 | None:
-        """Return the spot in odom, moved with the surface."""
+        """Return the spot in odom (2,), moved with the surface; None without a spot."""
         if self._goal.spot is None or self.target is None:
             return None
         in_surface = transform2(inverse2(self._goal.target.pose), self._goal.spot[None])
         return transform2(self.target.pose, in_surface)[0]
 
-    # --- what tilt cycles say ---
+    # --- measurements from tilt cycles ---
 
     def _note_cycle(self, senses: Senses) -> bool:
-        """Take a new tilt cycle; return whether there was one."""
+        """Store a new tilt cycle; return whether there was one."""
         cycle = senses.cycle
         if cycle is None or (self._cycles and cycle.stamp_s <= self._cycles[-1].stamp_s):
             return False
@@ -183,7 +184,7 @@ class Approach:
         return True
 
     def _locate(self) -> Located | None:
-        """Look for the surface in the newest cycles."""
+        """Return the surface as located in the newest cycles; None where it is not found."""
         assert self.target is not None
         assert self._expected is not None
         cycles = [c for c in self._cycles if c.stamp_s >= self._since_s - 2.0] or self._cycles
@@ -200,14 +201,14 @@ class Approach:
         return [transform2(self._odom_map, o[:, :2]) for o in self._around.same_height]
 
     def _is_elsewhere(self) -> bool:
-        """Return whether the newest cycle has the surface at another place."""
+        """Return whether the newest cycle shows the surface at another place."""
         assert self.target is not None
         cycle = self._cycles[-1]
         tops = top_points(cycle.points, self.target, self._same_height)
         return is_elsewhere(tops, cycle.sensor[:2], self.target)
 
     def _measure(self) -> MeasuredEdge | None:
-        """Measure the edge ahead in the newest cycles."""
+        """Return the edge ahead, measured in the newest cycles; None where it is not visible."""
         assert self.target is not None
         near, normal = self._ahead()
         points = np.concatenate([c.points for c in self._cycles])
@@ -220,7 +221,7 @@ class Approach:
         return None if is_further and self._is_at_view_limit(found) else found
 
     def _is_at_view_limit(self, edge: MeasuredEdge) -> bool:
-        """Return whether an edge may be where the view ends instead."""
+        """Return whether an edge may be the limit of the field of view instead."""
         assert self.target is not None
         sensor = self._cycles[-1].sensor
         down = sensor[2] - self.target.height
@@ -228,7 +229,7 @@ class Approach:
         return math.atan2(down, ahead) > self._steepest - VIEW_LIMIT_RAD
 
     def _ahead(self) -> tuple[Float64, Float64]:
-        """Return the point of the edge that is approached, and its normal."""
+        """Return the approached point (2,) of the edge, and the edge's normal (2,) there."""
         if self.edge is not None:
             return self.edge.point, self.edge.normal
         assert self._standing is not None
@@ -272,7 +273,7 @@ class Approach:
         return self._plan(senses)
 
     def _begin_closing(self) -> None:
-        """Go straight up to where the outline is now."""
+        """Begin the straight motion to the edge, from the surface's newest estimate."""
         assert self.target is not None
         assert self._standing is not None
         assert self._planned is not None
@@ -294,7 +295,7 @@ class Approach:
     # --- planning ---
 
     def _plan(self, senses: Senses) -> Speeds:
-        """Choose a standing pose that can be driven to, and begin to drive there."""
+        """Choose a standing pose to which a free path leads; return the zero command."""
         assert self.target is not None
         self._plans += 1
         if self._plans > MAX_PLANS:
@@ -350,7 +351,10 @@ class Approach:
     def _way(
         self, pose: Float64, poses: list[StandingPose], floor: Floor
     ) -> tuple[StandingPose, LegDrive] | None:
-        """Return the first standing pose that has a way from a pose (3,), all in map."""
+        """Return the first standing pose with a free path from a pose (3,), and the path, in map.
+
+        None where no path is free.
+        """
         radius = self._robot.footprint.radius + self._robot.margin
         for back in BACK_M.tolist():
             start = pose_behind(pose, back)
@@ -388,7 +392,7 @@ class Approach:
         return since is not None and senses.now_s - since > self._robot.patience_s
 
     def _plan_around(self, senses: Senses) -> Speeds:
-        """Plan another way than that where something is."""
+        """Plan another path, around the obstacle that blocks the current one."""
         blocker = self._driver.blocker
         assert blocker is not None
         x, y = transform2(_known(senses.map_odom), blocker[None])[0].tolist()
@@ -420,13 +424,17 @@ class Approach:
         return self._plan_around(senses) if self._is_blocked(senses) else speeds
 
     def _closing_goal(self, pose: Float64) -> Float64:
-        """Return the pose (3,) with the gap, facing the edge, for a base at a pose (3,)."""
+        """Return the goal pose (3,), at the gap and facing the edge, for a base at a pose (3,)."""
         point, normal = self._ahead() if self.edge is None else self.edge.facing(pose[:2])
         place = point + (self._goal.gap + self._robot.footprint.front) * normal
         return np.array([*place, math.atan2(-normal[1], -normal[0])])
 
     def _follow(self, senses: Senses) -> bool:
-        """Take the edge from a new cycle; return whether it is where it was expected."""
+        """Update the edge from a new cycle; return whether the motion may go on.
+
+        False where the edge has moved, or was not visible in `MISSES` cycles: then the approach
+        has ended.
+        """
         found = self._measure()
         if found is None:
             self._misses += 1
@@ -446,7 +454,7 @@ class Approach:
         return True
 
     def _is_below_view(self) -> bool:
-        """Return whether the edge is nearer than the sensor sees: odometry goes on from there."""
+        """Return whether the edge is below the field of view: odometry alone guides from there."""
         return self.edge is not None and self._is_at_view_limit(self.edge)
 
     def _verify(self, senses: Senses, is_new: bool) -> Speeds:
@@ -493,7 +501,7 @@ def _known(pose: Float64 | None) -> Float64:
 
 
 def _depressions(cycle: TopCycle) -> Float64:
-    """Return how steeply down the points of a cycle were seen, rad."""
+    """Return the depression angles (N,) of the rays to a cycle's points, rad."""
     rays = cycle.points - cycle.sensor
     return np.asarray(np.arctan2(-rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])))
 
@@ -501,7 +509,7 @@ def _depressions(cycle: TopCycle) -> Float64:
 def _is_off(
     pose: Float64, other: Target | None, limit: float, angle: float, is_round: bool = False
 ) -> bool:
-    """Return whether a surface's pose differs from that of a target."""
+    """Return whether a surface's pose differs from a target's by more than `limit` or `angle`."""
     if other is None:
         return True
     far = float(np.hypot(*(pose[:2] - other.pose[:2]))) > limit
@@ -509,7 +517,7 @@ def _is_off(
 
 
 def _spread(poses: list[StandingPose]) -> list[StandingPose]:
-    """Return a few of the poses, the best first, that differ by 0.3 m or more."""
+    """Return the poses, best first, that are more than 0.3 m from every better one."""
     chosen: list[StandingPose] = []
     for pose in poses:
         if all(np.hypot(*(pose.pose[:2] - c.pose[:2])) > 0.3 for c in chosen):

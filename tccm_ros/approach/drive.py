@@ -1,4 +1,4 @@
-"""Motions of the base, one step at a time: legs to a pose, a turn, a straight way back."""
+"""Motions of the base, one step at a time: straight legs, turns in place, reversing."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, compose2, wrap_angle
 
 PERIOD_S = 0.05
-"""Of the control loop, s (20 Hz)."""
+"""Period of the control loop, s (20 Hz)."""
 
 AT_POSE_M, AT_YAW_RAD = 0.003, math.radians(0.25)
-"""A pose is taken where the base is this near: small beside the 2 cm and 1.5 deg of a gap, and
-above the resolution of odometry."""
+"""Goal tolerance in position and yaw: small compared with the specified 2 cm and 1.5 deg, and above
+the resolution of odometry."""
 
 AT_LEG_M = 0.05
-"""A bend of the way is taken where the base is this near, m: a cell of the grid."""
+"""Position tolerance at the bends of a path, m: a cell of the grid."""
 
 ALIGNED_RAD = math.radians(4.0)
-"""A leg is begun within this of its direction, rad; the rest is steered on the way."""
+"""Heading error below which the base starts a leg, rad; it steers out the rest while driving."""
 
 
 class Driver:
-    """Sends guarded speeds.
+    """Limits velocity commands to free motions, and records blocking obstacles.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ class Driver:
     Attributes
     ----------
     blocked_s
-        Since when something is in the way, s; None while nothing is.
+        Time at which an obstacle began to block the motion, s; None while the motion is free.
     blocker
-        float64 (2,), what that is, in odom.
+        float64 (2,), that obstacle, in odom.
     """
 
     def __init__(self, robot: Robot):
@@ -51,22 +51,22 @@ class Driver:
         self.blocker: Float64 | None = None
 
     def pose(self, senses: Senses) -> Float64:
-        """Return where the base will be when a command of now acts."""
+        """Return the predicted pose (3,) of the base when a command sent now takes effect."""
         return self._history.ahead_of(senses.pose, senses.pose_s, senses.now_s)
 
     def stop(self, senses: Senses) -> Speeds:
-        """Return the command to stand."""
+        """Return the zero command."""
         return self._history.stop(senses.now_s)
 
     def move(self, wanted: Speeds, senses: Senses, obstacles: Obstacles) -> Speeds:
-        """Return the next command: as wanted, as far as it is free; and note what is in the way."""
+        """Return the next command: the wanted one, slowed or zero where an obstacle requires it."""
         pose = self.pose(senses)
         robot = self._robot
         guarded: Guarded = obstacles.guard(wanted, pose, robot.footprint, robot.limits)
         if guarded.blocker is None:
             self.blocked_s = self.blocker = None
             speeds = self._history.send(guarded.speeds, senses.now_s, PERIOD_S)
-            # What is still faster than wanted brakes: that has to be free as well.
+            # The limited command may still be faster than wanted: its braking must be free too.
             checked = obstacles.guard(speeds, pose, robot.footprint, robot.limits)
             return speeds if checked.blocker is None else self._history.stop(senses.now_s)
         if self.blocked_s is None:
@@ -82,11 +82,11 @@ class LegDrive:
     Attributes
     ----------
     ends
-        float64 (2,) each, in odom, those still ahead.
+        float64 (2,) each, ends of the remaining legs, in odom.
     yaw
         Heading at the end, rad.
     backing
-        float64 (3,), a pose straight behind that is taken first; None: none.
+        float64 (3,), a pose straight behind to which the base reverses first, or None.
     """
 
     ends: list[Float64]
@@ -95,7 +95,7 @@ class LegDrive:
     _leg: Float64 | None = None
 
     def wanted(self, pose: Float64, robot: Robot) -> Speeds | None:
-        """Return the speeds at a pose (3,) of the base; None at the end."""
+        """Return the wanted velocities at a pose (3,) of the base; None at the end."""
         limits = robot.limits
         if self.backing is not None:
             if abs(float(between2(self.backing, pose)[0])) > AT_LEG_M:
@@ -121,7 +121,7 @@ class LegDrive:
 
 
 def close_in(pose: Float64, goal: Float64, robot: Robot, speed: float) -> Speeds | None:
-    """Return the speeds at a pose (3,) that end at a goal pose (3,) ahead; None at the end."""
+    """Return the velocities from a pose (3,) to a goal pose (3,) straight ahead; None there."""
     x, _, yaw = between2(goal, pose).tolist()
     if abs(x) > AT_POSE_M:
         return along_line(pose, goal, robot.limits, speed)
@@ -129,5 +129,5 @@ def close_in(pose: Float64, goal: Float64, robot: Robot, speed: float) -> Speeds
 
 
 def pose_behind(pose: Float64, distance: float) -> Float64:
-    """Return the pose (3,) straight behind another, m."""
+    """Return the pose (3,) straight behind another by a distance, m."""
     return compose2(pose, np.array([-distance, 0.0, 0.0]))

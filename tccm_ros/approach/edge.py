@@ -1,7 +1,7 @@
-"""The edge of a surface where the base approaches it, as tilt cycles measured it.
+"""Measurement of the approached edge of a surface from tilt cycles.
 
-Points of a surface end up to one distance of scan lines before its edge. So the edge is taken half
-that distance outside of the outermost points, in strips across it.
+The outermost points of a surface are up to one scan line spacing inside its edge. The edge is
+therefore estimated half that spacing outside the outermost points, in strips across it.
 """
 
 from __future__ import annotations
@@ -17,38 +17,37 @@ STRIP_M = 0.02
 """Width of the strips across an edge, m: a few beams of each scan line at 1 m (0.25 to 0.5 deg)."""
 
 DEPTH_M = 0.25
-"""Points further inside of an edge than this say nothing of it, m."""
+"""Points further inside an edge than this are ignored, m."""
 
 OUTSIDE_M = 0.12
-"""An edge is looked for so far outside of where it is expected, m: what two corrections of 6 cm
-make. Chosen."""
+"""Search distance outside the expected edge, m: two corrections of 6 cm. Chosen."""
 
 HALF_WIDTH_M = 0.35
-"""Half the length of edge that is fitted, m: the width of a base."""
+"""Half the fitted length of an edge, m: the width of a base."""
 
 ROUND_RAD = 1.1
-"""The same of a circle, as an angle: its sides tell where the middle is, and beyond 60 deg a sensor
-sees the edge at a slant."""
+"""Half the fitted arc of a circle, as an angle: its sides determine the centre, and beyond 60 deg
+the sensor sees the edge at a grazing angle."""
 
 SAME_LINE_M = 0.003
-"""Points of one scan line differ by less, m: the noise of a laser at half a metre."""
+"""Points of one scan line differ by less than this, m: the noise of a laser at half a metre."""
 
 MAX_PITCH_M = 0.06
-"""Scan lines further from each other say nothing of an edge to 2 cm, m: half of it is the error."""
+"""Maximum spacing of scan lines, m: the error of the edge is half of it, and 2 cm are required."""
 
 MIN_STRIPS = 5
-"""Strips of which an edge is made, at least: 10 cm."""
+"""Minimum number of strips of an edge: 10 cm."""
 
 OUTLIER_M = 0.008
-"""A strip further from the fit is left out, m: three times a laser's noise."""
+"""A strip with a larger residual is an outlier, m: three times a laser's noise."""
 
 ROUNDS = 6
-"""Fits after which outliers no longer change."""
+"""Number of fits; the set of outliers no longer changes after them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredEdge:
-    """An edge where the base approaches it.
+    """The edge of a surface where the base approaches it.
 
     Attributes
     ----------
@@ -59,7 +58,7 @@ class MeasuredEdge:
     sigma
         Standard deviation of the point's position across the edge, m.
     middle
-        float64 (2,), of a round one; None of a straight one.
+        float64 (2,), centre of a round edge; None for a straight one.
     """
 
     point: Float64
@@ -68,9 +67,9 @@ class MeasuredEdge:
     middle: Float64 | None = None
 
     def facing(self, place: Float64) -> tuple[Float64, Float64]:
-        """Return the point of the edge that a base at a place (2,) faces, and the normal there.
+        """Return the point of the edge that faces a position (2,), and the normal there.
 
-        A round edge is faced from anywhere, a straight one where it was measured.
+        For a straight edge this is always the measured point.
         """
         if self.middle is None:
             return self.point, self.normal
@@ -81,14 +80,14 @@ class MeasuredEdge:
 def measured_edge(
     points: Float64, target: Target, near: Float64, normal: Float64
 ) -> MeasuredEdge | None:
-    """Return the edge of a surface near a point of its outline, None where too little is seen.
+    """Return the edge of a surface near a point of its outline; None with too few measurements.
 
     Parameters
     ----------
     points
         float64 (N, 2), points of the surface, m.
     target
-        Where the surface is expected; of a round one the radius is taken as it is.
+        Expected surface; the radius of a round one is not estimated.
     near, normal
         float64 (2,), a point of the expected outline and its outward normal.
     """
@@ -101,7 +100,7 @@ def _straight_edge(
 ) -> MeasuredEdge | None:
     low, high = _extent(target, near, normal)
     found = None
-    # The direction of strips follows the fit: the second one is across the measured edge.
+    # The strips of the second round are perpendicular to the edge measured in the first.
     for _ in range(2):
         tangent = np.array([-normal[1], normal[0]])
         along, out = (points - near) @ tangent, (points - near) @ normal
@@ -124,7 +123,7 @@ def _straight_edge(
 def _round_edge(
     points: Float64, target: Target, near: Float64, normal: Float64
 ) -> MeasuredEdge | None:
-    """Fit the centre of a circle of known radius to the part that faces the base."""
+    """Return the edge of a round surface: a circle of known radius, fitted to the facing arc."""
     middle, radius = target.middle, target.radius
     found = None
     for _ in range(3):
@@ -144,14 +143,14 @@ def _round_edge(
             return None
         shift, sigma = circle
         middle = middle + shift
-        # The base keeps to where it goes: the point ahead stays, and the circle turns its normal.
+        # The base keeps its path: the normal points from the new centre to the same point ahead.
         normal = (near - middle) / np.hypot(*(near - middle))
         found = MeasuredEdge(middle + radius * normal, normal, sigma, middle)
     return found
 
 
 def _extent(target: Target, near: Float64, normal: Float64) -> tuple[float, float]:
-    """Return how far the straight side through a point goes each way, at most `HALF_WIDTH_M`."""
+    """Return both ends along the straight side through a point, m, within `HALF_WIDTH_M`."""
     tangent = np.array([-normal[1], normal[0]])
     starts, ends = target.outline, np.roll(target.outline, -1, axis=0)
     middles, ways = 0.5 * (starts + ends), ends - starts
@@ -169,14 +168,14 @@ def _extent(target: Target, near: Float64, normal: Float64) -> tuple[float, floa
 
 
 def _strip_ends(along: Float64, out: Float64, width: float) -> tuple[Float64, Float64] | None:
-    """Return the middle and the end of each strip, None where too few are seen.
+    """Return the middle and the outer end of each strip; None where there are too few strips.
 
     Parameters
     ----------
     along, out
-        float64 (N,), along the edge, and outwards from where it is expected.
+        float64 (N,), coordinates along the edge, and outwards from the expected edge.
     width
-        Of a strip, as `along`.
+        Width of a strip, in the unit of `along`.
     """
     if len(along) < 2 * MIN_STRIPS:
         return None
@@ -189,7 +188,8 @@ def _strip_ends(along: Float64, out: Float64, width: float) -> tuple[Float64, Fl
     number = np.cumsum(np.r_[0, np.diff(strips) > 0])
     is_next: Bool = behind > SAME_LINE_M
     first_next = np.full(len(starts), np.nan)
-    # The points of a strip come from the outermost inwards: written backwards, the first one stays.
+    # Points of a strip are sorted from the outermost inwards; the reversed assignment keeps the
+    # first.
     first_next[number[is_next][::-1]] = behind[is_next][::-1]
     if np.isnan(first_next).all() or len(starts) < MIN_STRIPS:
         return None
@@ -204,7 +204,10 @@ def _strip_ends(along: Float64, out: Float64, width: float) -> tuple[Float64, Fl
 
 
 def _robust_fit(rows: Float64, values: Float64) -> tuple[Float64, float] | None:
-    """Return least-squares coefficients without outliers, and the deviation of the first."""
+    """Return least-squares coefficients of the inliers, and the first one's standard deviation.
+
+    None with too few inliers.
+    """
     used = np.abs(values - np.median(values)) < 0.05
     for _ in range(ROUNDS):
         if used.sum() < MIN_STRIPS:

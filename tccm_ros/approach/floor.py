@@ -1,4 +1,4 @@
-"""The floor that the base may drive on, and straight legs over it."""
+"""Free floor for the base, and paths of straight legs over it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.surfaces.base_poses import cells_within
 
 LEGS_M = 0.10
-"""Legs stand no further outside of the top than this, m. Chosen: two cells of the grid."""
+"""Maximum distance of a table's legs outside its top, m. Chosen: two cells of the grid."""
 
 
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
@@ -25,19 +25,19 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 class Floor:
-    """Where the base may be: cells that are free, not under furniture and not seen occupied.
+    """Cells on which the base may drive: free, not under furniture, and without new obstacles.
 
     Parameters
     ----------
     grid
-        In the frame of all that is asked.
+        Occupancy; all arguments and results are in its frame.
     overhangs
         Outlines float64 (N, 2 or 3) of other furniture.
     gone
-        Outline of the surface itself as the map has it: what the grid has under it has moved with
-        it, or is told by `seen`. None: the grid is right there.
+        Mapped outline of the approached surface: cells under it are taken as free, since its legs
+        move with it and other obstacles are in `seen`. None: the grid is used there too.
     seen
-        float64 (N, 2), what a level scan sees now beside the surface itself.
+        float64 (N, 2), current obstacles except the approached surface.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Floor:
             cells, is_inside = self._cells(seen)
             free[cells[is_inside, 1], cells[is_inside, 0]] = False
         self._free = free
-        # What is outside of the grid is not known: not free.
+        # Cells outside the grid are unknown and not free.
         cells = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
         self._clearance = np.maximum(cells - math.sqrt(0.5), 0.0) * grid.resolution
 
@@ -67,12 +67,12 @@ class Floor:
         return cells, np.asarray(is_inside.all(axis=1))
 
     def is_free(self, points: Float64) -> bool:
-        """Return whether all points (N, 2) are on free cells; outside of the grid none is."""
+        """Return whether all points (N, 2) are on free cells; cells outside the grid are not."""
         cells, is_inside = self._cells(points)
         return bool(is_inside.all()) and bool(self._free[cells[:, 1], cells[:, 0]].all())
 
     def is_way_free(self, footprint: Footprint, start: Float64, end: Float64) -> bool:
-        """Return whether the base can drive straight from a pose (3,) to another of its yaw."""
+        """Return whether the base can drive straight from a pose (3,) to one with equal yaw."""
         spacing = self._grid.resolution
         way = end[:2] - start[:2]
         count = int(np.hypot(*way) / spacing) + 2
@@ -81,19 +81,19 @@ class Floor:
         return self.is_free((places[:, None] + samples).reshape(-1, 2))
 
     def legs(self, start: Float64, goal: Float64, radius: float) -> list[Float64] | None:
-        """Return the ends of straight legs from one point to another, None where there is no way.
+        """Return the ends of straight legs from one point to another; None without a free path.
 
         Parameters
         ----------
         start, goal
             float64 (2,), m.
         radius
-            Of the circle around the base's origin that stays free on the way, m.
+            Radius of the circle around the base's origin that stays free on the path, m.
 
         Returns
         -------
-        Points (2,), the last one the goal; the shortest way over the grid, with no bend that is not
-        needed.
+        Points (2,), the last one is the goal: the shortest path over the grid, without needless
+        bends.
         """
         is_open = self._clearance > radius
         cells, is_inside = self._cells(np.stack([start, goal]))
@@ -109,7 +109,7 @@ class Floor:
         ends: list[Float64] = []
         here, k = start, 0
         while k < len(points):
-            # The furthest that is seen straight; the next one always is, as cells touch.
+            # Take the furthest point with a free straight leg, at least the next one.
             seen = [j for j in range(k, len(points)) if self._is_leg_free(here, points[j], radius)]
             k = seen[-1] if seen else k
             here = points[k]
@@ -127,7 +127,7 @@ class Floor:
 
 
 def _shortest_way(is_open: Bool, start: Int64, goal: Int64) -> Int64 | None:
-    """Return the cells (N, 2) (row, column) of the shortest way over open ones."""
+    """Return the cells (N, 2) (row, column) of the shortest path over open cells, or None."""
     numbers = np.arange(is_open.size).reshape(is_open.shape)
     rows, columns, lengths = [], [], []
     height, width = is_open.shape

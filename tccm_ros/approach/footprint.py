@@ -1,4 +1,4 @@
-"""The footprint of the base, and how far it can move before something is within a margin."""
+"""The footprint of the base, and its free motion up to the margins of obstacles."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tccm_ros.errors import MotionError
 from tccm_ros.geometry import transform2
 
 MAX_CORNER_M = 3.0
-"""Greatest distance of a corner from the base's origin, m: no robot for rooms is larger."""
+"""Maximum distance of a corner from the base's origin, m: no indoor robot is larger."""
 
 ROTATION_STEP_RAD = 0.05
-"""Step at which a turn in place is checked, rad: the corner of a footprint of 1 m moves by 5 cm,
-the edge of a costmap's cell."""
+"""Step of the collision check of a turn in place, rad: it moves the corner of a footprint of 1 m by
+5 cm, the edge of a costmap cell."""
 
 WAY_STEP_M = 0.01
-"""Step that tells whether a motion leads nearer to a point, m: less than any margin."""
+"""Step of the test whether a motion leads nearer to a point, m: less than any margin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +49,7 @@ class Footprint:
         ------
         MotionError
             For fewer than three corners, numbers that are not finite, corners beyond
-            `MAX_CORNER_M` and an outline that the origin is not in.
+            `MAX_CORNER_M`, and an outline that does not contain the origin.
         """
         flat = np.asarray(corners, np.float64).ravel()
         if len(flat) < 6 or len(flat) % 2:
@@ -81,7 +81,7 @@ class Footprint:
         return transform2(pose, self.corners)
 
     def grown(self, margin: float) -> Footprint:
-        """Return the footprint with its corners moved outwards, so that no side is nearer, m."""
+        """Return the footprint with every side moved outwards by a margin, m."""
         normals, offsets = self._half_planes()
         before = np.roll(normals, 1, axis=0), np.roll(offsets, 1)
         corners = [
@@ -91,9 +91,7 @@ class Footprint:
         return Footprint(np.array(corners))
 
     def samples(self, spacing: float) -> Float64:
-        """Return points (M, 2) on a square grid that cover the footprint, its corners among
-        them.
-        """
+        """Return points (M, 2) that cover the footprint: a square grid and the corners."""
         low, high = self.corners.min(axis=0), self.corners.max(axis=0)
         counts = np.ceil((high - low) / spacing).astype(int) + 1
         axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts.tolist())]
@@ -101,10 +99,10 @@ class Footprint:
         return np.concatenate([grid[self.distance(grid) <= 0.0], self.corners])
 
     def distance(self, points: Float64) -> Float64:
-        """Return how far points are outside of the footprint, m; negative inside.
+        """Return the distances (N,) of points from the footprint, m; negative inside.
 
-        Beside a corner it is the distance from the nearer of the two lines through its sides: never
-        more than the true one.
+        Beyond a corner it is the distance from the further of the two lines through its sides,
+        which is never more than the true distance.
 
         Parameters
         ----------
@@ -115,26 +113,26 @@ class Footprint:
         return np.asarray((points @ normals.T - offsets).max(axis=1, initial=-np.inf))
 
     def free_way(self, points: Float64, margins: Float64, direction: float) -> float:
-        """Return how far the base can move straight before a point is nearer than its margin, m.
+        """Return the length of free straight motion before a point is within its margin, m.
 
         Parameters
         ----------
         points
             float64 (N, 2), obstacles in the base frame, m.
         margins
-            float64 (N,), distance that each must keep, m.
+            float64 (N,), minimum distance of the footprint from each point, m.
         direction
             1: ahead, -1: back.
 
         Returns
         -------
         m; 0 where a point is within its margin and the motion does not lead away from it, inf where
-        the way is free.
+        no point limits the motion.
         """
         if not len(points):
             return np.inf
         normals, offsets = self._half_planes()
-        # After a way s, point p is at p - s d; it is near while n . p - o - margin < s n . d.
+        # After a distance s, point p is at p - s d; it is near while n . p - o - margin < s n . d.
         room = points @ normals.T - offsets - margins[:, None]
         rate = direction * normals[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -143,26 +141,26 @@ class Footprint:
         last = np.where(rate < -1e-9, limits, np.inf).min(axis=1)
         is_passed = (np.where(np.abs(rate) <= 1e-9, room, -np.inf) >= 0.0).any(axis=1)
         is_in_way = ~is_passed & (first < last) & (last > 0.0)
-        # One that is near already is in no way that does not lead nearer to it.
+        # A point that is within its margin already limits only a motion towards it.
         after = self.distance(points - np.array([direction * WAY_STEP_M, 0.0]))
         is_left = (first <= 0.0) & (after >= self.distance(points) - 1e-9)
         ways = np.maximum(first[is_in_way & ~is_left], 0.0)
         return float(ways.min(initial=np.inf))
 
     def free_rotation(self, points: Float64, margins: Float64, angle: float) -> float:
-        """Return how far the base can turn in place before a point is nearer than its margin, rad.
+        """Return the free angle of a turn in place before a point is within its margin, rad.
 
         Parameters
         ----------
         points, margins
-            As of `free_way`.
+            As in `free_way`.
         angle
-            Of the whole turn, counter-clockwise, rad.
+            Wanted turn, counter-clockwise, rad.
 
         Returns
         -------
-        rad, with the sign of `angle`; a point that is within its margin before stops no turn that
-        does not bring it nearer.
+        rad, with the sign of `angle`. A point that is within its margin already limits the turn
+        only if it brings the point nearer.
         """
         near = np.hypot(*points.T) < self.radius + margins.max(initial=0.0)
         points, margins = points[near], margins[near]

@@ -1,4 +1,4 @@
-"""The guard of every motion: what is nearer than the margin in level scans or cuboids stops it."""
+"""Collision guard: obstacles of level scans and cuboids within the margin stop any motion."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, transform2
 
 OWN_M = 0.06
-"""What is within this of the surface's outline belongs to it, m: a cube of ~/obstacles is 5 cm."""
+"""Points within this of the surface's outline belong to it, m: a cube of ~/obstacles is 5 cm."""
 
 OWN_GAPS = 0.3
-"""Legs and edge of the surface itself may come as near as this fraction of the gap: the rest is
-left for errors of the measured edge."""
+"""Margin of the surface's own legs and edge, as a fraction of the gap: the rest allows for errors
+of the measured edge."""
 
 FLOOR_M = 0.06
 """Cuboids up to this height are floor, m: a cube of ~/obstacles and its noise."""
 
 NEAR_M = 2.5
-"""Obstacles further away do not matter to this step, m: more than any way to brake."""
+"""Obstacles further away are ignored, m: more than any braking distance."""
 
 BLOCKED_M, BLOCKED_RAD = 0.01, math.radians(1.0)
-"""A motion that is free for less is blocked."""
+"""A motion is blocked where less than this is free."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guarded:
-    """A motion that was checked.
+    """A motion after the collision check.
 
     Attributes
     ----------
     speeds
-        As fast as is safe; `STOP` where it is blocked.
+        Safe velocities; `STOP` where the motion is blocked.
     blocker
-        float64 (2,), in odom, what is in the way; None where nothing is.
+        float64 (2,), the blocking obstacle, in odom; None where the motion is free.
     """
 
     speeds: Speeds
@@ -50,14 +50,14 @@ class Guarded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacles:
-    """What is around the base.
+    """Obstacles around the base.
 
     Attributes
     ----------
     points
         float64 (N, 2), in odom, m.
     margins
-        float64 (N,), distance that each must keep, m.
+        float64 (N,), minimum distance of the footprint from each, m.
     """
 
     points: Float64
@@ -67,18 +67,18 @@ class Obstacles:
     def of(
         cls, senses: Senses, target: Target | None, margin: float, gap: float, height: float
     ) -> Obstacles:
-        """Return the obstacles that are seen.
+        """Return the obstacles in the newest measurements.
 
         Parameters
         ----------
         senses
-            Now.
+            Newest measurements.
         target
-            The surface that is approached, in odom: it may come nearer than the margin.
+            The approached surface, in odom: its margin is smaller. None: there is none.
         margin, gap
-            Of other obstacles, and of the surface, m.
+            Margin of other obstacles, and the gap to the surface, m.
         height
-            Of the robot, m: higher ones do not matter.
+            Height of the robot, m: higher obstacles are ignored.
         """
         is_low = (senses.cuboids[:, 2] > FLOOR_M) & (senses.cuboids[:, 2] < height)
         points = np.concatenate([senses.scan, senses.cuboids[is_low, :2]])
@@ -87,7 +87,7 @@ class Obstacles:
         if target is None:
             return cls(points, margins)
         is_own = shapely.contains_xy(target.polygon.buffer(OWN_M), *points.T)
-        # Cuboids of the top spread beyond its edge by half a cube: the outline says where it ends.
+        # Cuboids of the top extend beyond its edge by half a cube: the outline is more exact.
         legs = points[is_own][shapely.contains_xy(target.polygon, *points[is_own].T)]
         edge, *_ = target.edge_points()
         points = np.concatenate([points[~is_own], legs, edge])
@@ -96,20 +96,20 @@ class Obstacles:
         return cls(points, margins)
 
     def others(self, margin: float) -> Float64:
-        """Return the points (M, 2) that keep a margin of at least this."""
+        """Return the points (M, 2) with at least this margin, m."""
         return self.points[self.margins >= margin]
 
     def guard(self, wanted: Speeds, pose: Float64, footprint: Footprint, limits: Limits) -> Guarded:
-        """Return a motion as far as it is free.
+        """Return the wanted motion, slowed or stopped by obstacles.
 
         Parameters
         ----------
         wanted
-            Speeds that are asked for.
+            Wanted velocities.
         pose
-            float64 (3,), of the base when they act, in odom.
+            float64 (3,), predicted pose of the base when they take effect, in odom.
         footprint, limits
-            Of the base.
+            Footprint and velocity limits of the base.
         """
         if wanted == STOP or not len(self.points):
             return Guarded(wanted)
@@ -125,14 +125,14 @@ class Obstacles:
             angle = math.copysign(brake + 2.0 * BLOCKED_RAD, yaw_rate)
             free = footprint.free_rotation(local, self.margins, angle)
             if abs(free) < BLOCKED_RAD:
-                # Ahead, a yaw_rate only keeps the line: it is left out.
+                # While driving, the yaw rate only keeps the line, so it can be zero.
                 if not ahead:
                     return Guarded(STOP, self._nearest(local, footprint, 0.0))
                 yaw_rate = 0.0
         return Guarded(Speeds(ahead, yaw_rate))
 
     def _nearest(self, local: Float64, footprint: Footprint, direction: float) -> Float64:
-        """Return the point that is nearest to the footprint, ahead of it where that is asked."""
+        """Return the point (2,) nearest to the footprint in a direction (1, -1, or 0 for any)."""
         distances = footprint.distance(local) - self.margins
         distances[direction * local[:, 0] < 0.0] = np.inf
         return self.points[int(distances.argmin())]

@@ -1,4 +1,4 @@
-"""Where a surface is now: the outline of the map, moved onto points of newest tilt cycles."""
+"""Localisation of a surface: fit of its mapped outline to points of the newest tilt cycles."""
 
 from __future__ import annotations
 
@@ -16,48 +16,47 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import transform2
 
 HEIGHT_M = 0.03
-"""Points further above or below the top are not of it, m: `surfaces.max_step`, by which surfaces of
-the map are never one."""
+"""Points further above or below the top do not belong to it, m: `surfaces.max_step`, as surfaces of
+the map that differ by more in height are never merged."""
 
 SEARCH_M = 0.9
-"""A surface is looked for so far around its place in the map, m. Chosen: a table that somebody
-pushed."""
+"""Search distance around the surface's mapped pose, m. Chosen: a pushed table."""
 
 YAWS = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -45.0, 45.0])
-"""Rotations that a fit starts from, rad: a fit of straight sides converges from half a step."""
+"""Initial yaws of a fit, rad: a fit of straight sides converges from half a step."""
 
 CELL_M = 0.03
-"""Points are thinned to one in a square of this edge before they are joined, m."""
+"""Edge of the squares in which points are thinned to one before clustering, m."""
 
 JOIN_M = 0.12
-"""Points nearer than this are of one surface, m: twice the widest distance of scan lines."""
+"""Points nearer than this belong to one surface, m: twice the largest spacing of scan lines."""
 
 BEARING_RAD = np.radians(1.5)
-"""Bearings of the sensor within this are one direction for the nearest points, rad."""
+"""Width of the bearing bins in each of which the nearest point is selected, rad."""
 
 MIN_POINTS = 40
-"""Thinned points that a surface is recognised by, at least: 0.04 m2. Chosen: an arm's width of
-edge, two scan lines deep."""
+"""Minimum number of thinned points of a surface: 0.04 m2. Chosen: an arm's width of edge, two scan
+lines deep."""
 
 FIT_M = 0.03
-"""A moved outline fits where the edge points' median distance from it is less, m: half of the
-widest distance of scan lines."""
+"""Maximum median distance of the edge points from a fitted outline, m: half the largest spacing of
+scan lines."""
 
 LOOSE = 0.02
-"""Weight of the map's pose in a fit, per m and rad: it decides along an edge whose ends are not
-seen and nothing else."""
+"""Weight of the initial pose as prior in a fit, per m and rad: it is decisive only along an edge
+whose ends are not visible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """A surface where newest tilt cycles have it.
+    """A surface located in the newest tilt cycles.
 
     Attributes
     ----------
     target
         The moved outline.
     motion
-        float64 (3,), rigid motion from where it was expected.
+        float64 (3,), rigid motion from the expected pose.
     points
         float64 (N, 2), points of its top.
     """
@@ -68,16 +67,16 @@ class Located:
 
 
 def top_points(points: Float64, target: Target, others: list[Float64]) -> Float64:
-    """Return the points (M, 2) that may be of a surface, wherever it was pushed to.
+    """Return the points (M, 2) that may belong to a surface, within `SEARCH_M` of its outline.
 
     Parameters
     ----------
     points
         float64 (N, 3), of horizontal surfaces, z over the floor, m.
     target
-        Where the surface is expected.
+        Expected surface.
     others
-        Outlines (K, 2 or 3) of other surfaces of its height.
+        Outlines (K, 2 or 3) of other surfaces of its height, whose points are removed.
     """
     is_near = np.abs(points[:, 2] - target.height) <= HEIGHT_M
     middle = 0.5 * (target.outline.max(axis=0) + target.outline.min(axis=0))
@@ -91,28 +90,28 @@ def top_points(points: Float64, target: Target, others: list[Float64]) -> Float6
 
 
 def is_elsewhere(points: Float64, sensor: Float64, target: Target) -> bool:
-    """Return whether a surface is seen, but not where it is expected: quick, to ask while driving.
+    """Return whether a surface is visible, but not at its expected pose; fast, used while driving.
 
     Parameters
     ----------
     points, sensor, target
-        As of `locate`.
+        As in `locate`.
     """
     thin = _largest(_thinned(points))
     return len(thin) >= MIN_POINTS and not _is_fit(_facing(thin, sensor), thin, target)
 
 
 def locate(points: Float64, sensor: Float64, target: Target) -> Located | None:
-    """Return where a surface is, None where its points are too few or no motion of it fits.
+    """Return the located surface; None where its points are too few or no rigid motion fits.
 
     Parameters
     ----------
     points
-        float64 (N, 2), that may be of it, m.
+        float64 (N, 2), points that may belong to it, m.
     sensor
-        float64 (2,), where they were seen from.
+        float64 (2,), position of the sensor.
     target
-        Where it is expected.
+        Expected surface.
     """
     thin = _largest(_thinned(points))
     if len(thin) < MIN_POINTS:
@@ -136,7 +135,7 @@ def _thinned(points: Float64) -> Float64:
 
 
 def _largest(points: Float64) -> Float64:
-    """Return the largest set of points that are within `JOIN_M` of each other."""
+    """Return the largest cluster: points linked by distances up to `JOIN_M`."""
     if len(points) < 2:
         return points
     pairs = cKDTree(points).query_pairs(JOIN_M, output_type="ndarray")
@@ -146,7 +145,7 @@ def _largest(points: Float64) -> Float64:
 
 
 def _facing(points: Float64, sensor: Float64) -> Float64:
-    """Return the points that are nearest to the sensor in their direction."""
+    """Return the nearest point to the sensor in each bearing bin."""
     rays = points - sensor
     bearings = np.floor(np.arctan2(rays[:, 1], rays[:, 0]) / BEARING_RAD).astype(np.int64)
     order = np.lexsort((np.hypot(*rays.T), bearings))
@@ -162,18 +161,18 @@ def _is_fit(edge: Float64, points: Float64, target: Target) -> bool:
 
 
 def _start(yaw: float, points: Float64, target: Target) -> Float64:
-    """Return the motion that rotates a target about its middle, and brings that to the points'."""
+    """Return the motion that rotates a target by a yaw and moves its centroid to the points'."""
     middle = np.asarray(target.polygon.centroid.coords)[0]
     rotated = transform2(np.array([0.0, 0.0, yaw]), middle[None])[0]
     return np.array([*(points.mean(axis=0) - rotated), yaw])
 
 
 def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> tuple[float, Float64]:
-    """Return cost and motion: edge points on the outline, no point outside of it."""
+    """Return cost and motion (3,) of the fit: edge points on the outline, no point outside it."""
     polygon = target.polygon
     line = polygon.boundary
     middle = np.asarray(polygon.centroid.coords)[0]
-    # About the middle, so that turns and shifts are independent.
+    # Rotation about the centroid, so that rotation and translation are independent.
     x0 = np.array([*(transform2(start, middle[None])[0] - middle), start[2]])
 
     def back(x: Float64, seen: Float64) -> Float64:

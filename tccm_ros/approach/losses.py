@@ -1,4 +1,4 @@
-"""What the base must not move without: its place, odometry and level scans that are new."""
+"""Check of the inputs without which the base must not move: localisation, odometry, level scans."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from tccm_ros.approach.outcome import Reason
 from tccm_ros.approach.senses import Senses
 
 POSE_S, SCAN_S = 0.3, 0.6
-"""Age of odometry and of the level scan that stops the base, s. Chosen: six samples of 20 Hz, six
-scans of 10 Hz; the base moves 6 cm at 0.2 m/s in the first."""
+"""Maximum ages of odometry and of the level scan, s: older data stop the base. Chosen: six samples
+at 20 Hz, six scans at 10 Hz; the base moves 6 cm at 0.2 m/s in the first."""
 
 
 def loss_of(senses: Senses) -> tuple[Reason, str] | None:
-    """Return what is lost, with a sentence; None where nothing is."""
+    """Return reason and message if an input is missing or too old; None if all are current."""
     if senses.map_odom is None:
         return Reason.LOST_POSE, f"the robot does not know where it is: {senses.why_lost}"
     if senses.now_s - senses.pose_s > POSE_S:

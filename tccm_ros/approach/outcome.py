@@ -1,4 +1,4 @@
-"""How an approach ends: a reason and what was measured."""
+"""Result of an approach: a reason and the measurements at its end."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Reason(IntEnum):
 
 
 class Phase(IntEnum):
-    """What the base does, as action/ApproachSurface numbers it."""
+    """Phase of an approach, as action/ApproachSurface numbers it."""
 
     LOOKING = 0
     STAGING = 1
@@ -39,25 +39,25 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """The end of an approach or a retreat.
+    """Result of an approach or a retreat.
 
     Attributes
     ----------
     reason
-        `Reason.NONE` where it is done.
+        `Reason.NONE` on success.
     message
-        A sentence.
+        Description for the user.
     gap, yaw_error, sigma
-        Between the footprint and the measured edge, m; heading of the base less that of the
-        edge's normal inwards, rad; standard deviation of the gap, m. nan where not measured.
+        Distance between the footprint and the measured edge, m; heading of the base minus that of
+        the edge's inward normal, rad; standard deviation of the gap, m. nan if not measured.
     distance
-        Of the spot from the base's origin, m; nan without a spot.
+        Horizontal distance of the spot from the base's origin, m; nan without a spot.
     surface
-        float64 (3,), pose of the surface in map where it was measured; None where it was not.
+        float64 (3,), measured pose of the surface in map; None if it was not located.
     height
-        Of the top over z = 0 of the base frame, m.
+        Height of the top over z = 0 of the base frame, m.
     has_moved
-        Whether that is elsewhere than the map had it.
+        Whether the measured pose differs from that in the map.
     """
 
     reason: Reason

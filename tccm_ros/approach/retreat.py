@@ -1,4 +1,4 @@
-"""Backing off from a surface, straight back."""
+"""Straight retreat from a surface."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Retreat:
     robot
         The base.
     distance
-        m, > 0.
+        Length of the retreat, m, > 0.
 
     Attributes
     ----------
     phase, outcome
-        As of `Approach`; the outcome's `distance` is how far the base went, m.
+        As in `Approach`; the outcome's `distance` is the length driven, m.
     """
 
     phase = Phase.RETREATING
@@ -38,7 +38,7 @@ class Retreat:
         self.outcome: Outcome | None = None
 
     def step(self, senses: Senses) -> Speeds:
-        """Return the command of this step; that to stand once `outcome` is set."""
+        """Return the velocity command of this step; zero once `outcome` is set."""
         lost = loss_of(senses)
         if lost is not None:
             return self._end(senses, *lost)
@@ -57,11 +57,11 @@ class Retreat:
         return speeds
 
     def way(self, pose: Float64) -> float:
-        """Return how far the base has gone at a pose (3,), m."""
+        """Return the length driven up to a pose (3,), m."""
         return 0.0 if self._start is None else -float(between2(self._start, pose)[0])
 
     def cancel(self, senses: Senses) -> Speeds:
-        """End it; return the command to stand."""
+        """Cancel the retreat; return the zero command."""
         return self._end(senses, Reason.CANCELLED, "cancelled")
 
     def _end(self, senses: Senses, reason: Reason, message: str) -> Speeds:

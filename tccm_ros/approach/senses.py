@@ -1,4 +1,4 @@
-"""What the base knows in one step of the control loop, all in the odometry frame."""
+"""Measurements available in one step of the control loop, in the odometry frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TopCycle:
-    """The horizontal surfaces that one tilt cycle measured.
+    """Points on horizontal surfaces from one tilt cycle.
 
     Attributes
     ----------
@@ -20,7 +20,7 @@ class TopCycle:
     points
         float64 (N, 3), m; z over z = 0 of the base frame.
     sensor
-        float64 (3,), where they were seen from.
+        float64 (3,), position of the sensor.
     """
 
     stamp_s: float
@@ -30,7 +30,7 @@ class TopCycle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Senses:
-    """The newest of every input.
+    """Newest measurement of every input.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class Senses:
     map_odom
         float64 (3,), planar pose of odom in map; None while the robot is not localised.
     why_lost
-        Why it is not, a sentence.
+        Reason for lost localisation, for the user.
     scan, scan_s
-        float64 (N, 2), what the level laser sees, and its stamp.
+        float64 (N, 2), points of the level laser, and its stamp.
     cuboids
-        float64 (M, 3), the integration map; empty where nobody publishes it.
+        float64 (M, 3), cuboids of the integration map; empty if it is not published.
     cycle
-        The newest tilt cycle; None before the first.
+        Newest tilt cycle; None before the first.
     """
 
     now_s: float

@@ -1,4 +1,4 @@
-"""What an approach is asked for, and the robot and world that it is asked in."""
+"""Inputs of an approach: the robot, the goal and the surrounding map."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class Robot:
     Attributes
     ----------
     footprint, limits
-        Its outline and speeds.
+        Its footprint and velocity limits.
     height
-        Of the robot, m: what is higher is not in its way.
+        Height of the robot, m: higher obstacles are ignored.
     latency_s
-        Between a command and the motion that it makes, s.
+        Latency from a command to its motion, s.
     margin
-        Distance to keep from all but the surface that is approached, m.
+        Minimum distance from all obstacles but the approached surface, m.
     patience_s
-        How long something in the way, and a tilt cycle, are waited for, s.
+        Maximum time of waiting for an obstacle to leave, and for a tilt cycle, s.
     """
 
     footprint: Footprint
@@ -39,23 +39,23 @@ class Robot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Goal:
-    """Where the base is wanted.
+    """Goal of an approach.
 
     Attributes
     ----------
     target
         The surface, in map.
     gap
-        Between the footprint and the edge, m.
+        Distance between the footprint and the edge, m.
     staging
-        Length of the straight way up to the edge, m.
+        Length of the final straight motion to the edge, m.
     max_distance
-        Greatest horizontal distance of the spot from the base's origin, m.
+        Maximum horizontal distance of the spot from the base's origin, m.
     spot
-        float64 (2,), what the arm is to get to, in map; it moves with the surface. None: any.
-    side
-        Direction from the surface's middle to the side to stand at, in its own frame, rad; None:
+        float64 (2,), position that the arm must get to, in map; it moves with the surface. None:
         any.
+    side
+        Direction from the surface's middle to the wanted side, in its own frame, rad; None: any.
     """
 
     target: Target

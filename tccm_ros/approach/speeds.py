@@ -1,4 +1,4 @@
-"""Speeds of the base: bounded, braking in time, for where it will be when they act."""
+"""Velocity commands within limits, with compensation of latency and braking before the goal."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, compose2, wrap_angle
 
 HEADING_GAIN, OFFSET_GAIN = 1.5, 2.0
-"""Of the turn, 1/s per rad of heading, and rad of heading per m of offset from the line. Chosen:
-with 0.1 s to 0.2 s of delay the linear system is stable by a factor of 3 (gain times delay below
+"""Gains: yaw rate per heading error, 1/s, and heading per offset from the line, rad/m. Chosen: with
+a latency of 0.1 s to 0.2 s the linear system is stable by a factor of 3 (gain times latency below
 0.5)."""
 
 MAX_AIM_RAD = 0.5
-"""Greatest angle at which an offset from the line is driven off, rad."""
+"""Maximum angle to the line while the base corrects an offset from it, rad."""
 
 SLOW_GAIN = 2.0
-"""Near its end a motion slows down as distance times this, 1/s, so that it does not overshoot."""
+"""Velocity per distance near the end of a motion, 1/s: it prevents overshoot."""
 
 MAX_DELAY_S = 1.0
-"""Older commands are forgotten, s."""
+"""Maximum age of commands in the history, s."""
 
 
 class Limits(NamedTuple):
-    """What the base is never driven beyond.
+    """Limits of velocity and acceleration.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Limits(NamedTuple):
 
 
 class Speeds(NamedTuple):
-    """A command: straight ahead, m/s, and counter-clockwise, rad/s."""
+    """Velocity command: forward, m/s, and yaw rate, counter-clockwise, rad/s."""
 
     ahead: float = 0.0
     yaw_rate: float = 0.0
@@ -54,48 +54,56 @@ STOP = Speeds()
 
 
 def braked(distance: float, top: float, acceleration: float) -> float:
-    """Return the speed from which the base still stops within a distance; both have its sign."""
+    """Return the maximum velocity from which the base stops within a signed distance, m/s.
+
+    Parameters
+    ----------
+    distance
+        m; the velocity has its sign. Angles work alike.
+    top, acceleration
+        Maximum speed and deceleration, >= 0.
+    """
     way = abs(distance)
     speed = min(top, math.sqrt(2.0 * acceleration * way), SLOW_GAIN * way)
     return math.copysign(speed, distance)
 
 
 def rotate_to(yaw_error: float, limits: Limits) -> Speeds:
-    """Return the speeds that turn the base in place by an angle, rad."""
+    """Return the velocities of a turn in place by an angle, rad."""
     return Speeds(0.0, braked(yaw_error, limits.yaw_rate, limits.yaw_acceleration))
 
 
 def along_line(pose: Float64, goal: Float64, limits: Limits, speed: float) -> Speeds:
-    """Return the speeds that drive the base along the x axis of a goal pose, up to it.
+    """Return the velocities that drive the base along the x axis of a goal pose, up to it.
 
     Parameters
     ----------
     pose, goal
         float64 (3,), planar poses of the base now and at the end.
     limits
-        Of the base.
+        Velocity limits of the base.
     speed
-        Greatest speed on this way, m/s.
+        Maximum speed on this path, m/s.
     """
     x, y, yaw = between2(goal, pose).tolist()
     ahead = braked(-x, min(speed, limits.speed), limits.acceleration)
     direction = math.copysign(1.0, ahead)
     aim = -direction * math.copysign(min(abs(OFFSET_GAIN * y), MAX_AIM_RAD), y)
-    # An offset is driven off by driving: at the end the heading alone counts.
+    # An offset can be corrected only while driving: near the end only the heading is controlled.
     aim *= min(abs(ahead) / limits.speed * 4.0, 1.0)
     yaw_rate = HEADING_GAIN * float(wrap_angle(aim - yaw))
     return Speeds(ahead, max(-limits.yaw_rate, min(yaw_rate, limits.yaw_rate)))
 
 
 class CommandHistory:
-    """The commands that were sent: they tell where the base will be when the next one acts.
+    """Sent commands, from which the pose at the next command's effect is predicted.
 
     Parameters
     ----------
     limits
-        Of the base.
+        Velocity limits of the base.
     latency_s
-        Between a command and the motion that it makes, s.
+        Latency from a command to its motion, s.
     """
 
     def __init__(self, limits: Limits, latency_s: float):
@@ -108,12 +116,12 @@ class CommandHistory:
         return self._sent[-1][1] if self._sent else STOP
 
     def ahead_of(self, pose: Float64, stamp_s: float, now_s: float) -> Float64:
-        """Return where the base will be when a command of now acts.
+        """Return the predicted pose (3,) of the base when a command sent now takes effect.
 
         Parameters
         ----------
         pose
-            float64 (3,), of the base at `stamp_s`.
+            float64 (3,), pose of the base at `stamp_s`.
         stamp_s, now_s
             s, on the clock of the commands.
         """
@@ -127,23 +135,23 @@ class CommandHistory:
         return pose
 
     def send(self, wanted: Speeds, now_s: float, period_s: float) -> Speeds:
-        """Return the next command: as wanted, within the limits, and note it.
+        """Record and return the next command: the wanted one within the limits.
 
         Parameters
         ----------
         wanted
-            Speeds; those of `STOP` are approached at full deceleration.
+            Wanted velocities.
         now_s, period_s
-            Time of the command, and until the next, s.
+            Time of the command, and the time to the next, s.
         """
         last, limits = self.newest, self._limits
-        # Brakes may be harder than starts: a command to stop is obeyed within twice the limit.
+        # Deceleration may be twice the acceleration limit.
         ahead = _stepped(last.ahead, wanted.ahead, limits.acceleration * period_s)
         yaw_rate = _stepped(last.yaw_rate, wanted.yaw_rate, limits.yaw_acceleration * period_s)
         return self._note(Speeds(ahead, yaw_rate), now_s)
 
     def stop(self, now_s: float) -> Speeds:
-        """Return the command to stand, whatever the last one, and note it."""
+        """Record and return the zero command, without a limit of deceleration."""
         return self._note(STOP, now_s)
 
     def _note(self, speeds: Speeds, now_s: float) -> Speeds:
@@ -159,14 +167,14 @@ class CommandHistory:
 
 
 def _stepped(last: float, wanted: float, step: float) -> float:
-    """Return a speed one step nearer to the wanted one; slowing down takes double steps."""
+    """Return a velocity one step nearer to the wanted one; the step of deceleration is double."""
     is_slower = abs(wanted) < abs(last) and wanted * last >= 0.0
     step = 2.0 * step if is_slower else step
     return last + max(-step, min(wanted - last, step))
 
 
 def _arc(speeds: Speeds, duration_s: float) -> Float64:
-    """Return the planar motion (3,) at constant speeds."""
+    """Return the planar motion (3,) at constant velocities."""
     angle = speeds.yaw_rate * duration_s
     way = speeds.ahead * duration_s
     # sin(a) / a and (1 - cos(a)) / a, also at 0.

@@ -1,4 +1,4 @@
-"""Where the base can stand at a surface: free floor, the spot within the arm's length."""
+"""Goal poses of the base at a surface: on free floor, with the spot within the arm's length."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 
 SIDE_RAD = np.pi / 4.0
-"""Normals within this angle of a side's direction belong to it: four sides make the whole."""
+"""Normals within this angle of a side's direction belong to it: four sides cover the outline."""
 
 SLACK_M = 0.01
-"""A footprint may be nearer than the gap to another part of the outline by this much, m: half of
-the 2 cm that a gap is kept within."""
+"""The footprint may be nearer than the gap to other parts of the outline by this, m: half of the
+specified accuracy of 2 cm."""
 
 BASE_WEIGHT = 0.3
-"""Of the distance from the base beside that from the middle of a side. Chosen: another side of a
-table is better than a corner of the nearest one."""
+"""Weight of the distance from the base, relative to that from the middle of a side. Chosen: another
+side of a table is better than a corner of the nearest one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingPose:
-    """Where the base can stand.
+    """Goal pose and staging pose of the base at a surface.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class StandingPose:
     edge
         float64 (2,), the point of the outline ahead.
     distance
-        Of the spot from the base's origin, horizontally, m; nan without a spot.
+        Horizontal distance of the spot from the base's origin, m; nan without a spot.
     """
 
     pose: Float64
@@ -57,27 +57,27 @@ def standing_poses(
     side: float | None = None,
     base: Float64 | None = None,
 ) -> list[StandingPose]:
-    """Return where the base can stand, the best first.
+    """Return the free goal poses at a surface, the best first.
 
-    With a spot, the nearest to it are the best; without, those before the middle of a side, and of
-    these the nearest to the base.
+    With a spot they are sorted by the distance from it. Without one the cost is the distance from
+    the middle of the side, plus `BASE_WEIGHT` times the distance from the base.
 
     Parameters
     ----------
     target, floor, footprint
         The surface, the floor in the same frame, and the base.
     gap
-        Between the footprint and the edge, m.
+        Distance between the footprint and the edge, m.
     staging
-        Length of the straight way before it, m.
+        Length of the final straight motion, m.
     max_distance
-        Greatest horizontal distance of the spot from the base's origin, m.
+        Maximum horizontal distance of the spot from the base's origin, m.
     spot
-        float64 (2,), what the arm is to get to.
+        float64 (2,), position that the arm must get to.
     side
-        Direction from the surface's middle to the side to stand at, in its own frame, rad.
+        Direction from the surface's middle to the wanted side, in its own frame, rad.
     base
-        float64 (2,), where the base is.
+        float64 (2,), position of the base.
     """
     points, normals, off_middle = target.edge_points()
     outline = target.polygon

@@ -1,4 +1,4 @@
-"""The outline of a surface that the base is driven to, in the plane."""
+"""The outline of the approached surface, in the plane."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, transform2, wrap_angle
 
 STEP_M = 0.05
-"""Distance of the points of an edge that an approach is tried at, m: the edge of a cell of the
-occupancy grid."""
+"""Spacing of the candidate points along an edge, m: the edge of a cell of the occupancy grid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,9 +24,9 @@ class Target:
     outline
         float64 (N, 2), counter-clockwise, m.
     pose
-        float64 (3,), of the surface's own frame: its middle, x along its longer side.
+        float64 (3,), pose of the surface's own frame: its middle, x along its longer side.
     height
-        Of the top over z = 0 of the base frame, m.
+        Height of the top over z = 0 of the base frame, m.
     is_round
         Whether the outline is a circle.
     """
@@ -38,13 +37,13 @@ class Target:
     is_round: bool = False
 
     def moved(self, motion: Float64) -> Target:
-        """Return the target after a rigid motion (3,): what was at p is at motion * p."""
+        """Return the target after a rigid motion (3,), which moves a point p to motion * p."""
         outline = transform2(motion, self.outline)
         return Target(outline, compose2(motion, self.pose), self.height, self.is_round)
 
     @property
     def polygon(self) -> Polygon:
-        """The outline as a polygon without faults."""
+        """The outline as a valid polygon."""
         return shapely.make_valid(Polygon(self.outline))
 
     @property
@@ -58,7 +57,7 @@ class Target:
         return float(np.sqrt(Polygon(self.outline).area / np.pi))
 
     def edge_points(self) -> tuple[Float64, Float64, Float64]:
-        """Return where the outline can be approached.
+        """Return the candidate points of an approach on the outline.
 
         Returns
         -------
@@ -93,6 +92,6 @@ class Target:
         return np.concatenate(points), np.concatenate(normals), np.concatenate(off)
 
     def side_of(self, normals: Float64, side: float) -> Float64:
-        """Return by how much normals (M, 2) differ from a direction in the surface's frame, rad."""
+        """Return angles (M,) between normals (M, 2) and a direction in the surface's frame, rad."""
         wanted = self.pose[2] + side
         return np.abs(wrap_angle(np.arctan2(normals[:, 1], normals[:, 0]) - wanted))

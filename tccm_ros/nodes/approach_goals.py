@@ -1,4 +1,4 @@
-"""From the messages of approach_node's goals to what is driven to: checked, in the map's frame."""
+"""Conversion and validation of the goal messages of approach_node, in the map's frame."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from tccm_ros.nodes.map_records import MapSurface
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 MAX_GAP_M, MAX_DISTANCE_M, MAX_BACK_M = 1.0, 3.0, 2.0
-"""Longest gap, reach and retreat that are taken, m. Chosen: no arm and no need is longer."""
+"""Maximum values of gap, reach and retreat in a goal, m. Chosen: no arm is longer."""
 
 MIN_GAP_M = 0.02
-"""Smallest gap, m: what it is kept to."""
+"""Minimum gap, m: the specified accuracy of a gap."""
 
 SAME_HEIGHT_M = 0.03
-"""Surfaces whose points may be taken for each other's, m (`locating.HEIGHT_M`)."""
+"""Surfaces that differ less in height may be confused, m (`locating.HEIGHT_M`)."""
 
 
 def robot_of(config: Config, corners: Sequence[float] = ()) -> Robot:
-    """Return the base as the parameters have it, or with another footprint.
+    """Return the base from the parameters, or with another footprint.
 
     Raises
     ------
     MotionError
-        For corners that are no footprint.
+        For corners that do not form a footprint, see `Footprint.of`.
     """
     s = config.approach
     limits = Limits(s.speed, s.yaw_rate, s.acceleration, s.yaw_acceleration)
@@ -45,12 +45,12 @@ def robot_of(config: Config, corners: Sequence[float] = ()) -> Robot:
 
 
 def checked(name: str, value: float, default: float, low: float, high: float) -> float:
-    """Return a number of a goal, or the default where it is 0.
+    """Return a value of a goal, m, or the default where it is 0.
 
     Raises
     ------
     MotionError
-        Where it is beyond its limits, or no number.
+        For a value outside [low, high], and nan.
     """
     if value == 0.0:
         return default
@@ -65,14 +65,14 @@ def goal_of(
     config: Config,
     in_map: Callable[[Any], Float64],
 ) -> Goal:
-    """Return what a goal of ApproachSurface asks for.
+    """Return the `Goal` of an ApproachSurface request.
 
     Parameters
     ----------
     request
         The action's goal.
     surface
-        The surface that it means.
+        The requested surface.
     config
         Group `approach`.
     in_map
@@ -81,7 +81,7 @@ def goal_of(
     Raises
     ------
     MotionError
-        For numbers that make no sense, and a spot that is not on the surface.
+        For values outside their limits, and a spot that is not on the surface.
     """
     settings = config.approach
     gap = checked("gap", request.gap, settings.gap, MIN_GAP_M, MAX_GAP_M)
@@ -102,7 +102,7 @@ def goal_of(
 
 
 def target_of(surface: MapSurface) -> Target:
-    """Return a surface of the map as it is approached."""
+    """Return a surface of the map as the target of an approach."""
     message = surface.message
     outline = surface.boundary[:, :2]
     is_round = message.shape == message.SHAPE_CIRCLE
@@ -118,7 +118,7 @@ def surroundings_of(
     Raises
     ------
     MotionError
-        Where no grid has come.
+        If no grid has been received.
     """
     if grid is None:
         raise MotionError("where the floor is free is not known: nobody publishes 'map'")
@@ -130,7 +130,7 @@ def surroundings_of(
 
 
 def _is_above(surface: MapSurface, other: MapSurface) -> bool:
-    """Return whether another surface is a board over or under this one: it moves with it."""
+    """Return whether another surface is a board over or under this one, and so moves with it."""
     target = target_of(surface).polygon
     middle = other.boundary[:, :2].mean(axis=0)
     return bool(target.contains(Point(middle)))
@@ -142,7 +142,7 @@ def grid_of(message: Any) -> OccupancyGrid:
     Raises
     ------
     MotionError
-        Where it is turned, or its sizes contradict each other.
+        If the grid is rotated against its frame, or its sizes are inconsistent.
     """
     info, origin = message.info, message.info.origin
     if abs(origin.orientation.z) > 1e-3:

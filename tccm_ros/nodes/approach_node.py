@@ -1,7 +1,7 @@
 """approach_node: drives the base to surfaces of the map, and back.
 
-The control loop runs beside the messages of the base, in a thread of its own; the executor has
-actions and the map. Nothing is sent while no goal runs, and zero at each end.
+The control loop and the subscriptions to the base's sensors run in one thread, actions and the map
+in the executor. The node sends commands only while a goal is active, and zero at its end.
 """
 
 from __future__ import annotations
@@ -57,33 +57,33 @@ from tccm_ros.ros.types import pose_message
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 ZEROS = 2
-"""Commands to stand that end a goal: a base that listens with best effort may lose one."""
+"""Number of zero commands at the end of a goal: a best-effort subscriber may lose one."""
 
 ANSWER_S = 5.0
-"""The map's node answers within this time, s. Chosen."""
+"""Timeout of requests to the map's node, s. Chosen."""
 
 FEEDBACK_STEPS = 10
-"""Steps of the control loop between two messages of feedback: twice a second."""
+"""Steps of the control loop between feedback messages: two per second."""
 
 
 @dataclass(slots=True, eq=False)
 class Drive:
-    """A goal that runs.
+    """An active goal.
 
     Attributes
     ----------
     machine
         Its state machine.
     robot
-        The base as the goal has it.
+        The base, with the footprint of the goal.
     done
-        Has the outcome at the end.
+        Future of the outcome.
     is_unwanted
-        Returns whether the client has cancelled it.
+        Returns whether the client has cancelled the goal.
     tell
         Publishes feedback.
     steps, zeros
-        Commands that were sent, and those that ended it.
+        Numbers of commands sent, and of zero commands after the outcome.
     """
 
     machine: Approach | Retreat
@@ -156,8 +156,8 @@ class ApproachNode(Node):
         self.get_logger().info("ready; the base moves while a goal runs, and never without")
 
     def _start_loop(self) -> None:
-        """Have the control loop run: on the node's clock in simulated time, else on a steady
-        one.
+        """Start the timer of the control loop: on the node's clock in simulated time, else on a
+        steady clock.
         """
         is_simulated = bool(self.get_parameter("use_sim_time").value)
         clock = self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
@@ -168,13 +168,13 @@ class ApproachNode(Node):
     # --- the end ---
 
     def interrupt(self) -> None:
-        """Stop the base: the process was told to end (called in another thread)."""
+        """Stop the base when the process is interrupted; called in another thread."""
         self._is_ending = True
         with suppress(Exception):
             self._send(STOP)
 
     def close(self) -> None:
-        """Stop the base and take no more messages."""
+        """Stop the base and the subscriptions."""
         was_driving = self._drive is not None
         self._is_ending = True
         self.senses.close()
@@ -202,7 +202,7 @@ class ApproachNode(Node):
                 self.executor.wake()
 
     def _drive_on(self, drive: Drive) -> Outcome | None:
-        """Send the command of this step; return the outcome once the base was told to stand."""
+        """Send the command of this step; return the outcome once `ZEROS` zero commands are sent."""
         machine = drive.machine
         if machine.outcome is not None:
             self._send(STOP)
@@ -248,7 +248,7 @@ class ApproachNode(Node):
         Raises
         ------
         MotionError
-            In another frame than the map's and the base's, or not finite.
+            If the frame is neither the map's nor the base's, or the point is not finite.
         """
         xy = np.array([stamped.point.x, stamped.point.y])
         if not np.isfinite(xy).all():
@@ -265,12 +265,14 @@ class ApproachNode(Node):
         )
 
     async def _surface(self, wanted: Any) -> Any:
-        """Return the surface that a filter means first.
+        """Return the first surface that meets a filter.
 
         Raises
         ------
         TccmError
-            Where the map's node does not answer, or has none.
+            If the map's node does not answer.
+        LookupError
+            If no surface meets the filter, or the first one is the floor.
         """
         if not wanted.near.header.frame_id:
             known = self._client.localisation
@@ -306,7 +308,7 @@ class ApproachNode(Node):
             request.has_side, request.side = True, named.side
 
     async def _answer(self, asked: Future) -> Any:
-        """Return what the map's node answers; QuestionError where it does not in time."""
+        """Return the response of the map's node; raise QuestionError after `ANSWER_S`."""
 
         def give_up() -> None:
             if not asked.done():
@@ -375,7 +377,7 @@ class ApproachNode(Node):
     async def _run(
         self, handle: Any, prepare: Callable[[], Any], tell: Callable[[Any, Senses], None]
     ) -> Outcome:
-        """Have a goal driven; return how it ended."""
+        """Drive a goal to its end; return the outcome."""
         with self._lock:
             if self._is_taken:
                 return Outcome(Reason.BUSY, "another goal runs; wait for its result, or cancel it")
@@ -396,7 +398,7 @@ class ApproachNode(Node):
             self._is_taken = False
 
     def _finish(self, handle: Any, result: Any, outcome: Outcome) -> Any:
-        """Fill what the results of both actions have, and end the goal."""
+        """Set the fields common to the results of both actions, and end the goal."""
         result.message, result.reason = outcome.message, int(outcome.reason)
         result.success = outcome.reason == Reason.NONE
         if result.success:
@@ -409,7 +411,7 @@ class ApproachNode(Node):
 
 
 def main() -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is interrupted."""
     run(ApproachNode)
 
 

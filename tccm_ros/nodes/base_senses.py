@@ -1,7 +1,6 @@
-"""What approach_node knows of the base now: odometry, level scans, tilt cycles, its place in the
-map.
+"""Current inputs of approach_node: odometry, level scans, tilt cycles, localisation in the map.
 
-All messages are taken by the intake's thread, in which the control loop runs as well.
+The intake's thread handles all messages and runs the control loop.
 """
 
 from __future__ import annotations
@@ -34,28 +33,28 @@ from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, bearings, scan_stream
 
 HISTORY = 3000
-"""Poses of odometry that are kept: a minute at 50 Hz."""
+"""Number of odometry poses in the history: a minute at 50 Hz."""
 
 STALE_NS = 3_000_000_000
-"""~/localisation comes once a second: older than this its node is gone, ns."""
+"""Maximum age of ~/localisation, ns. It is published once a second: older, its node is gone."""
 
 
 class BaseSenses:
-    """Subscribes to what the base is driven by.
+    """Subscribes to the inputs of the control loop.
 
     Parameters
     ----------
     node, config
         The node, and groups `frames`, `rig`, `scan` and `qos`.
     localisation
-        Returns the newest word of the map's node on where the robot is; None before any.
+        Returns the newest localisation from the map's node; None before the first.
     refuse
         Called with a topic and the error of a message that cannot be used.
 
     Attributes
     ----------
     intake
-        Its thread takes the messages, and calls the timers that are added to it.
+        Its thread handles the messages, and calls the timers that are added to it.
     """
 
     def __init__(
@@ -161,7 +160,10 @@ class BaseSenses:
     # --- where the base is ---
 
     def _pose_at(self, stamp_ns: int) -> Float64 | None:
-        """Return the pose (3,) in odom at a stamp; of a newer one the newest pose."""
+        """Return the pose (3,) in odom at a stamp; the newest pose for newer stamps.
+
+        None for stamps before the history.
+        """
         if not self._poses or stamp_ns < self._poses[0][0]:
             return None
         after = before = self._poses[-1]
@@ -177,7 +179,7 @@ class BaseSenses:
         return np.asarray(before[1] + fraction * step)
 
     def _map_odom(self, now_ns: int) -> tuple[Float64 | None, str]:
-        """Return odom in map (3,), or None and why it is not known."""
+        """Return the pose (3,) of odom in map and an empty text, or None and the reason."""
         told = self._localisation()
         if told is None:
             return None, "nobody publishes ~/localisation of the map's node"
@@ -195,14 +197,14 @@ class BaseSenses:
         return self._placed[1], ""
 
     def newest(self, now_ns: int, footprint: Footprint) -> Senses | None:
-        """Return what is known now, None before odometry came.
+        """Return the newest measurements; None before the first odometry.
 
         Parameters
         ----------
         now_ns
-            Of the node clock.
+            Time of the node clock, ns.
         footprint
-            What the level laser sees within it is the robot itself.
+            Level scan points within it are on the robot itself, and are left out.
         """
         if not self._poses:
             return None
@@ -216,15 +218,15 @@ class BaseSenses:
         )  # fmt: skip
 
     def start(self) -> None:
-        """Take messages from now on."""
+        """Start handling messages."""
         self.intake.start()
 
     def close(self) -> None:
-        """Take none any more."""
+        """Stop handling messages."""
         self.intake.close()
 
 
 def _rotation(yaw: float) -> Float64:
-    """Return what turns rows by -yaw from odom into the base."""
+    """Return the matrix (2, 2) that rotates row vectors by -yaw, from odom into the base."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])

@@ -1,4 +1,4 @@
-"""Subscriptions of a node to its sensors, and to joints, odometry and frames of the robot."""
+"""Subscriptions of a node to sensors, joints, odometry and frames of the robot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Take = Callable[[str, Any], None]
 
 
 class RecordSubscriptions:
-    """Reads messages into records; a message that cannot be read is refused with its reason.
+    """Subscribes, and converts messages to records; unreadable messages are refused with a reason.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class RecordSubscriptions:
     config
         Its parameters.
     inputs, refusals
-        Where messages are counted.
+        Message counters by topic, and the log of refused messages.
     streams
         Sensors of the node, by role.
     """
@@ -60,7 +60,7 @@ class RecordSubscriptions:
         Parameters
         ----------
         take
-            Takes the records.
+            Called with each record.
         watch
             How the silence of lasers is rated in /diagnostics.
         """
@@ -102,20 +102,20 @@ class RecordSubscriptions:
         role
             A key of `ros.READERS` or the role of a stream.
         qos
-            Of the subscription.
+            QoS profile of the subscription.
         take
-            Takes the records.
+            Called with each record.
         topic
             By default the role's name.
         watch
             How the topic's silence is rated in /diagnostics.
         is_measured
-            Whether a sensor measured it, so that `qos.stamp: receive` replaces its stamp. Results
-            of another node keep theirs.
+            Whether the records are measurements of a sensor, whose stamps `qos.stamp: receive`
+            replaces. Results of another node keep their stamps.
         reader
-            Of the messages; that of `READERS` by default.
+            Reader of the messages; that of `READERS` by default.
         instead
-            Resolved names of topics: where one of them is heard, this one is not needed.
+            Resolved names of alternative topics: if messages come on one, this one is not needed.
         """
         reader = reader or READERS[role]
         type_name, read = reader.message_type, record_reader(reader)
@@ -169,7 +169,7 @@ class RecordSubscriptions:
         return sensor(self._config.qos.reliability, depth=LARGE_DEPTH)
 
     def _topic_beside(self, role: str, beside: str) -> str:
-        """Return the topic of a calibration: beside the image where that is remapped alone."""
+        """Return the topic of a calibration: beside the image's if only the image is remapped."""
         resolve = self._node.resolve_topic_name
         image, info = resolve(role), resolve(beside)
         is_image_remapped = image != resolve(role, only_expand=True)

@@ -1,4 +1,4 @@
-"""Saves that nobody waits for: at intervals, and when the process ends."""
+"""Automatic saves: at intervals, and at the end of the process."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from tccm_ros.nodes.ending import Ending
 
 
 class Saves:
-    """Saves without a request; logs each reason for a failure once in a row.
+    """Runs automatic saves; logs consecutive failures with the same reason once.
 
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     warn
         Logs a line.
     """
@@ -24,7 +24,7 @@ class Saves:
         self._reason = ""
 
     def attempt(self, save: Callable[[], object]) -> None:
-        """Save at an interval; a failure is logged, and the node goes on."""
+        """Save at an interval; log a failure without raising it."""
         try:
             save()
             self._reason = ""
@@ -32,7 +32,7 @@ class Saves:
             self._log(error)
 
     def at_end(self, save: Callable[[], str], ending: Ending) -> None:
-        """Save as the process ends: an empty map is no failure, any other error is."""
+        """Save at the end of the process; any error but an empty map is recorded as a failure."""
         try:
             ending.saved[self._name] = save()
             ending.failed.pop(self._name, None)

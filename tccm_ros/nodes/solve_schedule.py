@@ -1,4 +1,4 @@
-"""When the map is solved again.
+"""Schedule of map solutions.
 
 A solution is due after a new view, detection or some keyframes, and a final one once input stops.
 Solutions are spaced so that solving takes a bounded fraction of the time, and none is made between
@@ -15,20 +15,20 @@ from tccm_ros.records import Event, ObjectBoxes, Odometry, SurfaceCloud, ViewInt
 from tccm_ros.sensors.detections import PosedDetections
 
 PERIOD_S = 2.0
-"""Shortest time between two solutions, s. Chosen."""
+"""Minimum time between two solutions, s. Chosen."""
 
 FRACTION = 0.3
-"""Fraction of the time that solving may take: a long solution is made less often. Chosen."""
+"""Maximum fraction of the time for solving: long solutions are less frequent. Chosen."""
 
 KEYFRAMES = 5
-"""Without a new view the map is solved anew after so many keyframes. Chosen."""
+"""Number of new keyframes after which the map is solved without a new view. Chosen."""
 
 QUIET_S = 2.0
-"""After this time without a record, s, everything that has come is solved. Chosen."""
+"""Time without a record after which a final solution is due, s. Chosen."""
 
 
 class SolveSchedule:
-    """Decides when to solve, on a clock that never goes back.
+    """Decides when to solve, on a monotonic clock.
 
     Parameters
     ----------
@@ -54,34 +54,34 @@ class SolveSchedule:
             self._new["detections"] += 1
 
     def note_mapped(self, before: Mapping[str, int], after: Mapping[str, int]) -> None:
-        """Note the clouds and keyframes that tracking one event has added, from its counts."""
+        """Note the clouds and keyframes that one event has added, from counts before and after."""
         for counted in ("clouds", "keyframes"):
             self._new[counted] += after.get(counted, 0) - before.get(counted, 0)
 
     def request(self) -> None:
-        """Ask for a solution as soon as the period allows."""
+        """Request a solution as soon as the period allows."""
         self._new["keyframes"] += KEYFRAMES
 
     def note_asked(self, now_s: float) -> None:
-        """Note that a solution was asked for."""
+        """Note that a solution was requested from the solver."""
         self._new.clear()
         self._next_s = now_s + PERIOD_S
 
     def note_solved(self, duration_s: float, now_s: float) -> None:
-        """Note how long a solution took, s."""
+        """Note the duration of a finished solution, s."""
         self._next_s = now_s + max(PERIOD_S - duration_s, duration_s * (1.0 / FRACTION - 1.0))
 
     def forget(self) -> None:
-        """Begin another map."""
+        """Discard the noted events, at the start of another map."""
         self._new.clear()
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether something new is worth a solution now."""
+        """Return whether a solution is due now."""
         has_seen = any(self._new[what] for what in ("clouds", "view parts", "detections"))
         return (has_seen or self._new["keyframes"] >= KEYFRAMES) and self._may_solve(now_s)
 
     def is_final_due(self, now_s: float, *, is_batch: bool) -> bool:
-        """Return whether input has stopped, and a final solution would change the map.
+        """Return whether input has stopped and a final solution is due now.
 
         Parameters
         ----------

@@ -16,12 +16,12 @@ PLANE = np.dtype(
         ("offset", np.float64),  # m: normal . p = offset
         ("variances", np.float64, 3),  # along and across the plane, falling, m2
         ("support", np.float64),  # points of all its cuboids
-        ("moments", np.float64, 10),  # of the points that shaped the fit
+        ("moments", np.float64, 10),  # of the points used in the fit
         ("is_horizontal", np.bool_),
     ],
     align=True,
 )
-"""A row of the table of planes, which labels of cuboids name by its index."""
+"""A row of the table of planes; labels of cuboids are indices of rows."""
 
 PlaneTable = NDArray[Any]
 """An array of `PLANE`."""
@@ -37,7 +37,7 @@ class PlaneMap(NamedTuple):
     ix, iy, bottom, top
         As in `Cuboids`.
     cap_rows, cap_sums
-        As in `Caps`: of length 0 where caps are not known.
+        As in `Caps`; of length 0 where caps are unknown.
     cell, tick
         Edge of a cell in ticks, and a tick in m.
     origin
@@ -79,7 +79,7 @@ def plane_map(
 def cap_of(of: PlaneMap, i: int) -> Moments:
     """Return the moments of the cap of cuboid i of a map with caps, about the map's origin.
 
-    Few caps are asked for, those of rims, so they are shifted one by one.
+    Only the caps of rims are needed, so they are shifted one by one.
     """
     r = of.cap_rows[i]
     m = of.M[i] if r < 0 else of.cap_sums[r]

@@ -1,9 +1,9 @@
 """Flat patches: cuboids pooled in blocks, and in larger blocks where samples are sparse.
 
-The cells are grouped in square blocks. In each block cuboids that overlap in height are pooled, the
-tall ones (walls) separately from the flat ones. A pool whose points span an area and lie in a plane
-is a *patch*. A pool that is only a line, as where one scan line crosses the block, is passed to the
-block of twice the size, and so on: a pyramid whose level follows the sample spacing.
+Cells are grouped in square blocks. In each block cuboids that overlap in height are pooled, tall
+ones (walls) separately from flat ones. A pool whose points span an area and lie in a plane is a
+*patch*. A pool that is only a line, as where one scan line crosses the block, is passed to a block
+of twice the size, and so on: the level of the pyramid adapts to the sample spacing.
 """
 
 import math
@@ -33,7 +33,7 @@ class Blocks(NamedTuple):
     Attributes
     ----------
     start
-        int32 (blocks + 1,), where the cuboids of block ``bx * wide + by`` begin in `order`.
+        int32 (blocks + 1,), index in `order` of the first cuboid of block ``bx * wide + by``.
     order
         int32 (N,), cuboids by block, in their own order within it.
     rows, wide
@@ -52,7 +52,7 @@ class Blocks(NamedTuple):
 
 @kernel
 def sort_into_blocks(ix: Int32, iy: Int32) -> Blocks:
-    """Sort cuboids, whose cells are sorted by (ix, iy), into blocks of the lowest level."""
+    """Return cuboids, whose cells are sorted by (ix, iy), grouped in blocks of the lowest level."""
     n = len(ix)
     low_x, low_y = ix[0], iy.min()
     rows = ((ix[n - 1] - low_x) >> BLOCK_BITS) + 1
@@ -131,7 +131,7 @@ class _Pools(NamedTuple):
 
 
 class _Patches(NamedTuple):
-    """The patches that are returned by `find_patches`: moments, planes and place."""
+    """Arrays of patches, as returned by `find_patches`."""
 
     moments: Float64
     planes: Float64
@@ -147,7 +147,7 @@ def pool_cuboids(cuboids: PlaneMap, blocks: Blocks, pools: _Pools) -> int:
     cuboids, blocks
         As in `find_patches`.
     pools
-        Written: room for one pool a cuboid.
+        Written; their length is at least the number of cuboids.
     """
     low, high, tall, moments, block = pools
     width = cuboids.cell * cuboids.tick
@@ -159,7 +159,7 @@ def pool_cuboids(cuboids: PlaneMap, blocks: Blocks, pools: _Pools) -> int:
             i = blocks.order[k]
             m, lo, hi = cuboids.M[i], cuboids.bottom[i], cuboids.top[i]
             is_tall = m[9] * m[0] - m[3] * m[3] > tall_variance * m[0] * m[0]
-            # The newest pool is the likeliest: cuboids come in order.
+            # Search from the newest pool: cuboids are sorted, so that it matches most often.
             g = used - 1
             while g >= begin and (tall[g] != is_tall or lo > high[g] or hi < low[g]):
                 g -= 1
@@ -180,18 +180,18 @@ def take_patches(
     pools: _Pools, used: int, level: tuple[int, int, float], max_rms: float, min_count: float,
     patches: _Patches, found: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Take the pools that span an area: those in a plane are patches, the others are left out.
+    """Remove the pools that span an area from a level; planar ones become patches.
 
     Parameters
     ----------
     pools, used
-        The pools of a level, and their number; those that remain are moved to the front.
+        The pools of a level, and their number; the remaining pools are moved to the front.
     level
         The level, its blocks in y, and their width, m.
     max_rms, min_count
         As in `find_patches`.
     patches, found
-        Written: the patches; and how many there are.
+        The patches, written, and their number.
 
     Returns
     -------
@@ -224,9 +224,9 @@ def take_patches(
 
 @kernel
 def pass_to_larger(pools: _Pools, used: int, rows: int, wide: int, gap: int) -> int:
-    """Pool what is left of a level in blocks of twice the size.
+    """Merge the remaining pools of a level in blocks of twice the size.
 
-    Pools are compacted in place, as the number used never overtakes the one read.
+    Pools are compacted in place, since the write index never overtakes the read index.
 
     Parameters
     ----------
@@ -235,13 +235,13 @@ def pass_to_larger(pools: _Pools, used: int, rows: int, wide: int, gap: int) -> 
     rows, wide
         Blocks of their level in x and y.
     gap
-        Ticks; pools meet across such a gap. Sparse samples are sparse in height too: scan lines
-        climb a wall in steps.
+        Ticks; pools across a smaller gap are merged. Sparse samples are sparse in height too: scan
+        lines climb a wall in steps.
 
     Returns
     -------
     int
-        Their number now.
+        The new number of pools.
     """
     next_wide, next_rows = (wide + 1) >> 1, (rows + 1) >> 1
     head, following = np.full(next_rows * next_wide, -1, np.int32), np.empty(used, np.int32)
@@ -256,10 +256,9 @@ def pass_to_larger(pools: _Pools, used: int, rows: int, wide: int, gap: int) -> 
 def _pool(
     head: Int32, following: Int32, pools: _Pools, used: int, b: int, of: int, gap: int
 ) -> int:
-    """Add pool `of`, not used any more, to one of a block that it meets but for a gap.
+    """Merge pool `of` into a pool of block `b` that overlaps it in height up to a gap.
 
-    It begins a new one where there is none. Returns the number of pools used so far, which is
-    never more than `of`.
+    Without such a pool it becomes a new one. Returns the new number of pools, at most ``of + 1``.
     """
     low, high, tall, moments, block = pools
     lo, hi, is_tall = low[of], high[of], tall[of]
@@ -281,10 +280,10 @@ def _pool(
 
 @kernel
 def may_have_spread(m: Float64, min_variance: float) -> bool:
-    """Return whether the second eigenvalue l2 of the points' covariance may reach a minimum, m2.
+    """Return whether the second eigenvalue l2 of the points' covariance may be a minimum, m2.
 
-    For a line it cannot: with minors l1 l2 + l1 l3 + l2 l3 and l1 at least a third of the trace, l2
-    is at most three times their ratio.
+    This rejects lines fast: the sum of minors is l1 l2 + l1 l3 + l2 l3 and l1 is at least a third
+    of the trace, so that l2 is at most three times the ratio of minors and trace.
     """
     k = 1.0 / m[0]
     px, py, pz = m[1] * k, m[2] * k, m[3] * k
@@ -298,7 +297,7 @@ def may_have_spread(m: Float64, min_variance: float) -> bool:
 def find_patches(
     cuboids: PlaneMap, blocks: Blocks, max_rms: float, min_count: float
 ) -> tuple[Float64, Float64, Int32]:
-    """Find the flat patches of all levels.
+    """Return the flat patches of all levels.
 
     Parameters
     ----------
@@ -340,7 +339,7 @@ def find_patches(
 
 @kernel
 def flatness_order(planes: Float64) -> Int32:
-    """Return patches by growing thickness, in powers of two; equal ones keep their order."""
+    """Return the indices of patches by rising thickness in powers of two; the sort is stable."""
     classes = 24
     n = len(planes)
     key = np.empty(n, np.int32)

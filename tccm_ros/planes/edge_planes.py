@@ -1,9 +1,9 @@
 """Removal of planes that consist of the edge cells of flatter planes.
 
 Where a stove stands on a counter, the cells along its rim hold points of its top, of its low front
-and of the counter. They are inliers of neither plane and form a connected band around the stove,
-which scatters by as much as the front is high and would join the two surfaces. Such a band is
-recognised by its cuboids: nearly each lies beside one of a plane that is at least twice as flat.
+and of the counter. They are inliers of neither plane. They form a connected band around the stove,
+whose scatter is the height of the front, and would join the two surfaces. In such a band nearly all
+cuboids are beside cuboids of a plane that is at least twice as flat.
 """
 
 import numpy as np
@@ -14,22 +14,21 @@ from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
 from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
 
 MIN_VARIANCE_RATIO = 4.0
-"""A plane is flatter than another if its variance across is this many times smaller. Chosen: half
-the standard deviation."""
+"""Minimum ratio of the variances across two planes for one to be the flatter one. Chosen: half the
+standard deviation."""
 
 MAX_CELLS = 2
 """Maximum number of cells between neighbouring cuboids; less than a block's width. Chosen."""
 
 MIN_EDGE_FRACTION = 0.8
-"""A plane of which at least this fraction of the cuboids lies beside flatter planes is their edge.
-Chosen."""
+"""Minimum fraction of an edge plane's cuboids that are beside flatter planes. Chosen."""
 
 
 @kernel
 def drop_edge_planes(
     cuboids: PlaneMap, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
-    """Drop the planes that are edges of flatter ones.
+    """Remove the planes that are edges of flatter ones; return the remaining planes.
 
     Parameters
     ----------
@@ -40,11 +39,11 @@ def drop_edge_planes(
     planes
         (P,), changed.
     is_vertical
-        bool (P,), which planes are vertical: these are no edges, and have none.
+        bool (P,), whether a plane is vertical: vertical planes neither are nor have edge planes.
 
     Returns
     -------
-    (Q,), the planes that remain, in their order; labels are theirs.
+    (Q,), the remaining planes, in their order; labels are rows of these.
     """
     if is_vertical.all():
         return planes
@@ -63,7 +62,7 @@ def drop_edge_planes(
             max_variance = variance[p] / MIN_VARIANCE_RATIO
             if not is_beside(cuboids, i, blocks, labels, variance, flattest, max_variance):
                 off[p] += 1
-                # Most planes are no edges: a few of their cuboids suffice to decide that.
+                # Most planes are no edge planes, which a few of their cuboids decide.
                 suspect[p] = off[p] <= (1.0 - MIN_EDGE_FRACTION) * own[p]
     return keep_planes(labels, planes, ~suspect)
 
@@ -111,7 +110,7 @@ def is_beside(
     flattest
         Result of `flattest_by_block`.
     max_variance
-        Variance across up to which a plane is flat, m2.
+        Maximum variance across a flat plane, m2.
     """
     _, ix, iy, bottom, top = cuboids[:5]
     start, order, rows, wide, low_x, low_y = blocks

@@ -76,7 +76,7 @@ class PlaneFit:
     rms
         Standard deviation of the fit's points across the plane, m.
     moments, origin
-        Moments float64 (10,) of the points that shaped the fit, about an origin, m.
+        Moments float64 (10,) of the points used in the fit, about an origin, m.
     plane_cuboids
         The cuboids of this and the other planes of the map.
     """
@@ -93,7 +93,7 @@ class PlaneFit:
 
     @cached_property
     def centroid(self) -> Float64:
-        """Mean of the points that shaped the fit, float64 (3,), m."""
+        """Mean of the points used in the fit, float64 (3,), m."""
         return self.moments[1:4] / self.moments[0] + self.origin
 
     @cached_property
@@ -105,8 +105,7 @@ class PlaneFit:
     def covariance(self) -> Float64:
         """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
 
-        It is that of least squares with equal, independent noise of `rms` in every point, in rad
-        and m.
+        In rad and m, of a least-squares fit with equal, independent noise `rms` of all points.
         """
         return self._uncertainty[0]
 
@@ -121,12 +120,12 @@ class PlaneFit:
 
     @cached_property
     def members(self) -> Int64:
-        """Indices of its cuboids."""
+        """Indices of the plane's cuboids, rising."""
         return self.plane_cuboids.members(self.index)
 
     @cached_property
     def outline(self) -> Outline:
-        """The true outline, with holes. The first access computes those of all planes."""
+        """The outline, with holes. The first access computes the outlines of all planes."""
         return self.plane_cuboids.outlines[self.index]
 
     @property
@@ -195,7 +194,7 @@ class PlaneFits(Sequence[PlaneFit]):
 
 
 def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
-    """Find all planes of a part map or an integration map.
+    """Return all planes of a part map or an integration map.
 
     Parameters
     ----------
@@ -204,7 +203,7 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
     config
         Group `planes`.
     viewpoint
-        (3,), m, in the map's frame: where the laser was. Normals of planes that are not horizontal
+        (3,), m, position of the laser in the map's frame. Normals of planes that are not horizontal
         point towards it.
 
     Returns

@@ -1,7 +1,7 @@
 """Points of a horizontal surface in the cuboids of the front below its edge.
 
-The cell in which a block's top meets its front has one tall cuboid, which is of the front's plane:
-without its topmost points the top would end up to a cell before its edge.
+The cell in which a block's top meets its front has one tall cuboid, an inlier of the front's plane.
+Without its topmost points the top would end up to a cell before its edge.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from tccm_ros.cuboids.inclination import FITTED_AS_VERTICAL
 from tccm_ros.planes.fits import PlaneFit, PlaneFits
 
 ABOVE = 0.03
-"""A front ends at most this above the top, m: a wall behind the top goes on. Chosen: the depth of a
-cuboid."""
+"""Maximum height of a front above the top, m: a wall behind the top is higher. Chosen: the depth of
+a cuboid."""
 
 SIGMAS = 3.0
-"""Standard deviations across a horizontal plane within which a point of a front is on it. Chosen:
-further down a front's points are not of the top."""
+"""Maximum distance of a front's points from a horizontal plane to which they are assigned, in its
+standard deviations. Chosen: points further down belong to the front."""
 
 AROUND = (np.arange(-1, 2)[:, None] * (1 << 32) + np.arange(-1, 2)).ravel()
-"""Differences of the numbers of a cell and of its neighbours from that of the cell."""
+"""Offsets of the numbers of a cell and of its neighbours from the cell's number."""
 
 
 def top_planes(
@@ -46,16 +46,16 @@ def top_planes(
     labels
         int32 (M,), plane of each point, -1 for none.
     surface
-        int64 (M,), the horizontal plane that each point is known to be on, -1 for none.
+        int64 (M,), the horizontal plane to which each point is assigned, -1 for none.
     tops
-        The horizontal planes, by index; one at least.
+        The horizontal planes, by index; at least one.
     fits
         All planes of the map.
 
     Returns
     -------
-    int64 (M,): where a point's front ends at the height of a horizontal plane that has a point of
-    its own in the same cell or one beside it, that plane.
+    int64 (M,): the horizontal plane at whose height the point's front ends, and which has points of
+    its own in the same cell or in a neighbour.
     """
     found = np.full(len(points), -1, np.int64)
     is_front = np.array([abs(f.normal[2]) < FITTED_AS_VERTICAL for f in fits] + [False])
@@ -110,9 +110,9 @@ def _highest_front(cells: Int64, fits: PlaneFits, is_front: Bool) -> Float64:
 
 
 def _places_around(cells: Int64, known: Int64) -> Int64:
-    """Return where each cell and its neighbours are in `known`, sorted; `len(known)` for nowhere.
+    """Return the indices of each cell and its neighbours in the sorted `known`, int64 (N, 9).
 
-    int64 (N, 9) for N cells.
+    `len(known)` for cells that are not in it.
     """
     around = cells[:, None] + AROUND
     places = np.searchsorted(known, around)
@@ -121,6 +121,6 @@ def _places_around(cells: Int64, known: Int64) -> Int64:
 
 
 def _cells(cuboids: Int64, fits: PlaneFits) -> Int64:
-    """Return a number of the cell of each cuboid, int64 (N,)."""
+    """Return the number of each cuboid's cell, int64 (N,)."""
     c = fits.cuboids
     return (c.ix[cuboids].astype(np.int64) << 32) + c.iy[cuboids]

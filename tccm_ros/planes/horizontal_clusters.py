@@ -17,7 +17,7 @@ from tccm_ros.kernels import kernel
 def label_horizontal(
     cuboids: Cuboids, height_threshold: float = 0.010, min_cuboids: int = 4
 ) -> Int32:
-    """Label the horizontal surfaces of a map.
+    """Return labels of the horizontal surfaces of a map.
 
     Parameters
     ----------
@@ -25,10 +25,10 @@ def label_horizontal(
         The map.
     height_threshold
         Neighbours within twice the local sample spacing get one label if their tops or their mean
-        heights differ by less, m: the mean is less noisy, the top is common to an edge cell and its
+        heights differ by less, m: the mean is less noisy, the top is equal in an edge cell and its
         neighbours.
     min_cuboids
-        Smaller clusters get no label.
+        Minimum size of a cluster with a label.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def label_horizontal(
 def _label(
     ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float, min_cuboids: int
 ) -> Int32:
-    """Label what `linking.link` connects."""
+    """Return labels (N,) of the sets that `linking.link` connects."""
     return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], min_cuboids)
 
 

@@ -1,15 +1,15 @@
 """Horizontal strips: narrow horizontal surfaces on which only a few scan lines of a cycle lie.
 
-The laser sees a ledge, or a board just below it, at so flat an angle that one to five lines of a
-tilt cycle lie on it: too few cells for a plane. Lines on a vertical object each lie at a height of
-their own, a line's spacing above the one before. Two lines at *one* height, one further away than
-the other, lie on a horizontal surface. So *runs* of neighbouring beams at one height are found in
-each line, and
+The laser sees a ledge, or a board just below it, at so flat an angle that only one to five scan
+lines of a tilt cycle are on it: too few cells for a plane. On a vertical object successive lines
+differ in height by the line spacing. Two lines at *one* height, one further away than the other,
+are on a horizontal surface. *Runs* of neighbouring beams at one height are therefore found in each
+line:
 
-- a run of which a part lies on a horizontal plane lies on it as a whole;
-- runs of neighbouring lines whose heights agree within their noise are a strip;
-- a long straight run without points straight above or below it is a strip by itself: other views
-  decide whether it is one of a ledge.
+- a run with a part on a horizontal plane belongs to that plane as a whole;
+- runs of neighbouring lines whose heights agree within their noise form a strip;
+- a long straight run without points straight above or below it is a strip by itself; other views
+  decide whether it belongs to a ledge.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from tccm_ros.kernels import kernel
 from tccm_ros.union_find import find_root, merge_sets
 
 TOLERANCE = 0.006
-"""Points of a run are within this of its mean height, m. Chosen: three standard deviations of the
-noisiest laser at so flat an angle."""
+"""Maximum distance of a run's points from its mean height, m. Chosen: three standard deviations of
+the noisiest laser at a grazing angle."""
 
 MAX_RISE = 0.0015
-"""Runs may rise by this much from end to end beyond their noise, m. Chosen: a laser that is not
-exactly level."""
+"""Maximum rise of a run from end to end beyond its noise, m. Chosen: a laser that is not exactly
+level."""
 
 SIGMAS = 3.0
-"""Standard errors within which heights and slopes of runs agree. Chosen."""
+"""Maximum difference of heights and slopes of matching runs, in standard errors. Chosen."""
 
 MIN_BEAMS = 6
-"""Minimum number of beams of a run, so that its slope can be told from noise. Chosen."""
+"""Minimum number of beams of a run, so that its slope is significant. Chosen."""
 
 MAX_BEAMS = 3.5
 """Maximum angle between neighbours of a run, in steps between beams: two lost beams. Chosen."""
 
 SPLIT_FRACTION = 0.7
-"""A run is split where two straight lines leave less than this fraction of the squared residuals of
-one. Chosen."""
+"""A run is split if two straight lines leave less than this fraction of the squared residuals of
+one line. Chosen."""
 
 MAX_SLANT = 4.0
-"""The distance of neighbours of a run is at most this many times that across the line of sight,
-plus `POINT_NOISE`. Chosen."""
+"""Maximum ratio of the distance of neighbours in a run, less `POINT_NOISE`, to their distance
+across the line of sight. Chosen."""
 
 POINT_NOISE = 0.02
-"""m, the noise of the two ranges. Chosen."""
+"""Noise of the difference of two ranges, m. Chosen."""
 
 RUN = np.dtype(
     [
@@ -71,18 +71,18 @@ Runs = NDArray[Any]
 """An array of `RUN`."""
 
 MAX_LINES = 2
-"""Maximum difference of the line numbers of linked runs: one line may be lost to noise. Chosen."""
+"""Maximum difference of the line numbers of linked runs: one line may be missing. Chosen."""
 
 MIN_DISTANCE = 0.015
-"""Minimum distance of linked runs, m: nearer lines may be on a front as well as a top. Chosen."""
+"""Minimum distance of linked runs, m: nearer lines may also be on a front. Chosen."""
 
 MAX_DISTANCE = 0.30
-"""Maximum distance of linked runs, m. Their distance is at most the length of the shorter one, too:
+"""Maximum distance of linked runs, m. It is also limited by the length of the shorter run:
 otherwise two objects of one height are as likely as one. Chosen."""
 
 VERTICAL_FRACTION = 0.5
-"""A run lies on a vertical object where for this fraction of its beams those of a neighbouring line
-are straight above or below. One of two linked runs may: it lies at the rim of a board. Chosen."""
+"""A run is on a vertical object if for this fraction of its beams those of a neighbouring line are
+straight above or below. One of two linked runs may be: at the rim of a board. Chosen."""
 
 MAX_OFFSET = 0.015
 """Maximum horizontal distance of points straight above each other, m. Chosen: nearly two standard
@@ -92,15 +92,16 @@ MIN_POINTS = 20
 """Minimum number of points of a strip. Chosen."""
 
 MIN_WIDTH = 0.03
-"""Minimum width of a strip, m, as that of an even spread: a vertical object has none. A narrower
-strip is a line, none of whose runs may be vertical; a bent line is neither. Chosen."""
+"""Minimum width of a strip of several lines, m, from the variance of a uniform distribution: a
+vertical object has no width. A narrower strip is a line, whose runs must not be vertical. A wide
+strip of one bent line is rejected. Chosen."""
 
 MIN_LENGTH = 0.30
-"""Minimum length of a strip, m: a shorter one is the top of an object. Chosen."""
+"""Minimum length of a strip, m: shorter ones are tops of objects. Chosen."""
 
 
 def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: Float64) -> Int64:
-    """Complete the horizontal surfaces of a tilt cycle by the runs in its scan lines.
+    """Return the horizontal surfaces of a tilt cycle, completed by the runs in its scan lines.
 
     Parameters
     ----------
@@ -111,12 +112,12 @@ def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: 
     surface
         int64 (M,), the horizontal plane of each point, -1 for none.
     viewpoint
-        float64 (3,), the laser in odom.
+        float64 (3,), position of the laser in odom.
 
     Returns
     -------
-    int64 (M,), `surface` where a point has one. Of the others: the plane on which their run lies,
-    or the number of their strip, which follow those of the planes; -1 for none.
+    int64 (M,): `surface` where it is not -1, else the plane of the point's run, else the number of
+    its strip, which follows the numbers of planes; -1 for none.
     """
     chosen = np.flatnonzero(points[:, 2] < viewpoint[2])
     scan = lines[chosen]
@@ -144,7 +145,7 @@ def _plane_of_runs(of_point: Int64, surface: Int64, runs: int) -> Int64:
     pairs, count = np.unique(of_point[on] * planes + surface[on], return_counts=True)
     run, of_run = np.divmod(pairs, planes)
     plane = np.full(runs, -1, np.int64)
-    order = np.lexsort((-of_run, count))  # the last one stands: most points, first plane
+    order = np.lexsort((-of_run, count))  # the last assignment stays: most points, first plane
     plane[run[order]] = of_run[order]
     return plane
 
@@ -159,9 +160,9 @@ def _beam_step(scan: Int64, azimuth: Float64) -> float:
 def find_vertical_runs(
     scan: Int64, seen: Float64, azimuth: Float64, step: float, of_point: Int64, runs: Runs
 ) -> Bool:
-    """Return of which runs the line before or after lies straight above or below.
+    """Return which runs have points of the line before or after straight above or below them.
 
-    It does where it is as far away at the same bearing, whatever corners the run has.
+    These points have the same horizontal distance at the same bearing, also at corners of the run.
 
     Parameters
     ----------
@@ -213,7 +214,7 @@ def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float)
     a, b
         Indices of the points.
     bearing
-        rad; it is clipped to the bearings of the points.
+        rad, clipped to the bearings of the points.
     """
     wide = azimuth[b] - azimuth[a]
     fraction = (bearing - azimuth[a]) / wide if wide > 0.0 else 0.0
@@ -223,7 +224,7 @@ def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float)
 
 @kernel
 def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
-    """Link runs of neighbouring lines that have one height.
+    """Return connected sets of runs: runs of equal height in neighbouring lines are linked.
 
     Parameters
     ----------
@@ -265,8 +266,9 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
 
 @kernel
 def distance_between(a: Any, b: Any) -> tuple[float, float]:
-    """Return the distance of the middle of the shorter run from the line of the longer one, and the
-    length of the shorter one, m.
+    """Return the distance of two runs and the length of the shorter one, m.
+
+    The distance is that of the middle of the shorter run from the line through the longer one.
     """
     dx, dy = a.end[0] - a.begin[0], a.end[1] - a.begin[1]
     ex, ey = b.end[0] - b.begin[0], b.end[1] - b.begin[1]
@@ -296,7 +298,10 @@ def _strips(roots: Int64, is_vertical: Bool, of_point: Int64, runs: Runs, seen: 
 
 
 def _extents(group: Int64, xy: Float64) -> tuple[Float64, Float64]:
-    """Return width and length of groups of points, float64 (G,), m, as those of an even spread."""
+    """Return width and length of groups of points, float64 (G,), m, from their variances.
+
+    Points are taken as uniformly distributed.
+    """
     count = np.bincount(group)
     x, y = (np.bincount(group, xy[:, k]) / count for k in range(2))
     dx, dy = xy[:, 0] - x[group], xy[:, 1] - y[group]
@@ -307,14 +312,14 @@ def _extents(group: Int64, xy: Float64) -> tuple[Float64, Float64]:
 
 @kernel
 def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tuple[Int64, Runs]:
-    """Find the horizontal runs of all lines.
+    """Return the horizontal runs of all lines.
 
     Parameters
     ----------
     scan, azimuth
         int64 (N,) and float64 (N,): line and bearing of the points, which are sorted by both.
     seen
-        float64 (N, 3), the points from the laser, m.
+        float64 (N, 3), the points relative to the laser, m.
     step
         Angle between neighbouring beams, rad.
 
@@ -412,7 +417,7 @@ def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, floa
 
 @kernel
 def best_split(sums: Float64, low: int, high: int) -> int:
-    """Return where a run is best split into two straight parts, -1 where one line does as well.
+    """Return the index at which to split a run into two straight parts, -1 if one line suffices.
 
     Parameters
     ----------
@@ -429,7 +434,7 @@ def best_split(sums: Float64, low: int, high: int) -> int:
 
 @kernel
 def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
-    """Return whether a part of a run is horizontal; write the standard error of its height.
+    """Return whether a part of a run is horizontal, and write the standard error of its height.
 
     Parameters
     ----------
@@ -442,7 +447,7 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
     slope, squares, spread = line_through(sums, low, high)
     noise = math.sqrt(squares / (n - 2.0))
     run.height_sigma = noise / math.sqrt(n)
-    # The length of an even spread is sqrt(12) standard deviations.
+    # The length of a uniform distribution is sqrt(12) standard deviations.
     rise = abs(slope) * math.sqrt(12.0 * spread / n)
     return rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / n)
 
@@ -451,7 +456,7 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
 def write_run(
     scan: Int64, seen: Float64, azimuth: Float64, members: Int64, low: int, high: int, run: Any
 ) -> None:
-    """Write the fields of a run but `height_sigma`.
+    """Write all fields of a run except `height_sigma`.
 
     Parameters
     ----------
@@ -485,7 +490,7 @@ def are_near(seen: Float64, a: int, b: int) -> bool:
     Parameters
     ----------
     seen
-        float64 (N, 3), the points from the laser, m.
+        float64 (N, 3), the points relative to the laser, m.
     a, b
         Indices of the points.
     """

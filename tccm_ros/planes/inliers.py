@@ -1,7 +1,7 @@
 """Assignment of cuboids to planes, and the fit of planes that are not vertical.
 
-All cuboids within a gate are inliers, so that the noise's tails are not cut off. Fewer of them take
-part in the fit: a cell at an edge holds points of the surface and of what is below or beside it.
+All cuboids within a gate are inliers, so that the tails of the noise are not cut off. The fit uses
+fewer of them: a cell at an edge holds points of the surface and of others below or beside it.
 """
 
 import math
@@ -26,52 +26,51 @@ NOTHING = (0.0,) * 10
 """Moments of no points."""
 
 GATE = 4.0
-"""A cuboid is an inlier of a plane within this many standard deviations. Chosen: one point in
-16,000 is further away, so that the noise's tails are not cut off and do not bias the fit."""
+"""Maximum distance of an inlier from its plane, in standard deviations. Chosen: one point in 16,000
+is further away, so that the tails of the noise are not cut off and do not bias the fit."""
 
 NOISE_FLOOR = 0.00025
 """Minimum standard deviation for gates, m: ranges are quantised, tables are not flat. Chosen."""
 
 LENIENT = 4.0
-"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is refused.
+"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is rejected.
 Chosen."""
 
 STRICT = 2.0
-"""The same near an edge, where mixed cells are to be expected. Chosen."""
+"""Deviations of the chi-square test near an edge, where mixed cells are expected. Chosen."""
 
 ROUNDS = 3
 """Maximum number of refits. Chosen."""
 
 REFIT_GROWTH = 1.5
-"""A plane that grows is fitted again when it has this many times the points of its last fit.
-Chosen: far fewer fits than cuboids."""
+"""Growth of a plane's points at which it is refitted. Chosen: far fewer fits than cuboids."""
 
 MIN_REFIT = 30.0
-"""Points below which a plane that grows is not fitted again. Chosen."""
+"""Minimum number of points for a refit of a growing plane. Chosen."""
 
 MIN_INSIDE = 20.0
-"""Points that the inside of a surface must have for a fit of its own. Chosen."""
+"""Minimum number of points of a surface's inside for a fit of its own. Chosen."""
 
 INSIDE_FRACTION = 0.15
-"""Fraction of a surface's points that its inside must have for that. Chosen."""
+"""Minimum fraction of a surface's points in its inside for a fit of its own. Chosen."""
 
 MIN_FRACTION = 0.9
-"""A fit to this fraction of the points is not repeated. Chosen."""
+"""A fit to more than this fraction of the points is not repeated. Chosen."""
 
 
 @kernel
 def max_scatter(n: float, deviations: float) -> float:
-    """Return the largest sum of squared distances that noise explains for n points, in variances.
+    """Return the maximum sum of n squared distances due to noise, in variances.
 
-    The sum of n squares is chi-square: mean n, variance 2 n; the last term allows a few points
-    their tail. `deviations` is 2 at least.
+    The sum of n squares is chi-square distributed: mean n, variance 2 n. The last term allows for
+    the tail of few points. `deviations` is at least 2.
     """
     return n + deviations * (math.sqrt(2.0 * n) + deviations - 2.0)
 
 
 @kernel
 def is_mixed(n: float, second: float, variance: float, deviations: float) -> bool:
-    """Return whether points scatter more about a plane than its noise explains.
+    """Return whether the scatter of points about a plane is more than its noise.
 
     The test is symmetric: it treats both sides of the plane alike.
 
@@ -115,7 +114,7 @@ def add_scaled(total: Moments, m: Float64, weight: float) -> Moments:
 
 @kernel
 def squares_about(plane: Plane) -> Moments:
-    """Return the weights of moments in the sum of their points' squared distances to a plane."""
+    """Return the weights with which moments add to the sum of squared distances from a plane."""
     nx, ny, nz, d, _ = plane
     return (
         d * d, -2.0 * d * nx, -2.0 * d * ny, -2.0 * d * nz,
@@ -134,16 +133,16 @@ def dot(weights: Moments, m: Float64) -> float:
 
 
 class Flood(NamedTuple):
-    """Work space of a search that spreads from block to block.
+    """Work space of a flood fill over blocks.
 
     Attributes
     ----------
     queue
-        int32 (blocks,), blocks to be looked at.
+        int32 (blocks,), blocks to visit.
     stamp
-        int32 (blocks,), the mark of the search that queued a block last.
+        int32 (blocks,), mark of the last search that queued each block.
     is_inlier
-        uint64, a bit for each cuboid: zero before and after.
+        uint64, a bit for each cuboid; zero before and after a search.
     """
 
     queue: Int32
@@ -156,7 +155,7 @@ def assign_inliers(
     M: Float64, blocks: Blocks, flood: Flood, queued: int, mark: int, labels: Int32, plane: Plane,
     weight: float,
 ) -> Int32:  # fmt: skip
-    """Flood from a region's blocks over all blocks that hold cuboids of its plane.
+    """Return the inliers of a region's plane, by a flood fill from its blocks.
 
     Parameters
     ----------
@@ -165,15 +164,15 @@ def assign_inliers(
     blocks
         Blocks of the map.
     flood, queued, mark
-        Work space, in which the first `queued` blocks are queued and have the mark.
+        Work space, in which the first `queued` blocks are queued and stamped with `mark`.
     labels
         int32 (N,): only cuboids with -1 are assigned.
     plane, weight
-        Plane of the region, and its points.
+        Plane of the region, and its number of points.
 
     Returns
     -------
-    int32 (M,): the cuboids, in order.
+    int32 (M,), indices of the cuboids, rising.
     """
     queue, start, order = flood.queue, blocks.start, blocks.order
     nx, ny, nz, d, variance = plane
@@ -188,7 +187,7 @@ def assign_inliers(
         for k in range(start[b], start[b + 1]):
             i = order[k]
             m = M[i]
-            # The mean rejects most of the other cuboids, for half the work.
+            # The cheaper test of the mean rejects most cuboids.
             one = abs(nx * m[1] + ny * m[2] + nz * m[3] - m[0] * d)
             if (one > gate * m[0]) | (labels[i] >= 0):
                 continue
@@ -210,7 +209,7 @@ def assign_inliers(
 
 @kernel
 def drain(is_set: Words, count: int) -> Int32:
-    """Return the indices of the `count` bits that are set, rising, and clear them."""
+    """Return the indices of the `count` set bits, rising, and clear them."""
     members = np.empty(count, np.int32)
     used = 0
     for k in range(len(is_set)):
@@ -225,7 +224,7 @@ def drain(is_set: Words, count: int) -> Int32:
 
 @kernel
 def sharing_cells(ix: Int32, iy: Int32, members: Int32) -> Bool:
-    """Return which members have others in their cells.
+    """Return which members have another member in their cell.
 
     Parameters
     ----------
@@ -251,27 +250,27 @@ def sharing_cells(ix: Int32, iy: Int32, members: Int32) -> Bool:
 def fit_horizontal(
     cuboids: PlaneMap, members: Int32, deep: Bool, plane: Plane, total: Float64
 ) -> Plane:
-    """Fit a plane that is not vertical, so that its cells lie side by side.
+    """Return the fit of a plane that is not vertical, so that its cells lie side by side.
 
     It is fitted first to its inside, then with its edges. A plane that rises by less than a cell
-    over a cell passes each cell once. Where several cuboids of one cell are within the gate, as at
-    the front below a small top, none of them takes part in the fit.
+    over a cell passes each cell once. If several cuboids of one cell are within the gate, as at the
+    front below a small top, the fit uses none of them.
 
     Parameters
     ----------
     cuboids, members
-        The map, and its cuboids in one connected set.
+        The map, and the indices int32 (M,) of its cuboids in one connected set.
     deep
-        bool (M,), of `are_deep`.
+        bool (M,), which members are deep inside the surface.
     plane
-        A first guess.
+        Initial plane.
     total
         float64 (10,), written: pooled moments of the fit.
     """
     n, M = len(members), cuboids.M
     is_flat = abs(plane[2]) > CROSSES_CELLS_ONCE
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
-    # How much a cuboid's points may scatter, in variances, does not depend on the plane.
+    # The maximum scatter of a cuboid's points, in variances, does not depend on the plane.
     max_scatters = np.empty(n)
     inside, everything = NOTHING, 0.0
     squares = squares_about(plane)
@@ -283,10 +282,10 @@ def fit_horizontal(
             max_scatters[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])
         inside = add_scaled(inside, m, 1.0 * takes)
-    # The inside of a small surface is too small for a fit; then the first guess is kept.
+    # The inside of a small surface is too small for a fit; then the initial plane is kept.
     if inside[0] > max(MIN_INSIDE, INSIDE_FRACTION * everything):
         plane = pooled_plane(inside)
-    # A tilted first guess refuses much of the surface; the fit to the rest is a better guess.
+    # A tilted initial plane rejects much of the surface; a fit to the rest is a better start.
     for _ in range(ROUNDS):
         pooled = NOTHING
         squares = squares_about(plane)

@@ -1,10 +1,9 @@
-"""Detection of planes that are thicker than the noise of their points explains.
+"""Detection of planes that are thicker than the noise of their points.
 
-How far the points of a small piece of a plane are from each other across it follows from the noise
-of their ranges and the angle at which the beams meet it: a table top that is looked along is thin
-where a wall before it is not. A horizontal plane through the front of a worktop, through cushions
-or through objects on a shelf is much thicker than that in most of its pieces. A plane that is bent
-is not.
+The expected thickness of a small piece of a plane follows from the range noise and the incidence
+angle of the beams: it is small for a table top at a grazing angle and large for a wall ahead. A
+horizontal plane through the front of a worktop, through cushions or through objects on a shelf is
+much thicker in most of its pieces. A bent plane is not.
 """
 
 from __future__ import annotations
@@ -14,19 +13,18 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 
 MIN_SLOPE = 0.02
-"""Minimum sine of the angle between beams and a plane: no plane is straight enough for less.
-Chosen."""
+"""Minimum sine of the angle between beams and a plane: no plane is flat enough for less. Chosen."""
 
 PIECE = 0.04
-"""Width of a piece, m: as that of two cells, so that a bend of the plane does not count in it."""
+"""Width of a piece, m: two cells, over which the bend of a plane is negligible."""
 
 MIN_POINTS = 4
 """Minimum number of points of a piece. Chosen: one more than determine a plane."""
 
 MAX_UNEVENNESS = 0.005
-"""A piece is this thick beside its noise, m: on four simulated recordings true planes are as thick
-as their noise, within 1 mm; on two real ones tops of tables are up to 3 mm thicker, and planes
-through cushions, fronts and clutter on worktops 5 to 11 mm."""
+"""Maximum thickness of a plane beyond its noise, m: on four simulated recordings the thickness of
+true planes equals their noise within 1 mm; on two real ones tops of tables are up to 3 mm thicker,
+and planes through cushions, fronts and clutter on worktops 5 to 11 mm."""
 
 
 def are_too_thick(
@@ -37,7 +35,7 @@ def are_too_thick(
     sigma: Float64,
     viewpoint: Float64,
 ) -> Bool:
-    """Return which planes of a tilt cycle are thicker than the noise of its points explains.
+    """Return which planes of a tilt cycle are thicker than the noise of their points.
 
     Parameters
     ----------
@@ -50,11 +48,11 @@ def are_too_thick(
     sigma
         float64 (M,), standard deviation of the range of each point, m.
     viewpoint
-        float64 (3,), the sensor.
+        float64 (3,), position of the sensor, m.
 
     Returns
     -------
-    bool (F,); planes without pieces of `MIN_POINTS` points are not.
+    bool (F,); False for planes without pieces of `MIN_POINTS` points.
     """
     on = labels >= 0
     of, points = labels[on], points[on]
@@ -106,21 +104,21 @@ def range_noise(
     rms: Float64,
     viewpoint: Float64,
 ) -> float:
-    """Return the noise of ranges, m: the median of what planes imply, weighted by points.
+    """Return the range noise, m: the median of the planes' estimates, weighted by points.
 
     Parameters
     ----------
     points, labels, normals, offsets, viewpoint
-        As of `are_too_thick`.
+        As in `are_too_thick`.
     rms
-        float64 (F,), m, of the planes.
+        float64 (F,), rms residual of each plane, m.
     """
     slope, count = _slopes(points, labels, normals, offsets, viewpoint)
     return weighted_median(rms / slope, count)
 
 
 def weighted_median(values: Float64, count: Int64) -> float:
-    """Return the median of values float64 (N,) that count int64 (N,) times; 0 of none."""
+    """Return the median of values float64 (N,) with weights int64 (N,); 0 without values."""
     if not count.any():
         return 0.0
     order = np.argsort(values, kind="stable")

@@ -1,11 +1,10 @@
 """Reassignment of inliers from vertical planes to the horizontal planes that fit them better.
 
 Inliers are assigned plane by plane, the largest first, within a gate. A wall so gets the rear of
-the shelf boards that stand against it, and a plane through the rears of several boards, one above
-the other, may be found where there is no surface. A cuboid of a vertical plane is reassigned to a
-horizontal plane beside it if its points are further from the vertical plane than the horizontal
-plane's noise explains, and more than twice as far as from the horizontal plane. "Horizontal" stands
-here for each plane that is not vertical.
+shelf boards that touch it, and a plane through the rears of several boards above each other may be
+found where there is no surface. A cuboid of a vertical plane is reassigned to a horizontal plane
+beside it if its distance from the vertical plane is more than the horizontal plane's noise, and
+more than twice its distance from the horizontal plane. Here "horizontal" means "not vertical".
 """
 
 import numpy as np
@@ -26,14 +25,14 @@ MIN_RATIO = 4.0
 Chosen: twice the distance."""
 
 MIN_KEPT = 0.5
-"""A vertical plane that keeps less than this fraction of its points is removed. Chosen."""
+"""Minimum fraction of its points that a vertical plane must keep. Chosen."""
 
 
 @kernel
 def reassign_inliers(
     M: Float64, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
-    """Reassign inliers from vertical to horizontal planes; drop vertical planes with too few left.
+    """Reassign inliers from vertical to horizontal planes; drop vertical planes with too few.
 
     Parameters
     ----------
@@ -50,7 +49,7 @@ def reassign_inliers(
 
     Returns
     -------
-    (Q,), the planes that remain, in their order; labels are theirs.
+    (Q,), the remaining planes, in their order; labels are rows of these.
     """
     if is_vertical.all() or not is_vertical.any():
         return planes
@@ -71,7 +70,7 @@ def reassign_inliers(
 def horizontal_planes_by_block(
     blocks: Blocks, labels: Int32, is_vertical: Bool
 ) -> tuple[Int32, Int32, Bool]:
-    """List the horizontal planes of each block.
+    """Return the horizontal planes of each block.
 
     Parameters
     ----------
@@ -85,7 +84,7 @@ def horizontal_planes_by_block(
     Returns
     -------
     first, horizontal : int32 (blocks + 1,) and int32
-        Where each block's horizontal planes begin, and the planes.
+        Index of each block's first horizontal plane in the second array, and the planes.
     is_held : bool (blocks,)
         Which blocks have cuboids of vertical planes.
     """
@@ -119,7 +118,7 @@ def horizontal_planes_by_block(
 def horizontal_planes_around(
     b: int, blocks: Blocks, first: Int32, horizontal: Int32, near: Int32
 ) -> int:
-    """List the horizontal planes in and around a block.
+    """Write the horizontal planes in and around a block to `near`.
 
     Parameters
     ----------
@@ -159,7 +158,7 @@ def reassign_block(
 ) -> None:
     """Reassign the cuboids of a block that fit a horizontal plane better than their vertical one.
 
-    Of several horizontal planes a cuboid goes to the first, in the order of their size.
+    A cuboid that fits several horizontal planes is assigned to the first, in the order of `near`.
 
     Parameters
     ----------
@@ -180,7 +179,7 @@ def reassign_block(
         max_variance = GATE * GATE * variance
         for i in block:
             n = M[i, 0]
-            # The mean rejects nearly all cuboids, for a third of the work.
+            # The cheaper test of the mean rejects nearly all cuboids.
             one = nx * M[i, 1] + ny * M[i, 2] + nz * M[i, 3] - n * d
             if one * one > max_variance * n * n:
                 continue

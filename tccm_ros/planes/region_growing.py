@@ -10,25 +10,26 @@ from tccm_ros.kernels import kernel
 from tccm_ros.planes.blocks import Blocks, flatness_order
 
 JOIN_FACTOR = 2.5
-"""A patch joins a region if its rms about the region's plane is within this factor of the
-region's noise, plus `SLACK`. Chosen."""
+"""Maximum rms residual of a patch about the plane of a region that it joins, in the region's noise,
+plus `SLACK`. Chosen."""
 
 REFIT_GROWTH = 1.3
-"""A region's plane is fitted again when the region has this many times the points of its last fit.
-Chosen: far fewer fits than patches."""
+"""Growth of a region's points at which its plane is refitted. Chosen: far fewer fits than patches.
+"""
 
 SLACK = 0.002
-"""m: surfaces are not perfectly flat, and the noise of small patches is known badly. Chosen."""
+"""Tolerance of surfaces that are not flat, and of the uncertain noise of small patches, m. Chosen.
+"""
 
 
 @kernel
 def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
-    """List for each block of the lowest level the patches that cover it.
+    """Return linked lists of the patches that cover each block of the lowest level.
 
     Parameters
     ----------
     place
-        int32 (K, 3), of `find_patches`.
+        int32 (K, 3), result of `find_patches`.
     rows, wide
         Blocks of the lowest level in x and y.
 
@@ -37,7 +38,7 @@ def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
     head : int32 (rows * wide,)
         First node of each block, -1 for none.
     node_patch, node_next : int32 (L,)
-        The lists.
+        Patch of each node, and the next node of its list.
     """
     total = 0
     for p in range(len(place)):
@@ -62,7 +63,7 @@ def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
 def grow_regions(
     moments: Float64, planes: Float64, place: Int32, blocks: Blocks, max_rms: float
 ) -> tuple[Int32, Float64]:
-    """Grow regions from the flattest patches.
+    """Return regions of patches, grown from the flattest patches.
 
     Parameters
     ----------
@@ -111,7 +112,7 @@ def grow_regions(
                         p = node_patch[node]
                         node, this = node_next[node], node
                         if region[p] >= 0:
-                            # Out of the list: nobody needs to look at it again.
+                            # Remove the assigned patch from the list.
                             if kept < 0:
                                 head[b] = node
                             else:

@@ -1,4 +1,4 @@
-"""All planes of a map, from its cuboids' moments: the one kernel behind `find_planes`."""
+"""The kernel of `find_planes`: all planes of a map, from the moments of its cuboids."""
 
 import math
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ from tccm_ros.planes.vertical_patches import link_vertical
 from tccm_ros.planes.vertical_planes import fit_vertical
 
 PATCH_POINTS = 6
-"""Minimum number of points of a flat patch: three define a plane, as many more test it. Chosen."""
+"""Minimum number of points of a flat patch: three define a plane, three more test it. Chosen."""
 
 
 class Limits(NamedTuple):
@@ -38,11 +38,11 @@ class Limits(NamedTuple):
     Attributes
     ----------
     max_rms
-        Largest standard deviation across it, m.
+        Maximum standard deviation across it, m.
     min_points, min_area
         Minimum number of points, and minimum area, m2.
     flatness
-        Largest ratio of the standard deviations across and along the narrower side.
+        Maximum ratio of the standard deviations across and along the narrower side.
     horizontal
         Minimum vertical component of a horizontal plane's normal.
     """
@@ -59,14 +59,14 @@ def planes_of(
     arrays: tuple[Any, ...], caps: tuple[Int32, Float64], origin: Float64, view: Float64,
     limits: tuple[float, float, float, float, float],
 ) -> tuple[Int32, PlaneTable]:  # fmt: skip
-    """Find all planes of a map: `segment`, from plain tuples, in one compiled call.
+    """Return all planes of a map: `segment` with plain tuples, in one compiled call.
 
     Parameters
     ----------
     arrays, caps
         The fields of `CuboidArrays` and `Caps`.
     origin
-        float64 (3,), ticks, of the moments.
+        float64 (3,), origin of the moments, ticks.
     view, limits
         As in `segment`.
     """
@@ -76,14 +76,14 @@ def planes_of(
 
 @kernel
 def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, PlaneTable]:
-    """Find all planes of a map.
+    """Return the label of each cuboid and all planes of a map.
 
     Parameters
     ----------
     cuboids
         Cuboids of the map, N > 0.
     view
-        float64 (3,), m: where the laser was.
+        float64 (3,), position of the laser, m.
     limits
         Limits that a plane must meet.
 
@@ -107,7 +107,7 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     planes = np.empty(n // 2 + 1, PLANE)
     found = 0
     for r in np.argsort(-pooled[:, 0]):
-        # Regions leave out sparse parts of a surface: they need a third of a plane's points.
+        # Regions miss sparse parts of a surface: a third of a plane's points is enough.
         if pooled[r, 0] < limits.min_points / 3.0:
             break
         queued = queue_region(by_region[first[r] : first[r + 1]], place, blocks, flood, r)
@@ -125,7 +125,7 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
 
 @kernel
 def are_vertical(planes: PlaneTable) -> Bool:
-    """Return which planes are fitted as vertical ones, bool (P,)."""
+    """Return which planes are fitted as vertical planes, bool (P,)."""
     return np.abs(planes["normal"][:, 2]) < FITTED_AS_VERTICAL
 
 
@@ -136,11 +136,11 @@ def orient(row: Any, view: Float64, start: Float64, horizontal: float) -> None:
     Parameters
     ----------
     row
-        `PLANE`, changed: its offset is about `start` and then about the map's origin.
+        `PLANE`, changed: its offset is relative to `start` before, to the map's origin after.
     view
-        float64 (3,), m: where the laser was.
+        float64 (3,), position of the laser, m.
     start
-        float64 (3,), m, the origin of the moments.
+        float64 (3,), origin of the moments, m.
     horizontal
         Minimum vertical component of a horizontal plane's normal.
     """
@@ -158,7 +158,7 @@ def orient(row: Any, view: Float64, start: Float64, horizontal: float) -> None:
 
 @kernel
 def patches_by_region(region: Int32, regions: int) -> tuple[Int32, Int32]:
-    """Return where each region's patches begin in the second array, and the patches by region."""
+    """Return the index of each region's first patch in the second array, and patches by region."""
     first = np.zeros(regions + 2, np.int32)
     for r in region:
         first[r + 2] += 1
@@ -180,7 +180,7 @@ def queue_region(patches: Int32, place: Int32, blocks: Blocks, flood: Flood, mar
     patches
         int32, the patches of the region.
     place
-        int32 (K, 3), of `find_patches`.
+        int32 (K, 3), result of `find_patches`.
     blocks
         Blocks of the map.
     flood, mark
@@ -217,25 +217,25 @@ def split_and_fit(
     planes: PlaneTable,
     found: int,
 ) -> int:
-    """Split a plane's cuboids into connected sets, fit and label each set.
+    """Split a plane's cuboids into connected sets, fit and label each set; return the plane count.
 
     Parameters
     ----------
     cuboids, members
         The map, and the indices int32 (M,) of the plane's cuboids.
     plane
-        A first guess.
+        Initial plane.
     limits
         Limits that a plane must meet.
     labels, planes
-        int32 (N,) and (P,), changed: receive the planes found.
+        int32 (N,) and (P,), changed: the found planes are written to them.
     found
-        Number of planes found before.
+        Number of planes before.
 
     Returns
     -------
     int
-        Number of planes found so far.
+        Number of planes after.
     """
     M, ix, iy = cuboids.M, cuboids.ix, cuboids.iy
     n = len(members)
@@ -257,7 +257,7 @@ def split_and_fit(
             fitted = fit_horizontal(cuboids, one, its_deep, plane, row.moments)
         if is_plane(row, limits):
             if is_vertical:
-                # Its rims are in the moments, but not as points of the plane.
+                # The moments contain rims, which are no points of the plane.
                 row.normal[0], row.normal[1], row.normal[2] = fitted[0], fitted[1], fitted[2]
                 row.offset, row.variances[2] = fitted[3], fitted[4]
             row.support = label_members(cuboids, one, fitted, labels, found)
@@ -284,7 +284,7 @@ def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int
         At the smallest index of each set.
     """
     support, size = np.zeros(len(root)), np.zeros(len(root), np.int32)
-    # Sums go on in registers for as long as the set is the same.
+    # Sums stay in registers while the set is the same.
     k = 0
     while k < len(root):
         r, first, points = root[k], k, 0.0
@@ -298,7 +298,7 @@ def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int
 
 @kernel
 def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tuple[Int32, Bool]:
-    """Return the members of one set, and which of them are deep inside it.
+    """Return the members of one set, and their values of `deep`.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tupl
 
 @kernel
 def is_plane(row: Any, limits: Limits) -> bool:
-    """Fill in a plane's row from its moments, and return whether it is large and flat enough."""
+    """Compute a plane's row from its moments, and return whether it meets the limits."""
     if row.moments[0] < 0.5 * limits.min_points:
         return False
     nx, ny, nz, d, l1, l2, l3 = plane_of(row.moments)
@@ -334,7 +334,7 @@ def is_plane(row: Any, limits: Limits) -> bool:
 def label_members(
     cuboids: PlaneMap, members: Int32, plane: Plane, labels: Int32, label: int
 ) -> float:
-    """Label the members that are within the gate of the final plane.
+    """Label the members within the gate of the final plane; return their number of points.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ def label_members(
         counts = not (is_flat and is_sharing[k])
         points += m[0] * counts
         squares += sums[k, 1] * counts
-    # A warped table scatters more as a whole than where the fit was allowed to look.
+    # The scatter of a warped table is larger than that of the cuboids in the fit.
     if points > 0.0:
         variance = max(variance, squares / points)
     gate = GATE * math.sqrt(variance)

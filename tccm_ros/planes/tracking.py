@@ -1,7 +1,7 @@
 """Tracking of planes from tilt cycle to tilt cycle.
 
-A plane is matched with a track if it lies in nearly the same plane and its outline overlaps. The
-map's frame is the odometry frame, so the robot's own motion does not matter.
+A plane matches a track if normals and offsets agree and the outlines overlap. The map's frame is
+the odometry frame, so that the robot's motion has no effect.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class _Track:
 
 
 class PlaneTracker:
-    """Gives each plane a persistent id.
+    """Assigns persistent ids to planes.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class PlaneTracker:
         self._next_id = 0
 
     def reset(self) -> None:
-        """Forget all planes; ids go on."""
+        """Remove all tracks; later ids continue."""
         self._tracks.clear()
 
     def update(self, fits: PlaneFits) -> list[PlaneRecord]:
-        """Match the planes of one tilt cycle with the tracks.
+        """Match the planes of one tilt cycle with the tracks; return their records.
 
         Parameters
         ----------
@@ -54,8 +54,8 @@ class PlaneTracker:
         Returns
         -------
         list[PlaneRecord]
-            One per fit, in their order. A plane that is not found is not in the list; it keeps its
-            id for `planes.track_cycles` cycles, in case it was only hidden.
+            One per fit with an outline, in their order. A plane that is not found is not in the
+            list; it keeps its id for `planes.track_cycles` cycles, as it may only be occluded.
         """
         shown = [fit for fit in fits if len(fit.boundary)]
         matched = self._match(shown)
@@ -93,7 +93,7 @@ class PlaneTracker:
         return result
 
     def _may_match(self, fits: list[PlaneFit]) -> Bool:
-        """Return which fits lie in the plane of which tracks, bool (fits, tracks)."""
+        """Return which pairs of fits and tracks are coplanar, bool (fits, tracks)."""
         known = [track.record for track in self._tracks]
         n, m = np.array([f.normal for f in fits]), np.array([k.normal for k in known])
         step = np.array([f.centroid for f in fits]) @ m.T - [k.offset for k in known]
@@ -104,7 +104,7 @@ class PlaneTracker:
 
 
 def _joined(rings: list[Float64]) -> tuple[Float64, Int64]:
-    """Return the corners of some rings one after the other, and where each ring ends."""
+    """Return the concatenated corners of rings, and the end index of each ring."""
     return np.concatenate(rings), np.cumsum([len(ring) for ring in rings])
 
 

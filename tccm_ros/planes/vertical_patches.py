@@ -1,13 +1,13 @@
-"""The patches of a vertical plane, which a fit accepts or refuses as a whole.
+"""The patches of a vertical plane, each accepted or rejected by a fit as a whole.
 
-The points of one spot on a board fall in two cells, before and behind the border between them. To
-refuse one cell and keep the other would shift the plane, so *patches* are tested as a whole: the
+Points at one position on a board fall in two cells, on both sides of their border. Rejecting one
+cell and keeping the other would shift the plane. Therefore *patches* are tested as a whole: the
 cuboids of one step along the board that overlap in height.
 
 Where a board ends in a horizontal surface, as a shelf's front in its top, the highest patch of a
 step is a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind
-the board. A part map knows the moments of its cuboids' caps, and those of rims are subtracted; in
-an integration map patches are only marked as rims.
+the board. In a part map the moments of the cuboids' caps are known, and those of rims are
+subtracted. In an integration map patches are only marked as rims.
 """
 
 import math
@@ -21,19 +21,19 @@ from tccm_ros.planes.arrays import PlaneMap, cap_of
 from tccm_ros.planes.inliers import Plane
 
 RIM_DEPTH = 40
-"""A highest patch is a rim unless it ends this far, ticks, below the usual height: the height of a
-horizontal surface differs from cell to cell. Chosen: 4 mm."""
+"""Maximum depth of a rim's top below the median top of the highest patches, ticks: the height of a
+horizontal surface varies from cell to cell. Chosen: 4 mm."""
 
 GAP_STEPS = 2.0
-"""Gaps of this many mean distances of occupied bins and more end a piece of a plane. Chosen: one
-bin may be missing."""
+"""Minimum gap that ends a piece of a plane, in mean distances of occupied bins. Chosen: one bin may
+be missing."""
 
 MIN_GAP = 2.5
-"""The same in bins, at least. Chosen."""
+"""Lower bound of that gap, in bins. Chosen."""
 
 MAX_STEP = 8
-"""A distance of occupied bins counts as at most this many bins in the mean. Chosen: doors and
-windows are not spacing."""
+"""Upper bound of a distance of occupied bins in the mean, in bins. Chosen: doors and windows are
+not spacing."""
 
 NO_RIM = -(1 << 31)
 """Marks a patch that is no rim."""
@@ -41,17 +41,17 @@ NO_RIM = -(1 << 31)
 
 @kernel
 def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int32, int]:
-    """Return the step of each cuboid along a vertical plane, and how many steps there are.
+    """Return the step of each cuboid along a vertical plane, and the number of steps.
 
-    Steps run along its horizontal direction and are as wide as a cell. A cell is in the step of its
-    middle, so that the result does not depend on noise.
+    Steps run along its horizontal direction and have the width of a cell. A cell belongs to the
+    step of its middle, so that the result does not depend on noise.
 
     Parameters
     ----------
     ix, iy
         int32 (N,), cells of the map's cuboids.
     members, plane
-        int32 (M,), those of the plane, and the plane.
+        int32 (M,), indices of the plane's cuboids, and the plane.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int3
 def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     """Return the connected sets of a vertical plane's cuboids: runs along its horizontal direction.
 
-    A gap of twice the usual step ends a run.
+    A gap of `GAP_STEPS` mean steps, and at least `MIN_GAP` bins, ends a run.
 
     Parameters
     ----------
@@ -118,9 +118,9 @@ def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
 
 @kernel
 def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float64, Int32]:
-    """Pool the cuboids of each step along a vertical plane that overlap in height.
+    """Return the patches of a vertical plane: pools of the cuboids of each step.
 
-    Where caps are known those of rims are left out, and no rim remains.
+    If caps are known, those of rims are subtracted, and no rim remains.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float
 def sort_into_steps(
     ix: Int32, iy: Int32, bottom: Int32, members: Int32, plane: Plane
 ) -> tuple[Int32, Int32]:
-    """Sort a vertical plane's cuboids by step, and by height within a step.
+    """Return a vertical plane's cuboids sorted by step, and by height within a step.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def sort_into_steps(
     order : int32 (M,)
         The cuboids.
     start : int32 (steps + 1,)
-        Where each step begins in them.
+        Index of each step's first cuboid in `order`.
     """
     bins, count = bins_along(ix, iy, members, plane)
     start = np.zeros(count + 1, np.int32)

@@ -1,15 +1,15 @@
 """The fit of vertical planes: boards and walls, whose cells form a line.
 
-They are fitted by weighted least squares over their patches (`vertical_patches`), each of which is
-accepted or refused whole: for its own mean and scatter, and as part of its layer. The normal
-equations are those of ``e = a + b s + g z``: s is the distance along the plane's horizontal
-direction (ux, uy), z the height, and e the distance from a first guess; unknown are the guess's
+They are fitted by weighted least squares over their patches (`vertical_patches`). Each patch is
+accepted or rejected as a whole, by its mean and scatter and with its layer. The normal equations
+are those of ``e = a + b s + g z``: s is the distance along the plane's horizontal direction
+(ux, uy), z the height, and e the distance from an initial plane; unknown are the initial plane's
 errors in offset (a) and direction (b, g).
 
-Where the caps of rims are not known, moments cannot separate the points of the board from those of
-the surface at its rim, but points can be weighted by their depth below the rim: a point at z_rim
-adds nothing to the sum of (z_rim - z) e. So a rim gives this one equation instead of its mean, with
-three quarters of the information (`rim_moments`).
+Without the caps of rims, moments cannot separate the points of the board from those of the surface
+at its rim. But points can be weighted by their depth below the rim: a point at z_rim contributes
+nothing to the sum of (z_rim - z) e. A rim therefore gives this equation instead of that of its
+mean, with three quarters of the information (`rim_moments`).
 """
 
 import math
@@ -25,36 +25,37 @@ from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 
 LAYER = 0.25
-"""Height, m, of the layers in which noise is estimated, as it depends on the beams' incidence, and
-which are refused as a whole: a drawer's back may lie 10 mm behind the front above it. Chosen."""
+"""Height of layers, m. Noise is estimated for each layer, since it depends on the incidence angle,
+and a layer may be rejected as a whole: a drawer's back may be 10 mm behind the front above it.
+Chosen."""
 
 WARP = 0.001
-"""A patch may be this far off its plane, m, beyond its noise: no board is flat. Chosen."""
+"""Tolerance of a patch's mean beyond its noise, m: no board is flat. Chosen."""
 
 DEVIATIONS = 3.0
-"""Standard deviations of the two tests of a patch: its mean, and its scatter. Chosen."""
+"""Standard deviations of the tests of a patch's mean and scatter. Chosen."""
 
 PRIOR = 20.0
-"""Points that the noise of the whole plane counts for in the noise of a layer. Chosen."""
+"""Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
 
 ROUNDS = 3
 """Maximum number of refits. Chosen."""
 
 CONVERGED = 0.9
 """A round that accepts the same patches as the one before is the last, unless the variance falls
-below this fraction of the one before: then the next one may refuse more. Chosen."""
+below this fraction of the one before: then the next round may reject more. Chosen."""
 
 SLICES = 256
-"""Slices of the patches' distances in which their median is searched. Chosen."""
+"""Number of histogram bins of the patches' distances, for their median. Chosen."""
 
 MIN_POINTS = 10.0
-"""With fewer points left after the tests the first guess is kept. Chosen."""
+"""Minimum number of accepted points for a refit. Chosen."""
 
 MIN_DEPTH = 0.01
-"""A rim of less rms depth, m, is one scan line, and is not used. Chosen."""
+"""Minimum rms depth of a rim in the fit, m: a lower one is a single scan line. Chosen."""
 
 SINGULAR = 1e-9
-"""Fraction of the determinant's diagonal part below which a direction is not determined. Chosen."""
+"""Minimum ratio of the determinant to its diagonal product for a solvable direction. Chosen."""
 
 
 class _Patches(NamedTuple):
@@ -65,7 +66,7 @@ class _Patches(NamedTuple):
     pooled, rim
         Results of `pool_patches`.
     layer
-        int32 (P,), of each patch.
+        int32 (P,), layer of each patch.
     tick, ground
         A tick, and the height of the moments' origin, m.
     """
@@ -78,7 +79,7 @@ class _Patches(NamedTuple):
 
 
 class _Taken(NamedTuple):
-    """The patches that the last round accepted, bool (P,), and their moments by layer (L, 10)."""
+    """Accepted patches of the last round, bool (P,), and their moments by layer (L, 10)."""
 
     is_taken: Bool
     moments: Float64
@@ -86,17 +87,17 @@ class _Taken(NamedTuple):
 
 @kernel
 def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64) -> Plane:
-    """Fit a vertical plane by weighted least squares over its patches.
+    """Return the fit of a vertical plane by weighted least squares over its patches.
 
     Parameters
     ----------
     cuboids, members
-        The map, and its cuboids in one connected set.
+        The map, and the indices of its cuboids in one connected set.
     plane
-        A first guess.
+        Initial plane.
     total
-        float64 (10,), written: pooled moments of the patches that took part in the fit; a rim
-        counts for as many points as its equation is worth.
+        float64 (10,), written: pooled moments of the patches in the fit; a rim is scaled by the
+        information of its equation.
     """
     pooled, rim = pool_patches(cuboids, members, plane)
     total[:] = 0.0
@@ -121,10 +122,10 @@ def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64
 
 @kernel
 def through_median(pooled: Float64, plane: Plane) -> Plane:
-    """Shift a plane to the median patch, by points.
+    """Return a plane shifted to the median of the patches, weighted by points.
 
-    A guess through all members lies between a board and what stands a centimetre behind its foot;
-    tested against it, the board itself could be refused.
+    An initial plane through all members is between a board and an object a centimetre behind its
+    foot. Tested against it, the board itself could be rejected.
     """
     nx, ny, nz, d, noise = plane
     off = np.empty(len(pooled))
@@ -134,7 +135,7 @@ def through_median(pooled: Float64, plane: Plane) -> Plane:
         off[p] = (nx * m[1] + ny * m[2] + nz * m[3]) / m[0] - d
         low, high = min(low, off[p]), max(high, off[p])
         half += 0.5 * m[0]
-    # A first guess needs no sorting: the middle of the slice in which the median is.
+    # The middle of the median's bin is accurate enough, without sorting.
     slices = np.zeros(SLICES + 1)
     width = max((high - low) / SLICES, 1e-12)
     for p in range(len(pooled)):
@@ -148,20 +149,20 @@ def through_median(pooled: Float64, plane: Plane) -> Plane:
 
 @kernel
 def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> tuple[Plane, int]:
-    """Refit a vertical plane to the patches that it explains.
+    """Return a vertical plane refitted to the patches within its noise.
 
     Parameters
     ----------
     patches, plane
         The plane's patches, and the last plane.
     taken
-        Changed: the patches accepted.
+        Accepted patches, changed.
     total
         float64 (10,), written.
 
     Returns
     -------
-    The plane, and for how many patches the decision differs from the last round's.
+    The plane, and the number of patches with another decision than in the last round.
     """
     sums, equations = np.empty((len(patches.pooled), 2)), np.zeros((3, 4))
     usual, is_refused = layer_noise(patches, plane, len(taken.moments), sums)
@@ -177,7 +178,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
 
 @kernel
 def layer_noise(patches: _Patches, plane: Plane, count: int, sums: Float64) -> tuple[Float64, Bool]:
-    """Return the noise of each layer, and which are refused as a whole.
+    """Return the noise of each layer, and which layers are rejected as a whole.
 
     Parameters
     ----------
@@ -195,7 +196,7 @@ def layer_noise(patches: _Patches, plane: Plane, count: int, sums: Float64) -> t
     is_refused : bool (L,)
     """
     nx, ny, nz, d, noise = plane
-    # Per layer: points and squares of all patches, then points and sum of those that are no rims.
+    # Per layer: points and squares of all patches, then points and sum of patches except rims.
     layers = np.zeros((count, 4))
     for p in range(len(patches.pooled)):
         n = patches.pooled[p, 0]
@@ -218,7 +219,7 @@ def layer_noise(patches: _Patches, plane: Plane, count: int, sums: Float64) -> t
 def accept_patches(
     patches: _Patches, noise: float, usual: Float64, is_refused: Bool, sums: Float64, taken: _Taken
 ) -> tuple[float, int]:
-    """Accept or refuse each patch that is no rim.
+    """Accept or reject each patch that is no rim.
 
     Parameters
     ----------
@@ -231,8 +232,8 @@ def accept_patches(
 
     Returns
     -------
-    The sum of the squares of the points' distances from the plane, m2, and for how many patches the
-    decision differs from the last round's.
+    The sum of squared distances of accepted points from the plane, m2, and the number of patches
+    with another decision than in the last round.
     """
     is_taken, by_layer = taken
     squares, changes = 0.0, 0
@@ -260,7 +261,7 @@ def accept_patches(
 def add_rims(
     patches: _Patches, plane: Plane, usual: Float64, equations: Float64, total: Float64
 ) -> None:
-    """Add the rims that the plane explains to the normal equations.
+    """Add the rims within the plane's noise to the normal equations.
 
     Parameters
     ----------
@@ -291,14 +292,14 @@ def add_rims(
 def add_layers(
     by_layer: Float64, plane: Plane, usual: Float64, equations: Float64, total: Float64
 ) -> float:
-    """Add the accepted patches to the normal equations; return the number of their points.
+    """Add the accepted patches to the normal equations; return their number of points.
 
-    The patches of a layer have one weight: their moments are added up, and make one equation.
+    Patches of a layer have equal weights, so that their summed moments are added at once.
 
     Parameters
     ----------
     by_layer
-        float64 (L, 10), of `_Taken`.
+        float64 (L, 10), moments of accepted patches by layer.
     plane, usual, equations, total
         As in `add_rims`.
     """
@@ -321,11 +322,11 @@ def horizontal_direction(plane: Plane) -> tuple[float, float]:
 
 @kernel
 def corrected(plane: Plane, errors: tuple[float, float, float], noise: float) -> Plane:
-    """Return a plane without its errors (a, b, g), with another noise, m2."""
+    """Return a plane corrected by its errors (a, b, g), with a new noise variance, m2."""
     nx, ny, nz, d, _ = plane
     ux, uy = horizontal_direction(plane)
     a, b, g = errors
-    # What was e = n p - d is now e - a - b s - g z.
+    # The distance e = n p - d becomes e - a - b s - g z.
     nx, ny, nz, d = nx - b * ux, ny - b * uy, nz - g, d + a
     k = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx * k, ny * k, nz * k, d * k, noise
@@ -333,7 +334,7 @@ def corrected(plane: Plane, errors: tuple[float, float, float], noise: float) ->
 
 @kernel
 def is_shifted(spread: float, weight: float, first: float, variance: float) -> bool:
-    """Return whether a weighted sum of distances is more than noise and warp explain.
+    """Return whether a weighted sum of distances is more than noise and warp.
 
     Parameters
     ----------
@@ -358,7 +359,7 @@ def add_patch(N: Float64, m: Float64, plane: Plane, ux: float, uy: float, k: flo
     m
         float64 (10,), moments of the points.
     plane
-        The first guess, from which e is taken.
+        The initial plane, from which e is measured.
     ux, uy
         Its horizontal direction.
     k

@@ -1,9 +1,9 @@
 """Wall points among the inliers of a horizontal surface that ends at the wall.
 
-A scan line over a wall at the height of a board beside it is horizontal where the wall is seen from
-the front, and its cuboids do not show that it is not of the board. But no point of the board lies
-before it there, while a board that ends at a wall has its rear before the wall. Both sides are
-tested, as the rail of a chair is seen over its seat.
+Where a wall is seen from the front, a scan line on it is horizontal, and its cuboids at the height
+of an adjacent board cannot be distinguished from the board. But there are no points of the board
+before the wall there, whereas a board that ends at a wall has its rear before it. Both sides are
+tested, since the rail of a chair is seen over its seat.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from tccm_ros.kernels import kernel
 from tccm_ros.planes import PlaneFits
 
 MAX_DISTANCE = 0.010
-"""A point is on a vertical plane within this plus `SIGMAS`, at most as much again, m. Chosen."""
+"""Maximum distance of a point on a vertical plane, m, plus `SIGMAS` standard deviations of at most
+the same value. Chosen."""
 
 SIGMAS = 3.0
-"""Standard deviations across the plane within which a point is on it. Chosen."""
+"""Maximum distance of a point on a vertical plane, in standard deviations across it. Chosen."""
 
 ABOVE = 0.03
-"""A point is on a wall only where the wall continues above it by this, m: the front of a block does
-not. Chosen."""
+"""Minimum height of a wall above a point on it, m: the front of a block ends lower. Chosen."""
 
 SAME_HEIGHT = 0.02
-"""Points within this height belong to the same board, m: its rear may be a surface of its own.
+"""Maximum difference in height of points of one board, m: its rear may be a surface of its own.
 Chosen."""
 
 BEFORE = 0.30
-"""Distance before the wall within which the board's points must begin, m: that of the lines in
-strips, `horizontal_strips.MAX_DISTANCE`."""
+"""Maximum distance of the board's points before the wall, m: that of the lines in strips,
+`horizontal_strips.MAX_DISTANCE`."""
 
 
 def lie_on_walls(points: Float64, surface: Int64, fits: PlaneFits, is_wall: Bool) -> Bool:
-    """Return which points of horizontal surfaces lie on a wall where the surface does not end.
+    """Return which points of horizontal surfaces are wall points, where no surface ends.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def lie_on_walls(points: Float64, surface: Int64, fits: PlaneFits, is_wall: Bool
     fits
         The planes of the map.
     is_wall
-        bool (F + 1,), which of them are walls; the last, for cuboids of no plane, is False.
+        bool (F + 1,), which planes are walls; the last entry, for cuboids of no plane, is False.
 
     Returns
     -------
@@ -75,22 +75,24 @@ def mark_points(
     walls: tuple[Int64, Int64, Float64, Int32], planes: Float64, size: float,
     board: Float64,
 ) -> Bool:  # fmt: skip
-    """Mark points on the plane of the highest cuboid of a wall in or beside their cell.
+    """Return which points are on the plane of the highest wall cuboid in or beside their cell.
+
+    Points with surface points before the wall are not among them.
 
     Parameters
     ----------
     points, surface
         As in `lie_on_walls`.
     cells
-        int64 (M, 2), of the points within a raster.
+        int64 (M, 2), cells of the points in a raster.
     walls
         Cells in the raster (ix and iy), tops, m, and planes of the walls' cuboids, (K,) each.
     planes
-        float64 (F, 5), normal, offset and largest distance, m.
+        float64 (F, 5), normal, offset and maximum distance, m.
     size
         Edge of a cell, m.
     board
-        float64, the raster, inf: receives the heights of the surfaces' own points.
+        float64, the raster, initially inf; the heights of the surfaces' own points are written.
 
     Returns
     -------
@@ -129,16 +131,16 @@ def mark_points(
 def has_surface_before(
     board: Float64, a: int, b: int, nx: float, ny: float, size: float, height: float
 ) -> bool:
-    """Return whether surface points of a height lie before a cell of a wall.
+    """Return whether there are surface points of a height before a cell of a wall.
 
     Parameters
     ----------
     board
-        float64, a raster of the heights of the surfaces' own points, m; inf without.
+        float64, raster of the heights of the surfaces' own points, m; inf without points.
     a, b
         The cell.
     nx, ny
-        Normal of the wall, towards the side that is searched.
+        Normal of the wall, towards the searched side.
     size
         Edge of a cell, m.
     height

@@ -1,4 +1,4 @@
-"""Ceilings over a board: other boards, and lower sides that belong to no mapped surface."""
+"""Ceilings over a board: undersides of other boards, and undersides of no mapped surface."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from tccm_ros.racks.compartment import FaceState
 from tccm_ros.tabletop.free_places import polygon_parts
 
 MIN_HEIGHT = 0.10
-"""Lowest space that is a compartment, m; chosen: a hand."""
+"""Minimum height of a compartment, m; chosen: the height of a hand."""
 
 MAX_HEIGHT = 1.0
-"""Highest, m. Chosen: an object is put into a higher space from above."""
+"""Maximum height of a compartment, m. Chosen: objects are put into a higher space from above."""
 
 MIN_EXTENT = 0.2
-"""Shortest side of a compartment, m; chosen: boards of shelves are deeper, the tops of objects on
-them are not."""
+"""Minimum side length of a compartment, m; chosen: boards of shelves are deeper, the tops of
+objects on them are not."""
 
 MAX_BOARD = 0.04
-"""Thickest board, m; a lower side that was not measured is taken to be so low. Chosen: boards of
-shelves have 16 to 40 mm."""
+"""Maximum thickness of a board, m, assumed for an underside that was not measured. Chosen: boards
+of shelves are 16 to 40 mm thick."""
 
 EDGE = 0.05
-"""Hits so near to the front edge of a board may be on its front, m; chosen: a board's edge errs by
-2 cm, and the rest is a cube of hits."""
+"""Maximum distance of hits on the front of a board from its edge, m; chosen: the error of an edge
+is 2 cm, and the rest is a cube of hits."""
 
 INNER = 0.08
-"""Hits further than this from the sides and the back are on none of them, m; chosen."""
+"""Hits further than this from the sides and the back do not belong to them, m; chosen."""
 
 FLAT = 0.02
-"""Hits on a lower side are at most so high, m; chosen: noise on 4 cm."""
+"""Maximum vertical extent of a hit on an underside, m; chosen: noise on 4 cm."""
 
 MIN_COVERED = 0.2
-"""Fraction of the area below a lower side that hits on it cover at least; chosen: between scan
-lines."""
+"""Minimum fraction of the area of an underside that its hits cover; chosen: there are gaps between
+scan lines."""
 
 MIN_FRONT_CELLS = 3
-"""A front of a board is measured at least in so many cubes along it; chosen: mixed pixels."""
+"""Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
 
 LOWEST = 0.1
-"""Quantile of the lowest points of the front along it: scan lines end above its lower edge, each
-column of cubes at another height. Chosen: one in ten may be a mixed pixel."""
+"""Quantile of the lowest points of the cubes' columns that gives the lower edge of a front: in each
+column the last scan line is at another height above it. Chosen: one in ten may be a mixed pixel."""
 
 CUBE = 0.04
 """`mapping.surface_message.HITS_CUBE`, m."""
@@ -61,11 +61,11 @@ class Ceiling:
     low, high
         float64 (2,), corners of the part, x and y, m.
     height
-        Of the lower side over the board, m.
+        Height of the underside over the board, m.
     state
-        Whether the lower side was measured.
+        Whether the underside was measured.
     above
-        Index of the board above; -1 where no surface has this lower side.
+        Index of the board above; -1 where the underside belongs to no surface.
     """
 
     low: Float64
@@ -77,7 +77,7 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardAbove:
-    """A board above another one, in the frame of that.
+    """A board above another one, in the frame of the lower one.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class BoardAbove:
     top
         Height of its top, m.
     index
-        Of the board.
+        Index of the board.
     """
 
     outline: Polygon
@@ -102,9 +102,9 @@ def ceilings(
     Parameters
     ----------
     size
-        float64 (2,), sides of the board, whose frame is in its middle, m.
+        float64 (2,), side lengths of the board, m; its frame is in its middle.
     boards
-        Those above it.
+        Boards above it.
     ends, half
         float64 (M, 3) and (M,), middles of hits in the frame of the board, and half their heights.
     is_from_below
@@ -125,7 +125,7 @@ def ceilings(
 
 
 def _widest(area: shapely.Geometry) -> shapely.Geometry:
-    """Return the largest polygon of an area that is nowhere narrower than `MIN_EXTENT`."""
+    """Return the largest polygon of an area after an opening by `MIN_EXTENT`; empty without one."""
     opened = area.buffer(-0.5 * MIN_EXTENT, join_style="mitre")
     largest = max(polygon_parts(opened), key=lambda part: part.area, default=Polygon())
     return largest.buffer(0.5 * MIN_EXTENT, join_style="mitre").intersection(area)
@@ -134,7 +134,10 @@ def _widest(area: shapely.Geometry) -> shapely.Geometry:
 def _lower_side(
     low: Float64, high: Float64, top: float, ends: Float64, half: Float64, is_from_below: Bool
 ) -> tuple[float, FaceState]:
-    """Return height and state of the lower side of a board above, from its front or from below."""
+    """Return height, m, and state of the underside of a board above.
+
+    It is measured by hits from below, else by the lower edge of the board's fronts, else unknown.
+    """
     inner = ((ends[:, :2] > low + INNER) & (ends[:, :2] < high - INNER)).all(axis=1)
     z = ends[:, 2]
     below = (z < top - FLAT / 4.0) & (z > top - 2.0 * MAX_BOARD)
@@ -161,7 +164,7 @@ def _lower_side(
 def _unnamed(
     part: shapely.Geometry, ends: Float64, half: Float64, is_from_below: Bool
 ) -> Iterator[Ceiling]:
-    """Yield the lowest lower side over a part of a board that no surface of the map has."""
+    """Yield the lowest underside over a part of a board that belongs to no surface of the map."""
     low, high = np.reshape(part.bounds, (2, 2))
     z = ends[:, 2]
     flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)

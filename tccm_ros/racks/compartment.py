@@ -21,7 +21,7 @@ class FaceState(StrEnum):
     OPEN = "open"
     """Beams passed through it."""
     UNKNOWN = "unknown"
-    """Too few beams came there to tell: neither open nor closed."""
+    """Too few beams for a decision between open and closed."""
 
 
 class SeenView(NamedTuple):
@@ -36,7 +36,7 @@ class SeenView(NamedTuple):
     hits
         float64 (M, 4), as in `ViewIntervals`.
     free
-        Columns looked through, in the view's frame.
+        Observed free columns, in the view's frame.
     """
 
     T_map_view: Float64
@@ -76,16 +76,15 @@ class Compartment:
     rack
         Id of the lowest board of its rack.
     board
-        Id of the surface that it stands on.
+        Id of the surface below it.
     above
-        Id of the surface that is its ceiling; None where no mapped surface
-        has this lower side.
+        Id of the surface that is its ceiling; None where the ceiling belongs to no mapped surface.
     T_map_front
         float64 (4, 4): the middle of the front edge, on the board; x is the direction of insertion,
         y is to the left, z is up.
     width, depth, height
-        Clear lengths along y, x and z, m. A face that was not measured is taken to be at the edge
-        of the board, a lower side of a board that was not measured `MAX_BOARD` below its top.
+        Clear lengths along y, x and z, m. A face that was not measured is assumed at the edge of
+        the board, an underside that was not measured at `MAX_BOARD` below the top of its board.
     left, right, back, ceiling
         Observation states of its faces.
     front_seen
@@ -110,13 +109,13 @@ class Compartment:
 
     @property
     def front(self) -> Float64:
-        """Left and right end of its front edge, seen from before it, float64 (2, 3), in map, m."""
+        """Left and right end of its front edge, seen from outside, float64 (2, 3), in map, m."""
         half = np.array([[0.5], [-0.5]]) * self.width
         return np.asarray(self.T_map_front[:3, 3] + half * self.T_map_front[:3, 1])
 
     @property
     def outline(self) -> Polygon:
-        """Its part of the board seen from above, in map, m."""
+        """Outline of the compartment seen from above, in map, m."""
         x, y = np.array([0.0, self.depth]), 0.5 * self.width
         corners = np.array([[x[0], -y], [x[1], -y], [x[1], y], [x[0], y]])
         T = self.T_map_front

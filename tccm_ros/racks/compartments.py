@@ -1,4 +1,4 @@
-"""Find the compartments of racks from surfaces, ends of beams, and the space that beams passed."""
+"""Detection of rack compartments from surfaces, ends of beams, and space that beams passed."""
 
 from __future__ import annotations
 
@@ -24,34 +24,36 @@ from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.union_find import find_root, merge_sets
 
 NEAR_RACK = 0.5
-"""Hits so near to a rack tell of it, m; chosen: more than the cells before its front."""
+"""Maximum distance of hits that are used for a rack, m; chosen: more than the space grid extends
+before the front."""
 
 MIN_FRONT = 0.3
-"""Fraction of a front that beams passed at least; chosen: a door may cover half of it."""
+"""Minimum fraction of a front that beams passed; chosen: a door may cover half of it."""
 
 FACE_MARGIN = 0.04
-"""Faces are looked at this far from the boards, m: one cube of hits."""
+"""Faces are evaluated up to this distance from the boards, m: one cube of hits."""
 
 SAME_HEIGHT = 0.015
-"""Pieces of one board differ in height by at most this, m; chosen: boards of one rack by more."""
+"""Maximum difference in height of pieces of one board, m; chosen: boards of a rack differ by more.
+"""
 
 MIN_FILLED = 0.8
-"""They fill at least this fraction of the rectangle around them; chosen: an L fills less."""
+"""Minimum fraction of their bounding rectangle that pieces fill; chosen: an L fills less."""
 
 SAME_FRONT = 0.1
-"""Of faces whose open fractions differ by less, that which the views look at from outside is the
-front; chosen: a tenth of its cells."""
+"""Maximum difference of the open fractions of candidate fronts; the one most towards the sensors is
+the front. Chosen: a tenth of the cells."""
 
 
 def find_compartments(
     surfaces: Sequence[Surface], views: Sequence[SeenView]
 ) -> tuple[Compartment, ...]:
-    """Return the compartments that views looked into, by rack and height.
+    """Return the compartments that views observed, by rack and height.
 
     Parameters
     ----------
     surfaces
-        Of the map.
+        Surfaces of the map.
     views
         In order of time.
     """
@@ -64,7 +66,7 @@ def find_compartments(
         around = shapely.union_all(outlines[stack])
         own, near = _whole([boards[k] for k in stack]), hits.near(around, NEAR_RACK)
         if not any(True for board in own for _ in _ceilings(board, own, near)):
-            continue  # as of tables: nothing is above
+            continue  # nothing is above, as with tables
         near = near.still_there()
         of = [views[v] for v in np.unique(near.view).tolist()]
         spaces = [c for board in own for c in _over(board, own, near, of)]
@@ -79,7 +81,7 @@ def _outline(surface: Surface) -> shapely.Geometry:
 
 
 def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
-    """Return boards that overlap seen from above, each with those that it overlaps."""
+    """Return the sets of boards that are connected by overlaps seen from above, as indices."""
     parent = np.arange(len(outlines)).astype(np.int32)
     for a, b in shapely.STRtree(outlines).query(outlines, "intersects").T.tolist():
         merge_sets(parent, a, b)
@@ -90,9 +92,9 @@ def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
 
 
 def _whole(boards: Sequence[Surface]) -> list[Surface]:
-    """Return boards, those that were seen in pieces as one: that with the id of its largest piece.
+    """Return the boards with pieces of one board merged, under the id of the largest piece.
 
-    Pieces have one height, and fill the rectangle around them.
+    Pieces have equal heights and fill their bounding rectangle.
     """
     found: list[Surface] = []
     for board in sorted(boards, key=lambda b: (-b.area, b.id)):
@@ -138,7 +140,7 @@ def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[
 
 
 def _frame(surface: Surface) -> tuple[Float64, Float64]:
-    """Return the pose (4, 4) of the smallest rectangle around a surface, level, and its sides."""
+    """Return horizontal pose (4, 4) and sides (2,) of a surface's minimum-area rectangle."""
     x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
     normal = surface.normal
     z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
@@ -163,16 +165,16 @@ def _compartment(
     hits: Hits,
     views: Sequence[SeenView],
 ) -> Compartment | None:
-    """Return the compartment below a ceiling; None where no view looked into it.
+    """Return the compartment below a ceiling; None if its front is not observed to be open.
 
     Parameters
     ----------
     board, above
-        Ids of the board, and of that above it.
+        Ids of the board, and of the board above.
     T_map_board, ceiling
         The frame of the board, and the ceiling in it.
     hits, views
-        Near the rack.
+        Hits and views near the rack.
     """
     middle, half = 0.5 * (ceiling.low + ceiling.high), 0.5 * (ceiling.high - ceiling.low)
     height = ceiling.height - 2.0 * FACE_MARGIN
@@ -212,7 +214,7 @@ def _compartment(
 
 
 def _face(T_map_board: Float64, middle: Float64, half: Float64, height: float, k: int) -> Face:
-    """Return the k-th face around a part of a board, counter-clockwise from that towards x."""
+    """Return the k-th face around a part of a board: counter-clockwise, 0 is towards x."""
     normal = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][k])
     T = np.eye(4)
     T[:3, :3] = _yaw(0.5 * math.pi * k)
@@ -221,7 +223,7 @@ def _face(T_map_board: Float64, middle: Float64, half: Float64, height: float, k
 
 
 def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
-    """Return the index of the face that is most open, and of those alike faces the views."""
+    """Return the index of the most open face; of similarly open ones that towards the sensors."""
     best = max(face.passed for face in seen)
     eyes = hits.origins.mean(axis=0)
 
@@ -234,5 +236,5 @@ def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
 
 
 def _offset(face: SeenFace) -> float:
-    """Return how far outside of the board's edge a face is, m; 0 where it was not measured."""
+    """Return the offset of a face outwards from the board's edge, m; 0 if it was not measured."""
     return face.offset if face.state == FaceState.MEASURED else 0.0

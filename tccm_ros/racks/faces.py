@@ -1,4 +1,4 @@
-"""Faces of a compartment: whether beams ended on them, or passed through."""
+"""Faces of a compartment, as fractions of the area on which beams ended or which they passed."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ CELL = 0.05
 """Edge of a cell of a face, m; chosen: a little more than a cube of hits."""
 
 ON_FACE = 0.06
-"""Hits are on a face so near to it, m; chosen: the edges of boards err by 2 cm, and a back may
-stand off by the rest."""
+"""Maximum distance of hits on a face from it, m; chosen: the error of a board's edge is 2 cm, and
+a back may be offset by the rest."""
 
 PASSED = 0.06
-"""A beam that ended this far beyond a face passed through it, m: further than any fitting on it."""
+"""A beam passed a face if it ended at least this far beyond it, m: further than any fitting on it.
+"""
 
 STATE_FRACTION = 0.5
-"""A face is measured, or open, where more than this fraction of it is; chosen: most of it."""
+"""Minimum fraction of a face that is measured, or passed, for its state; chosen: most of it."""
 
 MIN_COSINE = 0.3
-"""Beams more inclined to a face than this do not tell of it; chosen: 17 degrees."""
+"""Minimum cosine between a beam and a face's normal; chosen: 17 degrees of grazing angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
-    """A vertical rectangle.
+    """A vertical rectangle at a side of a compartment.
 
     Attributes
     ----------
@@ -53,9 +54,9 @@ class SeenFace:
     Attributes
     ----------
     measured, passed
-        Fractions of its area on which beams ended, and which they passed without an end near it.
+        Fractions of its area on which beams ended, and which beams passed without an end on it.
     offset
-        Where it is measured along its outward normal, m; 0 where no beam ended on it.
+        Median offset of hits along its outward normal, m; 0 if no beam ended on it.
     """
 
     measured: float
@@ -78,11 +79,11 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     Parameters
     ----------
     face
-        In map.
+        The face, in map.
     hits
-        Near it.
+        Hits near it.
     views
-        Their free columns tell of beams that ended further away.
+        Views, whose free columns show beams that ended further away.
     """
     shape = max(round(face.width / CELL), 1), max(round(face.height / CELL), 1)
     size = np.array([face.width / shape[0], face.height / shape[1]])
@@ -112,10 +113,10 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
 
 
 def _columns_passed(face: Face, points: Float64, view: SeenView) -> Bool:
-    """Return at which points (N, 3) of a face a view looked through it, bool (N,).
+    """Return at which points (N, 3) of a face beams of a view passed it, bool (N,).
 
-    Its beams start at its viewpoint: where columns before and behind the face are free on the way
-    through a point, beams passed it. The columns are so far from the face that none contains it.
+    Beams start at the viewpoint. They passed a point if the columns before and behind the face are
+    free along the ray through it. These columns are far enough from the face not to contain it.
     """
     T_view_face = inverse(view.T_map_view) @ face.T_map_face
     at, normal = transform(T_view_face, points), T_view_face[:3, 0]

@@ -1,4 +1,4 @@
-"""Ends of the beams of several views, in map, without those on objects that have gone since."""
+"""Ends of the beams of several views, in map, without those on objects that were removed later."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from tccm_ros.geometry import transform
 from tccm_ros.racks.compartment import SeenView
 
 NEAR_BEAMS = 0.04
-"""Beams of a newer view pass a hit where they are this near to it, m: one cube of hits."""
+"""Maximum distance from a hit of newer beams that pass it, m: one cube of hits."""
 
 MIN_BEAMS = 3
-"""So many of them, and none that ended there, tell that a hit has gone; chosen: one may be a mixed
+"""A hit is removed if this many nearest newer beams all passed it; chosen: one may be a mixed
 pixel, or pass beside an edge."""
 
 BEYOND = 0.08
-"""They ended so far behind it, m; chosen: two cubes of hits."""
+"""Minimum distance behind a hit at which beams that passed it end, m; chosen: two cubes of hits."""
 
 MAX_VIEWS = 30
-"""Of the views that saw a rack, so many with the most hits are used; chosen: it has been seen from
-everywhere by then, and the time of a solution has a bound."""
+"""Maximum number of views of a rack, those with the most hits; chosen: they cover every side of it,
+and bound the time of a solution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class Hits:
     Attributes
     ----------
     ends, origins
-        float64 (M, 3), middle of the points of each hit, and the sensor that measured it, m.
+        float64 (M, 3), middle of each hit, and position of the sensor that measured it, m.
     half
         float64 (M,), half the height of each, m.
     view
@@ -48,11 +48,11 @@ class Hits:
     view: Int64
 
     def chosen(self, keep: Bool) -> Hits:
-        """Return those of which `keep`, bool (M,), is true."""
+        """Return the hits for which `keep`, bool (M,), is true."""
         return Hits(self.ends[keep], self.origins[keep], self.half[keep], self.view[keep])
 
     def still_there(self) -> Hits:
-        """Return the hits of the best views, without those that a newer view looked through."""
+        """Return the hits of the `MAX_VIEWS` best views, without those that newer beams passed."""
         views, counts = np.unique(self.view, return_counts=True)
         views = np.sort(views[np.argsort(-counts, kind="stable")[:MAX_VIEWS]])
         keep = np.isin(self.view, views)
@@ -64,7 +64,7 @@ class Hits:
         return self.chosen(keep)
 
     def _are_looked_through(self, older: Int64, newer: Int64) -> Bool:
-        """Return which of the older hits the beams of a newer view pass, bool (len(older),)."""
+        """Return which older hits are passed by the beams of a newer view, bool (len(older),)."""
         origin = self.origins[newer[0]]
         beams, away = self.ends[newer] - origin, self.ends[older] - origin
         ranges, distances = np.linalg.norm(beams, axis=1), np.linalg.norm(away, axis=1)
@@ -77,7 +77,7 @@ class Hits:
 
 
 class HitsInMap:
-    """The hits of views, found by place: a large map has many views that are elsewhere.
+    """Index of the hits of views by position.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ class HitsInMap:
         Parameters
         ----------
         outline
-            Seen from above, in map.
+            Outline seen from above, in map.
         distance
-            Along x and y, m.
+            Distance along x and y, m.
         """
         around = shapely.box(*outline.bounds).buffer(distance, join_style="mitre")
         low_x, low_y, high_x, high_y = around.bounds
@@ -127,7 +127,7 @@ def _hits_of(view: SeenView, index: int) -> Hits:
 
 
 def _bounds(points: Float64) -> Float64:
-    """Return the box around points (N, 2), float64 (4,); nan for none, which is no box."""
+    """Return the bounding box of points (N, 2), float64 (4,); nan without points."""
     if not len(points):
         return np.full(4, np.nan)
     return np.concatenate([points.min(axis=0), points.max(axis=0)])

@@ -24,29 +24,30 @@ from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.placements import Placement
 
 APPROACH = 0.3
-"""A hand comes straight over the last so much before the front, m; chosen: its own length."""
+"""Length of the hand's straight motion before the front, m; chosen: the length of a hand."""
 
 ON_BOARD = 0.03
-"""Hits so low over a board are of the board, m: a cell; lower objects have boxes."""
+"""Hits up to this height over a board belong to it, m: a cell. Lower objects have boxes."""
 
 LOW = 0.06
-"""Objects lower than this, m, may have no hits: two cells. The hits on higher ones bound them more
-tightly than their boxes do."""
+"""Boxes are obstacles only for objects up to this height, m: two cells. These may have no hits;
+hits on higher objects bound them more tightly than their boxes."""
 
 FRONT_EDGE = 0.06
-"""They are so near before the front, m: the board's edge errs by 2 cm, and hits by one cube."""
+"""Distance before the front at which hits may still belong to the board, m: the error of its edge
+is 2 cm, and of hits one cube."""
 
 MIN_CLEARANCE = 1e-6
-"""As `tabletop.placements.MIN_CLEARANCE_M`."""
+"""Minimum clearance, m, as `tabletop.placements.MIN_CLEARANCE_M`."""
 
 
 class Hand(NamedTuple):
-    """Cross-section of the hand that goes in with an object.
+    """Cross-section of the hand that inserts an object.
 
     Attributes
     ----------
     width, height
-        Across the direction of insertion, m; the height counts from the board.
+        Size across the direction of insertion, m; the height is measured from the board.
     """
 
     width: float = 0.0
@@ -59,9 +60,9 @@ class Obstacle(NamedTuple):
     Attributes
     ----------
     id
-        Of the object.
+        Id of the object.
     footprint
-        In map, m.
+        Footprint in map, m.
     low, high
         Its lowest and highest z in map, m.
     """
@@ -73,25 +74,25 @@ class Obstacle(NamedTuple):
 
 
 class AccessState(StrEnum):
-    """Whether an object can be taken from a direction."""
+    """State of the access to an object from a direction."""
 
     FREE = "free"
     BLOCKED = "blocked"
     UNKNOWN = "unknown"
-    """Some of the way was never seen, and nothing is known to be in it."""
+    """Part of the swept box was never observed, and no obstacle in it is known."""
 
 
 class Access(NamedTuple):
-    """How an object can be taken from a direction.
+    """Access to an object from a direction.
 
     Attributes
     ----------
     state
-        Whether it can.
+        Free, blocked or unknown.
     objects
-        Ids of the objects in the way.
+        Ids of the blocking objects.
     surface
-        Id of the surface that is too low above it; None where none is.
+        Id of the blocking surface above, which is too low; None if no surface blocks.
     """
 
     state: AccessState
@@ -100,12 +101,12 @@ class Access(NamedTuple):
 
 
 class InsertionSpace:
-    """The free space of a compartment as a hand sees it that comes through the front.
+    """Free space of a compartment for a hand that moves in straight through the front.
 
     Parameters
     ----------
     compartment
-        Of the map.
+        Compartment of the map.
     obstacles
         Objects in it and before it.
     """
@@ -131,14 +132,14 @@ class InsertionSpace:
         return Obstacle(obstacle.id, footprint, obstacle.low + T[2, 3], obstacle.high + T[2, 3])
 
     def depths(self, height: float, without: int | None = None) -> Float64:
-        """Return how far each column of cells along the front is free, float64 (Y,), m.
+        """Return the free depth of each column of cells along the front, float64 (Y,), m.
 
         Parameters
         ----------
         height
             Height of the inserted object over the board, m.
         without
-            Id of the object that is taken out; it and its hits are no obstacle.
+            Id of an object to ignore, with its hits.
         """
         low = self._z < height
         blocked = self._blocked[:, :, low].any(axis=2)
@@ -159,14 +160,14 @@ class InsertionSpace:
         return np.asarray(np.minimum(self._x[first], self.compartment.depth))
 
     def depth_at(self, y: float, width: float, depths: Float64) -> float:
-        """Return how far something goes in, m; negative where its way to the front is blocked.
+        """Return the free depth for a width along the front, m; negative if blocked before it.
 
         Parameters
         ----------
         y, width
-            Its middle along the front, and its width, m.
+            Middle along the front, and width, m.
         depths
-            Of `depths`.
+            Result of `depths`.
         """
         cell = self.compartment.space.cell
         first = math.ceil((y - 0.5 * width - self._y[0]) / cell - 0.5)
@@ -182,16 +183,16 @@ class InsertionSpace:
         return bool(0.0 <= x <= c.depth and abs(y) <= 0.5 * c.width and 0.0 <= z <= c.height)
 
     def access(self, item: Obstacle, hand: Hand, clearance: float) -> Access:
-        """Return whether a hand comes to an object of the compartment through the front.
+        """Return the access of a hand to an object of the compartment through the front.
 
         Parameters
         ----------
         item
-            The object; it goes out by the same way.
+            The object; it is removed along the same path.
         hand
-            That takes it.
+            The hand that grasps it.
         clearance
-            Stays free around the swept box and above it, m.
+            Minimum distance from the swept box to its sides and above, m.
         """
         own = self._in_front(item)
         low_x, low_y, _, high_y = own.footprint.bounds
@@ -218,19 +219,19 @@ class InsertionSpace:
     def insertions(
         self, size: tuple[float, float, float], hand: Hand, clearance: float
     ) -> list[Placement]:
-        """Return where an object can be put through the front, the best first.
+        """Return the placements of an object that is inserted through the front, the best first.
 
-        Of each place along the front the middle of its free depth is taken, and those are kept
-        that leave the clearance between footprints.
+        Candidates are in the middle of the free depth at each position along the front. Of
+        candidates whose footprints are nearer to each other than the clearance, the best is kept.
 
         Parameters
         ----------
         size
-            Its depth, width and height, along the axes of the front, m.
+            Depth, width and height of the object, along the axes of the front, m.
         hand
-            That puts it there.
+            The hand that inserts it.
         clearance
-            Stays free around the swept box and above it, m.
+            Minimum distance from the swept box to its sides and above, m.
         """
         c, clearance = self.compartment, max(clearance, MIN_CLEARANCE)
         height = max(size[2], hand.height) + clearance
@@ -254,14 +255,14 @@ class InsertionSpace:
         return without_overlaps(every, (size[0], size[1]), clearance)
 
     def _clear_beside(self, y: float, width: float, depths: Float64, needed: float) -> float:
-        """Return how much wider, to either side, a swept box could be, m, up to its width.
+        """Return the free distance to either side of a swept box, m, up to its width.
 
         Parameters
         ----------
         y, width, depths
-            As of `depth_at`.
+            As in `depth_at`.
         needed
-            How far it goes in, m.
+            Depth of the swept box, m.
         """
         wider = 0.0
         while wider < width:
@@ -281,16 +282,16 @@ class InsertionSpace:
 def without_overlaps(
     found: Sequence[Placement], size: tuple[float, float], clearance: float
 ) -> list[Placement]:
-    """Return those that leave a clearance between footprints, the first ones.
+    """Return the placements without those too near to a better one.
 
     Parameters
     ----------
     found
-        The best first.
+        Placements, the best first.
     size
-        Of the footprint, along x and y of a placement, m.
+        Sides of the footprint along x and y of a placement, m.
     clearance
-        Between footprints, m.
+        Minimum distance between footprints, m.
     """
     kept: list[tuple[Placement, Polygon]] = []
     for candidate in found:

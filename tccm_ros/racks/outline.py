@@ -7,14 +7,14 @@ import numpy as np
 from tccm_ros.arrays import Float64
 
 ARROW = 0.16
-"""Length of the arrow into a compartment, m; chosen: it shows beside its edges."""
+"""Length of the arrow into a compartment, m; chosen: it is visible beside the edges."""
 
 TIP = 0.25
-"""Length and half the width of its tip, in lengths of the arrow; chosen."""
+"""Length and half the width of the arrow's tip, in lengths of the arrow; chosen."""
 
 
 def box_edges(front: Float64, insertion: Float64, depth: float, height: float) -> Float64:
-    """Return the edges of a compartment, and of an arrow into it through its front.
+    """Return line segments of a compartment's edges and of an arrow through its front.
 
     Parameters
     ----------
@@ -23,11 +23,11 @@ def box_edges(front: Float64, insertion: Float64, depth: float, height: float) -
     insertion
         float64 (3,), unit vector inward.
     depth, height
-        m.
+        Of the compartment, m.
 
     Returns
     -------
-    float64 (15, 2, 3), start and end of each, m
+    float64 (15, 2, 3), start and end of each segment, m.
     """
     up = np.array([0.0, 0.0, height])
     low = np.concatenate([front, front[::-1] + depth * insertion])

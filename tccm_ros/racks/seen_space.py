@@ -1,8 +1,7 @@
 """The space in a compartment and before it: cells that beams passed, and cells in which they ended.
 
-Each hit is the end of a beam that starts at its sensor, so that free space is known up to the hit,
-in finer cells than the columns that a view looked through. Those tell of beams that ended further
-away.
+Each hit is the end of a beam from its sensor, so that space is free up to the hit, in finer cells
+than a view's free columns. The columns add the beams that ended further away.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ CELL = 0.03
 """Edge of a cell, m; chosen: less than the distance of hits, so that a cell has one or none."""
 
 BEFORE = 0.42
-"""The cells begin so far before the front, m; chosen: the length of a hand and a forearm."""
+"""Extent of the grid before the front, m; chosen: the length of a hand and a forearm."""
 
 BESIDE = 0.15
-"""They end so far beside the compartment, m; chosen: half the width of a hand beyond its edge."""
+"""Extent of the grid beside the compartment, m; chosen: half a hand's width beyond its edge."""
 
 STEP = 0.015
 """Distance of the samples on a beam, m: half a cell."""
 
 END = 0.03
-"""A beam's last length is not taken for free, m: a cell."""
+"""Length at the end of a beam that is not counted as free, m: a cell."""
 
 
 def seen_space(
@@ -43,7 +42,7 @@ def seen_space(
     T_map_front, size
         float64 (4, 4) as of `Compartment`, and (3,): depth, width and height, m.
     hits, views
-        Near it.
+        Hits and views near the compartment.
     """
     low = np.array([-BEFORE, -0.5 * size[1] - BESIDE, 0.0])
     high = np.array([size[0] + CELL, 0.5 * size[1] + BESIDE, size[2]])

@@ -1,8 +1,8 @@
 """Kernels of `objects`: cuboids above a surface, their clusters, hulls and rectangles.
 
-Hull and rectangle are not those of `shapely`: where two sides give rectangles of one size the first
-one is taken, so that the yaw of an object does not depend on rounding. Distances from outlines are
-computed 200 times in a full tilt cycle: with `shapely` finding objects took 1.2 to 1.5 times as
+`shapely` is not used for hull and rectangle: of rectangles of equal size the first one is taken
+here, so that the yaw of an object does not depend on rounding. Distances from outlines are computed
+200 times in a full tilt cycle: with `shapely` the detection of objects took 1.2 to 1.5 times as
 long on the fullest cycles of bags/flat (the row "objects" of `bench/bench_cycle.py`).
 """
 
@@ -31,7 +31,7 @@ class LooseCuboids(NamedTuple):
     mean, low, high
         float64 (L, 3), mean, low and high corner of their points, m.
     is_free
-        bool (L,), whether it stands on no surface yet.
+        bool (L,), whether it is not assigned to a surface yet.
     cell
         Edge of a cell, m.
     """
@@ -94,11 +94,11 @@ def cuboids_above(
     loose
         Loose cuboids of a map.
     hull
-        float64 (H, 2), convex, counter-clockwise, m: the means lie within it, seen from above.
+        float64 (H, 2), convex, counter-clockwise, m; it contains the means, seen from above.
     normal, offset
         The plane, ``normal . p = offset``, m.
     min_height
-        The tops are at least so far above the plane, m.
+        Minimum height of the tops above the plane, m.
     """
     x, mean, high, cell = loose.column, loose.mean, loose.high, loose.cell
     first = np.searchsorted(x, math.floor(hull[:, 0].min() / cell) - 1)
@@ -117,23 +117,23 @@ def cuboids_above(
 
 @kernel
 def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
-    """Group cuboids whose means come within a gap of each other, seen from above.
+    """Return clusters of cuboids whose means are linked by distances up to a gap, seen from above.
 
     Parameters
     ----------
     mean
         float64 (L, 3), means of the points of all cuboids, m.
     chosen
-        int64 (K,), indices of the cuboids to be grouped.
+        int64 (K,), indices of the cuboids to cluster.
     gap
-        Largest distance of neighbours, m.
+        Maximum distance of neighbours, m.
 
     Returns
     -------
     members : int64 (K,)
-        Cuboids of `chosen`, group by group, by the first of each; rising within a group.
+        Cuboids of `chosen` by cluster, in the order of first members; rising within a cluster.
     starts : int64 (G + 1,)
-        Where each group begins.
+        Index of each cluster's first cuboid in `members`.
     """
     n = len(chosen)
     if n == 0:
@@ -143,7 +143,7 @@ def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64,
     for i in chosen:
         low_x, high_x = min(low_x, mean[i, 0]), max(high_x, mean[i, 0])
         low_y, high_y = min(low_y, mean[i, 1]), max(high_y, mean[i, 1])
-    # Bins of the gap's width: who is near is in the same bin or one beside it.
+    # Bins of the gap's width: neighbours are in the same bin or an adjacent one.
     rows, columns = int((high_x - low_x) / gap) + 3, int((high_y - low_y) / gap) + 3
     last = np.full((rows, columns), -1, np.int32)
     before = np.empty(n, np.int32)
@@ -184,7 +184,7 @@ def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64,
 
 @kernel
 def footprint_corners(low: Float64, high: Float64, members: Int64) -> Float64:
-    """Return the corners of the footprints of some cuboids.
+    """Return the corners of the footprints of cuboids.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def convex_hull(points: Float64) -> Float64:
                 continue
             hull[used] = p
             used += 1
-        used -= 1  # the last of a chain is the first of the other
+        used -= 1  # the last point of a chain is the first of the other
     return hull[:used].copy()
 
 
@@ -296,7 +296,7 @@ def point_to_side(px: float, py: float, ring: Float64, i: int, j: int) -> float:
 
 @kernel
 def distance_to_ring(shape: Float64, ring: Float64) -> float:
-    """Return the distance of a shape from what a ring encloses; 0 where they overlap.
+    """Return the distance of a shape from the polygon of a ring; 0 where they overlap.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ def distance_to_ring(shape: Float64, ring: Float64) -> float:
 
 @kernel
 def sides_cross(p: Float64, q: Float64, r: Float64, s: Float64) -> bool:
-    """Return whether two sides cross, at a point that is no end of either.
+    """Return whether two sides cross at a point inside both.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
-"""Where a rectangle fits into a polygon: an object of a given size on a surface.
+"""The area of a surface in which a rectangle fits, as the footprint of an object of a given size.
 
-The area that a rectangle can cover in a polygon is exact: by Minkowski sums of the polygon's edges.
+The area that the rectangle can cover in a polygon is exact, by Minkowski sums of the polygon's
+edges.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from tccm_ros.arrays import Float64
 
 
 def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> list[Float64]:
-    """Return the area that a rectangle can cover inside a polygon, for two yaws.
+    """Return the area that a rectangle can cover inside a polygon, at either of two yaws.
 
     Parameters
     ----------
@@ -32,8 +33,8 @@ def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> lis
     Returns
     -------
     list of float64 (N, 2)
-        Outer rings, open, counter-clockwise; by size, then position. Every point of the area lies
-        in some rectangle inside the room. An area with a hole is cut in two, so that rings suffice.
+        Outer rings, open, counter-clockwise; by size, then position. Every point of the area is in
+        a rectangle inside the room. An area with a hole is cut in two, so that rings suffice.
     """
     w, d = size
     covered = [_opening(room, w, d, yaw)]
@@ -46,8 +47,8 @@ def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> lis
 
 def _opening(room: BaseGeometry, width: float, depth: float, yaw: float) -> BaseGeometry:
     corners = rectangle_corners(width, depth, yaw)
-    # Centres at which the rectangle crosses no edge of the room and lies inside, and what it
-    # covers there. The rectangle is symmetric, so it equals its own reflection.
+    # Centres at which the rectangle is inside the room, and the area that it covers there. The
+    # rectangle is symmetric, so it equals its own reflection.
     centres = room.difference(_swept(room, corners))
     return shapely.union_all([centres, _swept(centres, corners)])
 

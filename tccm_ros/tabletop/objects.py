@@ -33,7 +33,8 @@ WALL_AREA = 0.25
 Chosen: 50 cm square."""
 
 SEAM = 0.06
-"""An object that ends this near below a surface, m, carries it. Chosen: a board and its frame."""
+"""Maximum distance between the top of a support and the surface that it carries, m. Chosen: a board
+and its frame."""
 
 
 def find_objects(
@@ -43,9 +44,9 @@ def find_objects(
     config: Config,
     labels: Int32 | None = None,
 ) -> list[TabletopObject]:
-    """Find the objects on the horizontal planes of a map.
+    """Return the objects on the horizontal planes of a map.
 
-    An object ends below `objects.max_height`: a taller cluster is furniture, a wall or a person. A
+    A cluster higher than `objects.max_height` is no object but furniture, a wall or a person. A
     cluster that carries another surface (a table's leg, a seat's front) is no object either.
 
     Parameters
@@ -53,18 +54,18 @@ def find_objects(
     cuboids, fits
         The map and its planes.
     planes
-        What `PlaneTracker.update(fits)` returned.
+        Result of `PlaneTracker.update(fits)`.
     config
         Group `objects`.
     labels
-        int32 (N,), index in `fits` of the plane at each cuboid, -1 for none, where the cuboids are
-        not those that the planes were found in.
+        int32 (N,), index in `fits` of the plane at each cuboid, -1 for none. By default those of
+        the fits; needed where the planes were found in other cuboids.
 
     Returns
     -------
     list[TabletopObject]
-        By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` gives
-        ids that persist.
+        By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` assigns
+        persistent ids.
     """
     levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
     if not levels:
@@ -74,7 +75,7 @@ def find_objects(
     )
     covers = [plane for plane in levels if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
-    # From the highest surface down, so that a box on a stove stands on the stove, not the counter.
+    # From the highest surface down: a box on a stove is assigned to the stove, not the counter.
     for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
         members, starts = _take_clusters(loose, plane, config)
         for k in np.flatnonzero(np.diff(starts)).tolist():
@@ -89,7 +90,7 @@ def find_objects(
 def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> tuple[Int64, Int64]:
     """Return the clusters of free cuboids above a plane, within the convex hull of its outline.
 
-    The cuboids are marked as not free. An object hides the surface behind it and may so stand in a
+    The cuboids are marked as not free. An object occludes the surface behind it and may so be in a
     notch of the outline; `_object` tests that it touches the outline.
     """
     hull = convex_hull(np.ascontiguousarray(plane.boundary[:, :2]))
@@ -99,7 +100,7 @@ def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> t
 
 
 def _parts(loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config) -> list[Int64]:
-    """Return the objects that a cluster consists of; itself where one of them would be none."""
+    """Return the parts of a cluster if each of them is an object, else the whole cluster."""
     gap = config.objects.cluster_distance
     parts = part_by_height(loose.mean[cluster, :2], loose.high[cluster, 2], loose.cell, gap)
     if len(parts) == 1:
@@ -116,7 +117,7 @@ def _are_structure(fits: PlaneFits) -> Bool:
 
 
 def _carries(item: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
-    """Return whether an object reaches up to a surface over it."""
+    """Return whether an object touches a surface above it, and so carries it."""
     x, y, z = item.center.tolist()
     top = z + float(item.size[2]) / 2.0
     for plane in covers:
@@ -148,8 +149,8 @@ def _object(
     height = float(loose.high[cluster, 2].max()) - floor
     if height > config.objects.max_height:
         return None
-    # A cluster that hangs in the air above the surface, or extends below it beside its edge, does
-    # not stand on it.
+    # A cluster with a gap above the surface, or that extends below it beside its edge, is not on
+    # the surface.
     lift = float(loose.low[cluster, 2].min()) - floor
     if not -SEAM <= lift <= max(0.5 * height, config.objects.cluster_distance):
         return None
@@ -167,12 +168,12 @@ def _object(
 
 
 class ObjectTracker:
-    """Gives each object an id that persists while it moves by less than a distance.
+    """Assigns persistent ids to objects that move by less than a distance between tilt cycles.
 
     Attributes
     ----------
     config
-        `objects.track_distance` is used, the largest distance between centers in two tilt cycles.
+        `objects.track_distance` is used, the maximum distance of the centers in two tilt cycles.
     """
 
     def __init__(self, config: Config) -> None:
@@ -181,7 +182,7 @@ class ObjectTracker:
         self._next_id = 0
 
     def reset(self) -> None:
-        """Forget all objects; ids go on."""
+        """Remove all tracks; later ids continue."""
         self._known.clear()
 
     def update(self, objects: Sequence[TabletopObject]) -> list[TabletopObject]:

@@ -1,8 +1,8 @@
-"""Objects that touch, parted where height says so.
+"""Separation of touching objects at steps in height.
 
 Seen from above, the columns of cells of one cluster are grouped into regions in which the height
-changes by little from column to column. Two regions that lie beside each other are two objects; one
-that lies within the other, as the neck of a bottle within its shoulders, is a part of the same.
+changes little from column to column. Two regions beside each other are two objects. A region within
+another, as the neck of a bottle within its shoulders, belongs to the same object.
 """
 
 from __future__ import annotations
@@ -16,38 +16,39 @@ from scipy.spatial import cKDTree
 from tccm_ros.arrays import Float64, Int64
 
 STEP = 0.03
-"""Neighbouring columns of one region differ in height by at most this, m. Chosen: three standard
+"""Maximum difference in height of neighbouring columns of one region, m. Chosen: three standard
 deviations of a depth camera at 2 m, and the fall of a ball's side over a cell of 2 cm."""
 
 MIN_COLUMNS = 9
-"""A region of an object has at least so many columns. Chosen: 6 cm square at cells of 2 cm."""
+"""Minimum number of columns of an object's region. Chosen: 6 cm square at cells of 2 cm."""
 
 MIN_FRACTION = 0.2
-"""And this fraction of the columns of its cluster. Chosen: a handle or a spout has less."""
+"""Minimum fraction of the cluster's columns in an object's region. Chosen: a handle or a spout has
+fewer."""
 
 MAX_COMMON = 0.25
-"""Hulls of two objects have at most this fraction of the smaller one in common. Chosen: boxes that
-stand askew beside each other have less, the neck of a bottle and its shoulders more."""
+"""Maximum overlap of the hulls of two objects, as a fraction of the smaller one. Chosen: oblique
+boxes beside each other have less, the neck of a bottle and its shoulders more."""
 
 
 def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list[Int64]:
-    """Part the cuboids of a cluster into objects that touch.
+    """Return the cuboids of each of the touching objects in a cluster.
 
     Parameters
     ----------
     mean
-        float64 (K, 2), means of the points of the cuboids, seen from above, m.
+        float64 (K, 2), x and y of the means of the cuboids' points, m.
     top
         float64 (K,), heights of the tops of the cuboids, m.
     cell
         Edge of a cell, m.
     gap
-        Columns up to so far from each other are neighbours, m.
+        Maximum distance of neighbouring columns, m.
 
     Returns
     -------
     list of int64 (P,)
-        Indices of the cuboids of each object, rising; one where nothing is parted.
+        Indices of the cuboids of each object, rising; one array if the cluster is one object.
     """
     whole = [np.arange(len(mean))]
     cells = np.floor(mean / cell).astype(np.int64)
@@ -63,7 +64,7 @@ def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list
     large = np.flatnonzero(sizes >= max(MIN_COLUMNS, MIN_FRACTION * len(columns)))
     if len(large) < 2 or not _are_beside(places, region_of, large, cell):
         return whole
-    # What is too small for an object (a side seen askew, an edge) belongs to the nearest one.
+    # Regions too small for an object (an obliquely seen side, an edge) belong to the nearest one.
     kept = np.isin(region_of, large)
     nearest = cKDTree(columns[kept]).query(columns)[1]
     part_of = region_of[kept][nearest][column_of]
@@ -71,7 +72,7 @@ def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list
 
 
 def _regions(places: Float64, height: Float64, gap: float) -> Int64:
-    """Return the number of the region of each column, int64 (C,)."""
+    """Return the region of each column, int64 (C,)."""
     pairs = cKDTree(places).query_pairs(gap, output_type="ndarray")
     pairs = pairs[np.abs(height[pairs[:, 0]] - height[pairs[:, 1]]) <= STEP]
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(places), len(places)))

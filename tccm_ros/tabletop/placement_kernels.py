@@ -1,9 +1,9 @@
 """Kernels of `placements`: the position of a rectangle with the most clearance in a polygon.
 
-The clearance of a rectangle changes by no more than the distance that it is moved. So a square of
-positions holds nothing better than the clearance in its middle and half its diagonal: squares that
-cannot hold the best are left out, the others divided (as `polylabel` does for a point). With
-`shapely`'s erosion of the polygon, which is exact, an answer took ten times as long.
+The clearance of a rectangle changes by no more than its displacement. So the clearance in a square
+of positions is at most that in its middle plus half its diagonal. Squares that cannot contain the
+best position are discarded, the others divided (as `polylabel` does for a point). `shapely`'s exact
+erosion of the polygon took ten times as long.
 """
 
 import math
@@ -23,14 +23,14 @@ def box_clearance(
     Parameters
     ----------
     sides
-        float64 (N, 4), x y of both ends of every side of the rings, parallel to the rectangle's
-        sides, m. What is inside is told by the even-odd rule.
+        float64 (N, 4), x y of both ends of every side of the rings, m, along axes parallel to the
+        rectangle's sides. The even-odd rule defines the inside.
     x, y
         Middle of the rectangle, m.
     half_x, half_y
         Half its sides, m.
     enough
-        The search for the nearest side ends where the distance is known to be less, m.
+        The search for the nearest side ends at a distance up to this, m.
     """
     inside = False
     nearest2 = np.inf
@@ -40,7 +40,7 @@ def box_clearance(
         bx, by = sides[i, 2] - x, sides[i, 3] - y
         if (ay > 0.0) != (by > 0.0) and ax + (bx - ax) * ay / (ay - by) > 0.0:
             inside = not inside
-        # The bounding boxes tell sides that are too far to matter.
+        # Bounding boxes exclude sides that are too far.
         far_x = max(min(ax, bx) - half_x, -half_x - max(ax, bx), 0.0)
         far_y = max(min(ay, by) - half_y, -half_y - max(ay, by), 0.0)
         if far_x * far_x + far_y * far_y >= nearest2:
@@ -103,12 +103,12 @@ def best_position(
     half
         float64 (2,), half the rectangle's sides, m.
     disc
-        float64 (3,), x, y and radius of a circle in which the position lies, m; inf for anywhere.
+        float64 (3,), x, y and radius of a circle that must contain the position, m; radius inf for
+        any position.
     limits
-        float64 (2,): positions with less clearance than the first do not count; the search ends
-        at one that has the second, m.
+        float64 (2,), minimum clearance, and clearance at which the search ends, m.
     tolerance
-        The clearance is at most so much less than the greatest, m, > 0.
+        Maximum difference from the greatest clearance, m, > 0.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Placements: poses at which a box stands wholly on a surface, clear of everything, best first.
+"""Placements: poses at which a box is wholly on a surface, clear of all obstacles, best first.
 
-The box is parallel to the smallest rectangle around the surface, either way round. Of all positions
-the one with the most clearance is found, to `TOLERANCE_M` (`placement_kernels`).
+The box is parallel to the minimum-area rectangle of the surface, at either of two yaws. The
+position with the most clearance is found to within `TOLERANCE_M` (`placement_kernels`).
 """
 
 from __future__ import annotations
@@ -23,31 +23,30 @@ from tccm_ros.tabletop.free_places import polygon_parts
 from tccm_ros.tabletop.placement_kernels import best_position
 
 TOLERANCE_M = 2e-3
-"""Clearances are at most so much less than the greatest, m; chosen: an outline is not known better
-than that."""
+"""Maximum difference of a clearance from the greatest, m; chosen: the accuracy of an outline."""
 
 SAME_SIDE_M = 1e-6
-"""A footprint whose sides differ by less is square: one yaw is enough; chosen."""
+"""Maximum difference of the sides of a square footprint, m: one yaw is enough for it; chosen."""
 
 MIN_CLEARANCE_M = 1e-6
-"""Placements keep at least this from everything, m, whatever is asked for: touching outlines are
-no polygons; chosen."""
+"""Minimum clearance of any placement, m, also if less is requested: touching outlines are no valid
+polygons; chosen."""
 
 
 class Approach(StrEnum):
-    """How a hand comes to a place."""
+    """Direction from which a hand places an object."""
 
     ANY = "any"
-    """Not asked: the object fits where it is put."""
+    """Any direction: only the object must fit."""
     ABOVE = "above"
-    """From above, and the hand is over the object."""
+    """From above; the hand is over the object."""
     FRONT = "front"
     """Straight through the front of a compartment of a rack."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlacementRequest:
-    """What is to be put down.
+    """Object to place, and constraints of its placements.
 
     Attributes
     ----------
@@ -56,17 +55,18 @@ class PlacementRequest:
     height
         Height of the object, m, > 0.
     clearance
-        Distance that stays free around the footprint and above the object, m, >= 0.
+        Free distance around the footprint and above the object, m, >= 0.
     max_count
-        How many placements are wanted at most; 0 for all that keep the clearance from each other.
+        Maximum number of placements; 0 for all that keep the clearance from each other.
     reach_from
-        (x, y) in map, m, from where every placement is in reach; None for anywhere.
+        (x, y) in map, m, centre of the circle that contains all placements; None for any place.
     reach
-        Largest horizontal distance from `reach_from`, m; 0 for any.
+        Maximum horizontal distance from `reach_from`, m; 0 for any.
     approach
-        How a hand comes to the place.
+        Direction from which a hand places the object.
     hand_width, hand_height
-        Of the hand across a direction from the front, m; from above, its height over the object.
+        Cross-section of the hand for insertion from the front, m; from above, the height of the
+        hand above the object.
     """
 
     size_x: float
@@ -96,7 +96,7 @@ class Placement:
     clearance
         Distance of the footprint from the nearest edge, hole, object or earlier placement, m.
     free_height
-        Height that is free over the footprint, m; inf where nothing is known above.
+        Free height over the footprint, m; inf where no overhang is known.
     """
 
     surface: int
@@ -108,16 +108,16 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Overhang:
-    """Something above a surface.
+    """An obstacle above a surface.
 
     Attributes
     ----------
     outline
-        Seen from above, in map, m.
+        Outline seen from above, in map, m.
     height
-        Height of its lower side over the surface, m.
+        Height of its underside over the surface, m.
     surface
-        Id of the surface that it is; None where it is none.
+        Its id if it is a surface, else None.
     """
 
     outline: Polygon
@@ -137,9 +137,9 @@ class PlacementSurface:
     normal, offset
         Its plane: unit normal float64 (3,), up; ``normal . p = offset``, m.
     occupied
-        Outlines of what stands on it.
+        Outlines of the objects on it.
     overhangs
-        What is above it.
+        Obstacles above it.
     """
 
     def __init__(
@@ -158,17 +158,17 @@ class PlacementSurface:
 
     @cached_property
     def free_area(self) -> MultiPolygon:
-        """What of the outline is not occupied."""
+        """Area of the outline that is not occupied."""
         return MultiPolygon(polygon_parts(self._outline - shapely.union_all(self._occupied)))
 
     @cached_property
     def yaw(self) -> float:
-        """Yaw of the longer side of the smallest rectangle around the outline, rad."""
+        """Yaw of the longer side of the outline's minimum-area rectangle, rad."""
         return rectangle(convex_hull(shapely.get_coordinates(self._outline)))[4]
 
     @cached_property
     def max_radius(self) -> float:
-        """Bound of the radius of a circle on the surface, from its area and its box, m."""
+        """Upper bound of `inner_radius`, from the area and the bounding box, m."""
         low_x, low_y, high_x, high_y = self._outline.bounds
         narrow = 0.5 * min(high_x - low_x, high_y - low_y)
         return min(narrow, math.sqrt(self._outline.area / math.pi))
@@ -189,20 +189,17 @@ class PlacementSurface:
 def find_placements(
     surfaces: Sequence[PlacementSurface], request: PlacementRequest
 ) -> list[Placement]:
-    """Find placements, those with the most clearance first.
+    """Return placements, those with the most clearance first.
+
+    Surfaces are searched in the order of an upper bound of their clearance, until there are enough
+    placements with more clearance than the remaining bounds.
 
     Parameters
     ----------
     surfaces
-        In order of preference among equals.
+        In order of preference among equal clearances.
     request
-        What is to be put down. Footprints of two placements keep the clearance from each other.
-
-    Returns
-    -------
-    list of Placement
-        Surfaces are looked at in the order of what they can offer at most, until there are enough
-        placements with more clearance than any that is left could have.
+        Object to place. Footprints of two placements keep the clearance from each other.
     """
     half_width = 0.5 * min(request.size_x, request.size_y)
     queue: list[tuple[float, int, int, _Candidates | None]] = []
@@ -228,14 +225,14 @@ def find_placements(
 
 
 class _Candidates:
-    """The free area left on one surface, parallel to the axes, and the best position in it."""
+    """Remaining free area of a surface, along the surface's axes, and the best position in it."""
 
     def __init__(self, surface: PlacementSurface, request: PlacementRequest):
         self._surface, self._request = surface, request
         free_area = surface.free_area
         low = [s for s in surface.overhangs if s.height < request.height + request.clearance]
         if low:
-            # The clearance counts from what is too low as from an edge.
+            # The clearance is also kept from obstacles above that are too low.
             free_area -= shapely.union_all([overhang.outline for overhang in low])
         c, s = math.cos(surface.yaw), math.sin(surface.yaw)
         self._R_map_sides = np.array([[c, -s], [s, c]])  # xy @ R is along the surface's sides
@@ -257,14 +254,14 @@ class _Candidates:
 
     @property
     def clearance(self) -> float:
-        """Clearance of the best position, m; 0 where none is left."""
+        """Clearance of the best position, m; 0 if no position remains."""
         return self._best[3]
 
     def take(self) -> Placement:
-        """Return the best position as a placement, and keep its place free from now on."""
+        """Return the best position as a placement, and remove its footprint from the free area."""
         k, x, y, clearance = self._best
         corners = self._halves[k] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) + (x, y)
-        # A ring within the free area: what it encloses is not inside any more.
+        # A ring within the free area: by the even-odd rule its inside becomes outside.
         self._sides = np.concatenate([self._sides, _ring_sides(corners)])
         self._find_best(clearance)
         footprint = Polygon(corners @ self._R_map_sides.T)
@@ -279,7 +276,7 @@ class _Candidates:
         )
 
     def _find_best(self, bound: float) -> None:
-        """Find the best position; its clearance is at most `bound`, m."""
+        """Find the best position, given an upper bound of its clearance, m."""
         limits = np.array([max(self._request.clearance, MIN_CLEARANCE_M), bound - TOLERANCE_M])
         self._best = (0, 0.0, 0.0, 0.0)
         for k, half in enumerate(self._halves):

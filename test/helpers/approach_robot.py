@@ -1,7 +1,7 @@
-"""The simulated base of `approach_world` over DDS, in step with the node that drives it.
+"""The simulated base of `approach_world` over DDS, synchronised with the node that drives it.
 
-The clock of both is the base's: it goes on by one step once the node has sent the command of the
-last, so that a slow machine makes a slow test, and no other drive.
+Both use the clock of the base. It advances by one step when the node has sent the command of the
+last step, so that the motion does not depend on the speed of the machine.
 """
 
 import time
@@ -27,7 +27,7 @@ from tccm_ros.ros.writing import odometry_message, scan_message, surface_cloud_m
 
 START_S = 1_700_000_000
 WAIT_S = 0.25
-"""Where no command comes within this time none is sent: the base goes on as it was told."""
+"""Time to wait for a command, s. Without one the base continues with its last command."""
 
 BEAMS = 360
 
@@ -42,7 +42,7 @@ def stamp(t: float) -> Time:
 
 
 class ApproachRobot:
-    """Publishes what the base measures and the map that it has; obeys cmd_vel."""
+    """Publishes the measurements of the base and its map; obeys cmd_vel."""
 
     def __init__(self, ros, flat: Flat, seed: int = 0):
         self.ros, self.flat = ros, flat
@@ -108,7 +108,7 @@ class ApproachRobot:
         made.data = grid.cells.ravel().tolist()
         return made
 
-    # --- what is measured ---
+    # --- measurements ---
 
     def _odometry_message(self):
         T = spatial(self.base.odom)
@@ -161,7 +161,7 @@ class ApproachRobot:
         self.commands.append(Speeds(twist.linear.x, twist.angular.z))
 
     def step(self) -> None:
-        """Publish what is measured now, wait for the command, move on."""
+        """Publish the current measurements, wait for the command, and advance the time."""
         base = self.base
         self._history.append((base.t, base.odom.copy()))
         count = len(self.commands)
@@ -179,7 +179,7 @@ class ApproachRobot:
         base.tick(self.commands[-1] if self.commands else Speeds())
 
     def drive_until(self, is_over, seconds: float = 200.0) -> None:
-        """Move on until something holds, or fail after a time of the base's clock."""
+        """Advance the time until `is_over` returns true, or fail after `seconds`, base clock."""
         end = self.base.t + seconds
         while not is_over():
             assert self.base.t < end, "the base has not got there"

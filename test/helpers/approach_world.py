@@ -1,7 +1,7 @@
-"""A room with furniture, a base with its own kinematics in it, and what its sensors measure.
+"""A room with furniture and a simulated base with its kinematics and sensors.
 
-Independent of the code under test: rays are cast here, poses are integrated here, contacts are
-tested on the true polygons.
+Independent of the code under test: this module casts rays and integrates poses itself, and tests
+contacts on the true polygons.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 
 TICK_S = 0.05
 LATENCY_S, LAG_S, WHEEL_ERROR = 0.10, 0.05, 0.02
-"""Of the base: between a command and its motion, of the motors, and of each wheel's odometry."""
+"""Latency of commands, s, lag of the motors, s, and odometry error of each wheel."""
 
 LOW_M = 0.25
 """Height of the level laser; robots are lower than `HEIGHT_M`."""
@@ -46,7 +46,7 @@ CELL_M = 0.05
 
 @dataclass
 class Piece:
-    """A top on legs, m."""
+    """A table: a top on legs, m."""
 
     top: Polygon
     height: float
@@ -62,7 +62,7 @@ class Piece:
 
 
 def piece(outline: Polygon, height: float, inset: float = 0.06) -> Piece:
-    """Return a top with square legs near its corners; a round one has four."""
+    """Return a top with square legs near its corners; a round top has four."""
     inner = outline.buffer(-inset, join_style="mitre").simplify(0.01)
     corners = np.asarray(inner.exterior.coords)[:-1]
     if len(corners) > 8:
@@ -85,22 +85,23 @@ def circle(radius: float) -> Polygon:
 
 @dataclass
 class Flat:
-    """A room.
+    """A room with furniture, and its state when it was mapped.
 
     Attributes
     ----------
     room
-        Its inside.
+        Inside of the room.
     target, mapped
-        The surface now, and as it was mapped.
+        The surface to approach, now and when it was mapped.
     others, mapped_others
-        Other furniture now, and as it was mapped.
+        Other furniture, now and when it was mapped.
     person
-        (start, direction, speed, radius, begins) of someone who walks straight through, or None.
+        (start, direction, speed, radius, start time) of a person who walks straight through the
+        room, or None.
     start
-        Planar pose of the base.
+        Initial planar pose of the base.
     is_round
-        Whether the target is.
+        Whether the target is round.
     """
 
     room: Polygon
@@ -126,7 +127,7 @@ class Flat:
         return body if self.room.contains(Point(place)) else None
 
     def grid(self) -> OccupancyGrid:
-        """Return the occupancy grid of the level laser as the flat was mapped."""
+        """Return the occupancy grid of the level laser when the flat was mapped."""
         low = np.floor(np.array(self.room.bounds[:2]) / CELL_M) * CELL_M - 0.5
         high = np.array(self.room.bounds[2:]) + 0.5
         width, height = np.ceil((high - low) / CELL_M).astype(int)
@@ -141,7 +142,7 @@ class Flat:
         return OccupancyGrid(cells, CELL_M, low)
 
     def solids(self, t: float) -> list[Polygon]:
-        """Return what the base must not touch: tops are as high as the robot."""
+        """Return the obstacles that the base must not touch, tops included: the robot is higher."""
         found = [p.top for p in self.pieces()] + [leg for p in self.pieces() for leg in p.legs]
         person = self.person_at(t)
         return [*found, person] if person is not None else found
@@ -157,7 +158,7 @@ class SimulatedBase:
         self._sent: deque = deque([(-1.0, Speeds())])
         self._actual = np.zeros(2)
         self.wheels = 1.0 + rng.uniform(-WHEEL_ERROR, WHEEL_ERROR, 2)
-        # Localisation is off by as much as level scans leave: 2 cm and 0.5 deg.
+        # Localisation error of level scans: 2 cm and 0.5 deg.
         self._lost = np.array([*rng.normal(0, 0.015, 2), rng.normal(0, np.radians(0.4))])
         self.map_odom = compose2(self._origin, self._lost)
         self._line, self._direction = 0, 1
@@ -169,7 +170,7 @@ class SimulatedBase:
         self._last: dict = {}
 
     def tick(self, command: Speeds) -> None:
-        """Move on by a step of the control loop."""
+        """Advance the time by one step of the control loop."""
         self._sent.append((self.t + LATENCY_S, command))
         for _ in range(5):
             dt = TICK_S / 5
@@ -204,7 +205,7 @@ class SimulatedBase:
         return np.array([v * dt * np.cos(w * dt / 2), v * dt * np.sin(w * dt / 2), w * dt])
 
     def level_scan(self) -> np.ndarray:
-        """Return the points (N, 2) that the level laser sees, in the base frame."""
+        """Return the points (N, 2) of a level scan, in the base frame."""
         bearings = np.linspace(-np.pi, np.pi, 361)[:-1]
         shapes = [leg for p in self.flat.pieces() for leg in p.legs]
         person = self.flat.person_at(self.t)
@@ -233,7 +234,7 @@ class SimulatedBase:
             self._line += self._direction
             if not 0 <= self._line <= CYCLE_LINES:
                 self._direction = -self._direction
-                # The joint never turns at the very same angle.
+                # The turning angle varies from cycle to cycle.
                 self._line += self._direction * (1 + self.rng.random())
                 stamp = self.t - 0.5 * len(self._lines) / LINES_PER_TICK * TICK_S
                 sensor = transform2_3(self.odom, LASER[None])[0]
@@ -258,7 +259,7 @@ class SimulatedBase:
         return LASER + r[:, None] * d[ok]
 
     def senses(self) -> Senses:
-        """Return what the base knows; an input in `mute` says no more."""
+        """Return the newest measurements of all inputs that are not in `mute`."""
         now = {
             "odom": (self.odom.copy(), self.t),
             "scan": (transform2(self.odom, self.level_scan()), self.t),
@@ -305,7 +306,7 @@ def transform2_3(pose, points):
 
 
 def mapped_target(flat: Flat, rng: Generator | None = None) -> Target:
-    """Return the surface as a map has it: with errors of 5 mm and 0.3 deg where `rng` is given."""
+    """Return the mapped surface, with errors of 5 mm and 0.3 deg if `rng` is given."""
     top = flat.mapped.top
     if rng is not None:
         dx, dy = rng.normal(0, 0.005, 2)
@@ -353,7 +354,7 @@ def run(approach, base: SimulatedBase, seconds: float = 180.0, on_tick=lambda ba
 
 
 def relative(pose, other):
-    """Return a planar pose as seen from another."""
+    """Return a planar pose relative to another."""
     return between2(other, pose)
 
 

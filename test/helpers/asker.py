@@ -1,4 +1,4 @@
-"""A node that asks the services of both nodes."""
+"""A node that calls the services of both nodes."""
 
 from geometry_msgs.msg import Point, Pose, PoseStamped, Vector3
 from live_robot import Listener

@@ -1,4 +1,4 @@
-"""One recording as other writers store it, and what is read of it."""
+"""Copies of a recording as other writers store it, and comparison of their records."""
 
 import numpy as np
 from mcap.writer import Writer
@@ -55,18 +55,18 @@ def mcap_bag(path, messages, **options):
 
 
 def foreign_bag(path, messages, *, profile="ros2", name=str, **of_messages):
-    """Write messages with the mcap library as other programs do.
+    """Write messages with the mcap library, as programs other than the package do.
 
     Parameters
     ----------
     path
-        The file; its folder is made.
+        The file; its folder is created.
     messages
         (topic, type, log_ns, message or its bytes) each.
     profile
-        Of the file.
+        MCAP profile of the file.
     name
-        Returns the name that a type has in the file.
+        Returns the name of a type in the file.
     of_messages
         ``encoding`` of all messages, and of all schemas: ``schema_encoding``, ``schema_data``.
     """
@@ -88,5 +88,5 @@ def foreign_bag(path, messages, *, profile="ros2", name=str, **of_messages):
 
 
 def ros1_name(msgtype):
-    """Return the name of a type as ROS 1 writes it: ``package/Type``."""
+    """Return the ROS 1 name of a type: ``package/Type``."""
     return msgtype.replace("/msg/", "/")

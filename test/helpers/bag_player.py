@@ -1,4 +1,4 @@
-"""A bag that `PlayerNode` plays to nodes of the same process, no faster than they take it."""
+"""Playback of a bag by `PlayerNode` to nodes of the same process, at the speed of these nodes."""
 
 import time
 from pathlib import Path
@@ -9,18 +9,19 @@ from std_srvs.srv import SetBool
 from tccm_ros.nodes.player_node import PlayerNode
 
 RATE = 20.0
-"""Seconds of the bag in a second; fewer where the nodes need longer."""
+"""Maximum playback rate, seconds of the bag per second; it is lower where the nodes are slower."""
 
 MAX_WAITING = 20
-"""Messages of a topic that a node has not received when the player is paused. It sends at most
-`player_node.BURST` before and after it hears of that, and queues hold 200."""
+"""Number of messages of a topic in flight to a node at which the player is paused. The player sends
+at most `player_node.BURST` before and after it receives the request; queues hold 200."""
 
 ASK_AGAIN_S, MAX_ASKED = 5.0, 60
-"""A request without an answer is made again after this time, s, and so many times at most."""
+"""Time after which a request without a response is repeated, s, and the maximum number of requests.
+"""
 
 
 def play_bag(ros, bag: Path, *nodes, **values) -> None:
-    """Play a bag, or a part of it; return when the nodes' workers have done what waits.
+    """Play a bag, or a part of it; return when the nodes' workers have processed all messages.
 
     `values` are parameters of the player, such as `start` and `duration`.
     """
@@ -34,7 +35,7 @@ def play_bag(ros, bag: Path, *nodes, **values) -> None:
         ros.connect(player, node, *(topics & before.keys()))
 
     def missing(node) -> int:
-        """Return how many messages of a topic were sent and not received, at most."""
+        """Return the maximum number, over the topics, of messages sent but not yet received."""
         counts, before = node.inputs.counts(), received[node]
         sent = ((n, topic) for topic, n in player.sent.items() if topic in counts)
         return max((n - counts[topic] + before[topic] for n, topic in sent), default=0)
@@ -62,9 +63,9 @@ def _play_while(ros, player, is_ahead) -> None:
 
 
 def _ask(ros, client, request) -> None:
-    """Ask until there is an answer: a request is lost where the service does not know its client.
+    """Repeat a request until there is a response.
 
-    Services are discovered in any order, and a client may know first.
+    A request is lost if the client has discovered the service, but not the service the client.
     """
     for _ in range(MAX_ASKED):
         answer, end = client.call_async(request), time.monotonic() + ASK_AGAIN_S

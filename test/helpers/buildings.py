@@ -1,8 +1,8 @@
-"""Buildings that are hard to map, and a robot whose measurements are as bad as those of old logs.
+"""Buildings that are hard to map, and a robot with the measurement errors of old logs.
 
-They stand in for recordings that the repository does not have: identical offices along a corridor,
-a court of several hundred metres, a block of crossing corridors. As `plan`, the module shares no
-code with what it tests.
+They replace recordings that are not in the repository: identical offices along a corridor, a court
+of several hundred metres, a block of crossing corridors. Like `plan`, the module has no code in
+common with the code under test.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NO_RETURN = 81.91
 
 @dataclass(frozen=True)
 class Building:
-    """Segments (N, 2, 2), m; how much of the light each lets through (N,); and a route (M, 2)."""
+    """Segments (N, 2, 2), m; transparency (N,) of each, 0 to 1; and a route (M, 2), m."""
 
     walls: Float64
     glass: Float64
@@ -43,19 +43,19 @@ class Robot:
     step, yaw_step
         Motion between two scans, m and rad.
     drift, scale
-        Odometry drifts in yaw by this (rad/m), and its translations are scaled by this.
+        Yaw drift of odometry, rad/m, and scale of its translations.
     noise
-        Of odometry, m and rad per root m (or 0.2 rad).
+        Noise of odometry, m and rad per root m (or 0.2 rad).
     slips
-        How often a wheel slips, 1/m, and the standard deviation of the yaw error of a slip (rad).
+        Frequency of wheel slip, 1/m, and standard deviation of the yaw error of a slip, rad.
     quantum
-        Odometry is rounded to this (m, rad); 0: not.
+        Resolution of odometry, m and rad; 0 for no rounding.
     sigma, max_range
-        Standard deviation of a range, and its maximum, m.
+        Standard deviation of a range, and maximum range, m.
     people
-        People around the robot at a time.
+        Number of people around the robot at a time.
     company
-        People who walk along with the robot all the time, up to 5 m ahead of it.
+        Number of people who walk with the robot, up to 5 m ahead of it.
     missing
         Fraction of beams that are lost at random.
     """
@@ -79,7 +79,7 @@ class Robot:
 def cast(
     walls: Float64, glass: Float64, x: float, y: float, angles: Float64, dice: Float64
 ) -> Float64:  # pragma: no cover - compiled
-    """Return the range of each beam; a pane that lets `dice` through is not there."""
+    """Return the range of each beam, m; a pane is ignored if `dice` is below its transparency."""
     ranges = np.full(len(angles), np.inf)
     for k in range(len(angles)):
         dx, dy = np.cos(angles[k]), np.sin(angles[k])
@@ -96,7 +96,7 @@ def cast(
 
 
 def drive(building: Building, robot: Robot, *, seed: int = 0, start_ns: int = 10**18) -> plan.Run:
-    """Drive the route; ranges and odometry are as the robot measures them."""
+    """Drive the route; return the run, with the robot's errors in ranges and odometry."""
     random = np.random.default_rng(seed)
     bearings = np.radians(np.linspace(-90.0, 90.0, robot.beams, endpoint=robot.beams % 2 == 1))
     poses = plan.route(building.route, step=robot.step, yaw_step=robot.yaw_step)
@@ -135,7 +135,7 @@ def drive(building: Building, robot: Robot, *, seed: int = 0, start_ns: int = 10
 
 
 def _odometry(poses: Float64, robot: Robot, random: np.random.Generator) -> Float64:
-    """Return the poses (N, 3) by odometry."""
+    """Return the poses (N, 3) of odometry."""
     T, found = np.eye(4), [np.zeros(3)]
     for a, b in pairwise(poses):
         step = plan.planar(np.linalg.inv(plan.matrix(a)) @ plan.matrix(b))
@@ -157,7 +157,10 @@ def _odometry(poses: Float64, robot: Robot, random: np.random.Generator) -> Floa
 
 
 class _Crowd:
-    """People who walk at 0.25 m a scan through the building; who is left behind, comes towards."""
+    """People who walk through the building at some 0.25 m a scan.
+
+    A person more than 10 m from the robot is placed 8 m ahead of it.
+    """
 
     def __init__(self, count: int, pose: Float64, random: np.random.Generator) -> None:
         self._random = random
@@ -175,7 +178,7 @@ class _Crowd:
 
 
 class _Company:
-    """People who walk where the robot drives, ahead of it, each at a place of his own.
+    """People who walk ahead of the robot, each at a fixed position relative to it.
 
     They sway by some centimetres, and catch up at 0.25 m a scan where the robot turns.
     """
@@ -199,7 +202,7 @@ class _Company:
 
 
 def _bodies(centres: Float64) -> Float64:
-    """Return people: diamonds of 0.4 m, (4 N, 2, 2)."""
+    """Return the outlines of people as segments (4 N, 2, 2): diamonds of 0.4 m."""
     corners = np.array([[0.2, 0.0], [0.0, 0.2], [-0.2, 0.0], [0.0, -0.2]])
     at = centres[:, None] + corners
     return np.stack([at, np.roll(at, -1, axis=1)], axis=2).reshape(-1, 2, 2)
@@ -208,7 +211,7 @@ def _bodies(centres: Float64) -> Float64:
 def _wall_with_gaps(
     a: Sequence[float], b: Sequence[float], gaps: Sequence[tuple[float, float]]
 ) -> list[Float64]:
-    """Return the pieces of the wall a-b that are left by gaps (from, to), m along it."""
+    """Return the pieces of the wall a-b between gaps (from, to), m along it."""
     a, b = np.array(a, float), np.array(b, float)
     length = float(np.hypot(*(b - a)))
     u = (b - a) / length
@@ -304,12 +307,12 @@ def court(
     half, every, door, depth = 1.5, 5.0, 1.2, 0.15
     middle = 0.45 * length
     pieces: list[Float64] = []
-    # Outer ring, seen from within: niches to the outside.
+    # Outer ring: niches towards the outside.
     corners = [(-half, -half), (-half, width + half), (length + half, width + half)]
     corners += [(length + half, -half), (-half, -half)]
     for a, b in pairwise(corners):
         pieces += _niches(a, b, every, door, depth)
-    # Two inner blocks, left and right of the corridor across.
+    # Two inner blocks, left and right of the crossing corridor.
     for x0, x1 in ((half, middle - half), (middle + half, length - half)):
         block = [(x0, half), (x1, half), (x1, width - half), (x0, width - half), (x0, half)]
         for a, b in pairwise(block):
@@ -355,7 +358,7 @@ def rooms(count: int = 11, *, spread: float = 0.15, seed: int = 0) -> Building:
     """Return a corridor of 2 m with similar rooms of 3.6 m on both sides, most of them entered.
 
     Each has the same three pieces of furniture, moved by up to `spread` (m); some are missing. The
-    robot goes up, down, and up the corridor again: what Freiburg's building 079 is like.
+    robot drives up, down, and up the corridor again, as in Freiburg's building 079.
     """
     random = np.random.default_rng(seed)
     pitch, half, deep = 3.6, 1.0, 5.0
@@ -391,8 +394,8 @@ def rooms(count: int = 11, *, spread: float = 0.15, seed: int = 0) -> Building:
 def campus(length: float = 250.0, width: float = 215.0, *, seed: int = 0) -> Building:
     """Return corridors 3 m wide around and across four blocks; the first loop closes after 550 m.
 
-    Door niches at a distance of their own along each corridor, and a few cupboards: as large as
-    MIT's Killian Court.
+    Each corridor has door niches at its own spacing, and a few cupboards. The size is that of MIT's
+    Killian Court.
     """
     random = np.random.default_rng(seed)
     half, middle, across = 1.5, 0.44 * length, 0.4 * width
@@ -417,10 +420,9 @@ def campus(length: float = 250.0, width: float = 215.0, *, seed: int = 0) -> Bui
 
 
 def plain_block(size: float = 50.0, *, seed: int = 0) -> Building:
-    """Return four blocks with crossing corridors 2.4 m wide and little to see in them.
+    """Return four blocks with crossing corridors 2.4 m wide and few features.
 
-    Door niches of 10 cm at a distance of their own along each side, and nothing else: what the
-    ACES building of Austin is like.
+    Each side has only door niches of 10 cm at its own spacing, as in the ACES building of Austin.
     """
     random = np.random.default_rng(seed)
     half, gap = 1.2, 0.5 * size
@@ -442,8 +444,8 @@ def row_of_loops(
 ) -> Building:
     """Return loops of 250 m in a row, each beside the last, and a way back along all of them.
 
-    Corridors of 2.6 m with door niches, a cupboard now and then: the other case that is hard
-    about MIT's Killian Court.
+    Corridors of 2.6 m with door niches and a few cupboards: the other difficulty of MIT's Killian
+    Court.
     """
     random = np.random.default_rng(seed)
     half, end = 1.3, count * length
@@ -483,9 +485,9 @@ ROBOTS = {
 
 
 def loops_of(run: plan.Run, solution: Solution) -> tuple[int, int]:
-    """Return how many loop closures were accepted, and how many of them are wrong.
+    """Return the number of accepted loop closures, and the number of wrong ones.
 
-    Wrong is what is off by more than half a metre or 0.1 rad: another place.
+    A loop closure is wrong if its error is more than half a metre or 0.1 rad: another place.
     """
     at = {int(stamp): k for k, stamp in enumerate(run.stamps_ns)}
     truth = [plan.matrix(run.truth[at[k.stamp_ns]]) for k in solution.keyframes]

@@ -1,6 +1,6 @@
-"""Fuzzing: a few examples in every test run, always the same; a campaign by one command.
+"""Fuzzing: a few fixed examples in every test run, and campaigns with new examples.
 
-TCCM_FUZZ_MINUTES=10 pytest -s test/fuzz        (new examples, for so long in each test)
+TCCM_FUZZ_MINUTES=10 pytest -s test/fuzz        (new examples, 10 minutes in each test)
 """
 
 import functools
@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, settings
 
 MINUTES = float(os.environ.get("TCCM_FUZZ_MINUTES", "0"))
 FEW, ROUND = 25, 200
-"""Examples in every test run, and in each round of a campaign."""
+"""Numbers of examples in every test run, and in each round of a campaign."""
 
 
 def fuzzed(test):

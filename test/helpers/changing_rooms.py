@@ -1,4 +1,4 @@
-"""The simulator's changing rooms: what slam_node is given there, and the events that are true."""
+"""The simulator's changing rooms: inputs of the SLAM processor, and the true events."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -23,11 +23,11 @@ from tccm_sim.worlds import build_world
 
 WORLD = "changing"
 NEAR = np.array([0.12, 0.12, 0.03])
-"""Middles of outlines that are measured with scan lines at 5 cm are so near to the truth, m."""
+"""Maximum error of the middle of an outline measured with scan lines at 5 cm, m."""
 
 
 class TrueItem(NamedTuple):
-    """A surface or an object, where it is at first and at last (3,), and what happens to it."""
+    """A surface or an object, its first and last position (3,), and its true events."""
 
     name: str
     first: np.ndarray
@@ -36,7 +36,7 @@ class TrueItem(NamedTuple):
 
 
 def slam_inputs(folder: Path, seed: int) -> list[object]:
-    """Simulate the rooms; return what the SLAM processor is given, in order."""
+    """Simulate the rooms; return the inputs of the SLAM processor, in order."""
     bag = simulate(WORLD, folder / f"{WORLD}_{seed}", seed=seed)
     pipeline, inputs = Pipeline(Config(), expects_odometry=True), []
     add = pipeline.slam.add
@@ -54,7 +54,7 @@ def slam_inputs(folder: Path, seed: int) -> list[object]:
 
 
 def true_items() -> list[TrueItem]:
-    """Return what stands in the rooms, from the scene alone."""
+    """Return the surfaces and objects of the rooms, from the scene alone."""
     simulation = Simulation(build_world(WORLD, Options()))
     T = map_from_world(simulation)
     return [
@@ -83,7 +83,7 @@ def _item(solid, T_map_world) -> TrueItem:
 
 
 def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
-    """Yield what is told while events come; the map is solved after each tilt cycle."""
+    """Yield the reported changes of the inputs; the map is solved after each tilt cycle."""
     for event in inputs:
         slam.add(event)
         if isinstance(event, ObjectBoxes):
@@ -98,18 +98,18 @@ def index_at(inputs: list[object], seconds: float) -> int:
 
 
 def true_counts() -> Counter[tuple[str, ChangeKind]]:
-    """Return how often each kind of event of each item is true: once."""
+    """Return the true number of events of each item by kind: one each."""
     return Counter((item.name, kind) for item in true_items() for kind in item.kinds)
 
 
 def counted(found: list[Change]) -> Counter[tuple[str, ChangeKind]]:
-    """Return how often each kind of event of each item was told."""
+    """Return the number of reported events of each item by kind."""
     items = true_items()
     return Counter((_item_of(event, items).name, event.kind) for event in found)
 
 
 def assert_one_id_an_item(found: list[Change]) -> None:
-    """Assert that all events of an item have one id, which no other item has."""
+    """Assert that all events of an item have one id, and that ids of items differ."""
     items = true_items()
     ids: dict[str, set[tuple[bool, int]]] = {item.name: set() for item in items}
     for event in found:
@@ -121,7 +121,7 @@ def assert_one_id_an_item(found: list[Change]) -> None:
 
 
 def _item_of(event: Change, items: list[TrueItem]) -> TrueItem:
-    """Return what an event is about: its poses are those of one item."""
+    """Return the item of an event, by its poses."""
     is_object = event.object_id >= 0
     for item in items:
         if is_object != (item.kinds[0] == ChangeKind.OBJECT_APPEARED):

@@ -43,7 +43,7 @@ def find_chromium():
 
 
 def _above_pipe(fd):
-    """Return the descriptor moved out of the way of 3 and 4."""
+    """Return a duplicate of the descriptor with a number above 3 and 4."""
     moved = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 10)
     os.close(fd)
     return moved
@@ -66,7 +66,7 @@ class Browser:
             os.dup2(to_read, 3)
             os.dup2(to_write, 4)
 
-        # Other descriptors of this process are not inheritable, so none needs to be closed.
+        # Other descriptors of this process are not inheritable: none has to be closed.
         self._process = subprocess.Popen(
             command, preexec_fn=connect, close_fds=False, stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -102,7 +102,7 @@ class Browser:
         os.close(self._write)
 
     def call(self, method, **params):
-        """Send one command and return its result; events that come meanwhile are kept."""
+        """Send one command and return its result; store events received before it."""
         self._next += 1
         message = {"id": self._next, "method": method, "params": params}
         if self._session:
@@ -139,7 +139,7 @@ class Browser:
         return answer["result"].get("value")
 
     def wait_for(self, condition):
-        """Wait until a JavaScript expression is true, looked at once per drawn frame."""
+        """Wait until a JavaScript expression is true; it is polled every 10 ms."""
         look = f"""new Promise((resolve, reject) => {{
             const end = performance.now() + {TIMEOUT_S * 900};
             const look = () => ({condition}) ? resolve(true)
@@ -163,7 +163,7 @@ class Browser:
         return path
 
     def complaints(self):
-        """Return what the page wrote to its console, and every error."""
+        """Return the page's console messages and errors."""
         found = []
         for event in self.events:
             method, params = event.get("method"), event.get("params", {})

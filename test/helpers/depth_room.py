@@ -1,4 +1,4 @@
-"""A recording of a head camera and a lidar that look at a table, computed here.
+"""A computed recording of a head camera and a lidar that look at a table.
 
 The robot drives slowly along the table, and the head pans. Depths and points are exact.
 """
@@ -50,7 +50,7 @@ def camera(stamp_ns):
 
 
 def base_at(ms):
-    """Return T_odom_base: 10 cm/s to the left."""
+    """Return T_odom_base of a base that moves to the left at 10 cm/s."""
     return pose_from_rpy([0.0, 0.1e-3 * ms, 0, 0, 0, 0])
 
 
@@ -60,7 +60,7 @@ def pan_at(ms):
 
 
 def lengths(T, rays):
-    """Return how far rays (N, 3) from T go until the table or the floor, nan beyond 6 m."""
+    """Return the lengths (N,) of rays (N, 3) from T to the table or the floor, nan beyond 6 m."""
     origin, way = T[:3, 3], rays @ T[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):
         on_top = (TOP - origin[2]) / way[:, 2]
@@ -84,14 +84,14 @@ def image_at(ms):
 
 
 def cloud_at(ms):
-    """Return the points of 16 rings, each of its own time."""
+    """Return the points of 16 rings, each column at its own time."""
     azimuth = np.linspace(-0.9, 0.9, 90)
     e, a = np.meshgrid(np.radians(np.arange(-15, 17, 2.0)), azimuth, indexing="ij")
     rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1).reshape(-1, 3)
     since = np.broadcast_to(np.arange(90) * MS, e.shape).ravel()
     T = base_at(ms) @ pose_from_rpy([0, 0, 1.2, 0, 0.4, 0])
     points = np.empty_like(rays)
-    for k in range(90):  # each column from where the base was then
+    for k in range(90):  # each column is measured from the base pose at its time
         at = T.copy()
         at[1, 3] += 0.1e-3 * k
         column = since == k * MS
@@ -108,7 +108,7 @@ def write_recording(
     info=camera,
     change=lambda image: image,
 ):
-    """Write a bag of the camera and the lidar; `info` and `change` may spoil what is written."""
+    """Write a bag of the camera and the lidar; `info` and `change` may corrupt its messages."""
     with BagWriter(path, typestore=TYPESTORE) as writer:
         text = robot_description_message(TYPESTORE, RobotDescription(URDF))
         writer.write("/robot_description", "std_msgs/msg/String", START_NS, text)

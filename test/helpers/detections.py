@@ -1,4 +1,4 @@
-"""Detections of objects whose true places are known, as messages and in copies of bags."""
+"""Detections of objects at their true positions, as messages and in copies of bags."""
 
 import json
 from pathlib import Path
@@ -45,7 +45,7 @@ def array_message(types, stamp_ns, frame_id, detections):
 
 
 def true_objects(bag: Path) -> dict[str, np.ndarray]:
-    """Return the middles of the objects of a bundled bag in the world by their names."""
+    """Return the middles of a bundled bag's objects in the world, by name."""
     truth = json.loads((bag / "truth.json").read_text())
     return {item["name"]: np.array(item["center"]) for item in truth["objects"]}
 
@@ -74,7 +74,7 @@ def write_with_detections(bag: Path, path: Path, messages, topic="/detections") 
 
 
 def seen_from_base(bag: Path, classes, every=25, frame_id="base_footprint"):
-    """Yield messages in the base frame: what stands where, as a perfect recogniser says it.
+    """Yield detection messages of a perfect recogniser in the base frame.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ def seen_from_base(bag: Path, classes, every=25, frame_id="base_footprint"):
     classes
         (class, score) pairs by the name of the object.
     every
-        One message for so many poses of the truth.
+        Number of true poses for each message.
     frame_id
-        Of the base.
+        Frame of the base.
     """
     objects = true_objects(bag)
     for stamp_ns, T in zip(*(values[::every] for values in true_poses(bag))):

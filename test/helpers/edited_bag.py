@@ -1,4 +1,4 @@
-"""A recording whose messages are changed one by one: what bags of others look like."""
+"""Copies of a recording with edited messages, as in bags of other robots and drivers."""
 
 import numpy as np
 from depth_room import EYE_HEIGHT, PITCH, START_NS, F, H, W, base_at, pan_at
@@ -20,7 +20,7 @@ XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 
 
 def edited(source, path, edit):
-    """Write a bag of what `edit` makes of each (topic, type, message), and return its path."""
+    """Write a bag of the results of `edit` for each (topic, type, message); return its path."""
     with BagReader(source) as reader, BagWriter(path, typestore=TYPESTORE) as writer:
         for kept in reader.messages():
             message = TYPESTORE.deserialize(kept.msgtype, kept.data)
@@ -38,7 +38,7 @@ def set_stamp(message, stamp_ns):
 
 
 def of_camera(change):
-    """Return an edit of the depth images; the lidar is left out."""
+    """Return an edit of the depth images, which removes the lidar."""
 
     def edit(topic, msgtype, message):
         if msgtype == CLOUD:
@@ -49,7 +49,7 @@ def of_camera(change):
 
 
 def of_lidar(change):
-    """Return an edit of the clouds; the camera is left out."""
+    """Return an edit of the clouds, which removes the camera."""
 
     def edit(topic, msgtype, message):
         if msgtype in (IMAGE, INFO):
@@ -64,7 +64,7 @@ def depths_mm(message):
 
 
 def depths_m(message):
-    """Return the depths in m, nan for nothing."""
+    """Return the depths in m, nan without a return."""
     depth = depths_mm(message) * 1e-3
     return np.where(depth > 0.0, depth, np.nan).astype(np.float32)
 
@@ -98,7 +98,7 @@ def quantised(topic, message):
 
 
 def rectified(topic, msgtype, message):
-    """Images of image_proc: K and D are those of the raw image, P that of this one."""
+    """Edit to images of image_proc: K and D are those of the raw image, P that of this one."""
     if msgtype == INFO:
         message.k = np.array([1.2 * F, 0, W / 2 + 3, 0, 1.2 * F, H / 2 - 5, 0, 0, 1.0])
         message.d = np.array([-0.3, 0.1, 0.0, 0.0, 0.0])
@@ -112,7 +112,7 @@ def info_elsewhere(topic, msgtype, message):
 
 
 def info_once():
-    """Return an edit: one calibration, as latched ones are, without a stamp."""
+    """Return an edit that keeps one calibration without a stamp, as of a latched topic."""
     seen = []
 
     def edit(topic, msgtype, message):
@@ -127,7 +127,7 @@ def info_once():
 
 
 def tf_alone(topic, msgtype, message):
-    """No description, no joints, no odometry: /tf at 10 Hz, and /tf_static."""
+    """Edit that replaces description, joints and odometry by /tf at 10 Hz and /tf_static."""
     if topic == "/robot_description":
         optical = pose_from_rpy([0, 0, 0, -np.pi / 2, 0, -np.pi / 2])
         fixed = TransformSample(START_NS, "neck", "eye", optical, is_static=True)
@@ -146,7 +146,7 @@ def tf_alone(topic, msgtype, message):
 
 
 def organised(topic, message):
-    """The points of a depth image, as drivers write them: 32 bytes each, nan for nothing."""
+    """Edit to the point cloud of a depth image as of drivers: 32 bytes a point, nan if invalid."""
     z = depths_m(message)
     u, v = np.meshgrid(np.arange(W), np.arange(H))
     layout = np.dtype(
@@ -168,10 +168,10 @@ def organised_alone(topic, msgtype, message):
 
 
 def lidar(name, layout, times, shift_ns=0):
-    """Return the edit of a driver's clouds.
+    """Return an edit to the clouds of a driver.
 
-    `times` gives the times of the points, from the stamp of the first and ns after it; the stamp
-    becomes `shift_ns` later.
+    `times` returns the times of the points, given the stamp of the first point and the offsets from
+    it in ns; `shift_ns` is added to the stamp.
     """
 
     def change(_, message):
@@ -200,7 +200,7 @@ VELODYNE = lidar(  # the stamp is that of the last point
 ANOTHER_CLOCK = lidar("/gps", [*XYZ, ("timestamp", "<f8")], lambda s, d: 1.4e9 + d * 1e-9)
 
 
-# -- what no one can use
+# -- invalid messages
 
 
 def without_x(message):
@@ -224,7 +224,7 @@ def zero_focal(message):
 
 
 def every_other(msgtype, spoil):
-    """Return an edit that spoils every other message of a type."""
+    """Return an edit that corrupts every other message of a type."""
     seen = []
 
     def edit(topic, kind, message):

@@ -1,4 +1,4 @@
-"""An example program as a process of its own, beside the nodes of the test's process."""
+"""An example program in its own process, with nodes in the process of the test."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 @contextmanager
 def example(ros, name: str, *words: str) -> Iterator[subprocess.Popen]:
-    """Start an example; it is gone at the end."""
+    """Start an example; it is terminated at the end."""
     process = subprocess.Popen(
         [sys.executable, EXAMPLES / name, *words],
         env={**os.environ, "ROS_DOMAIN_ID": str(ros.domain)},
@@ -27,7 +27,7 @@ def example(ros, name: str, *words: str) -> Iterator[subprocess.Popen]:
 
 
 def printed(ros, process: subprocess.Popen) -> str:
-    """Return what an example prints until it ends."""
+    """Return the output of an example after it has ended."""
     ros.spin_until(lambda: process.poll() is not None, what="the example")
     assert process.stdout is not None
     text = process.stdout.read()
@@ -36,6 +36,6 @@ def printed(ros, process: subprocess.Popen) -> str:
 
 
 def run_example(ros, name: str, *words: str) -> str:
-    """Run an example; return what it prints."""
+    """Run an example; return its output."""
     with example(ros, name, *words) as process:
         return printed(ros, process)

@@ -1,4 +1,4 @@
-"""Records without their topics, fed to the intake and from there to a processor."""
+"""A processor fed with records, without topics."""
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import TccmProcessor
@@ -9,7 +9,7 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 def role_of(record, scans="tilt_scan"):
-    """Return the role of a record; all scans are of one laser."""
+    """Return the role of a record; `scans` is the role of scans."""
     if isinstance(record, TransformSample):
         return "tf_static" if record.is_static else "tf"
     return {
@@ -19,12 +19,12 @@ def role_of(record, scans="tilt_scan"):
 
 
 class Fed:
-    """A processor behind an intake of its own.
+    """A processor with its own intake.
 
     Attributes
     ----------
     robot, processor
-        The two.
+        The intake of records, and the processor of its events.
     """
 
     def __init__(self, processor, scans, **options):
@@ -37,11 +37,11 @@ class Fed:
         return self.robot.dropped + getattr(self.processor, "dropped", type(self.robot.dropped)())
 
     def add(self, record):
-        """Give one record; return what the processor returns for its events."""
+        """Add one record; return the results of the processor for its events."""
         return self._take(self.robot.add(role_of(record, self.scans), record))
 
     def finish(self):
-        """End the input."""
+        """End the input; return the last results."""
         last = self._take(self.robot.flush())
         return last + (self.processor.finish() if hasattr(self.processor, "finish") else [])
 

@@ -1,4 +1,4 @@
-"""Short recordings for the tests of fleets, and what may differ between two replays of one."""
+"""Short recordings for the tests of fleets, and comparison of their replays."""
 
 import shutil
 from pathlib import Path
@@ -9,11 +9,11 @@ from tccm_sim.options import Options
 from tccm_sim.recording import simulate
 
 VARYING = {"timing.json", "report.html", "fleet.json"}
-"""Files that hold times of the clock."""
+"""Files with clock times, which differ between replays."""
 
 
 def write_recordings(folder: Path, count: int) -> Path:
-    """Write simulated recordings of two seconds; their names differ."""
+    """Write simulated recordings of two seconds with different names."""
     folder.mkdir(parents=True)
     first = simulate("situation_a", folder / "robot_0", options=Options(duration=2.0))
     for k in range(1, count):
@@ -22,7 +22,7 @@ def write_recordings(folder: Path, count: int) -> Path:
 
 
 def write_bad_recordings(folder: Path, whole: Path) -> Path:
-    """Write files that cannot be replayed: damaged, empty, of something else than a robot."""
+    """Write files that cannot be replayed: damaged, empty, or not of a robot."""
     folder.mkdir()
     content = next(whole.rglob("*.mcap")).read_bytes()
     (folder / "truncated.mcap").write_bytes(content[: len(content) // 2])
@@ -47,5 +47,5 @@ def _write_words(path: Path, count: int) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Return the bytes of a result folder's files that are the same in each replay."""
+    """Return the bytes of a result folder's files that do not depend on clock times."""
     return {p.name: p.read_bytes() for p in sorted(folder.iterdir()) if p.name not in VARYING}

@@ -1,4 +1,4 @@
-"""Surfaces of furniture with the errors that those of a map have."""
+"""Surfaces of furniture with the errors of mapped surfaces."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from tccm_ros.surfaces.merged_surface import MergedSurface
 
 
 def noisy_surface(polygon, height, rng):
-    """Return a surface whose outline loses up to 2 cm, and whose height errs by 3 mm."""
+    """Return a surface with an outline up to 2 cm too small and a height error of 3 mm."""
     seen = polygon.buffer(-rng.uniform(0.0, 0.02))
     x, y, z = *seen.centroid.coords[0], height + rng.normal(0.0, 0.003)
     normal = np.array([0.0, 0.0, 1.0])

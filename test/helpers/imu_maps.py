@@ -1,4 +1,4 @@
-"""Maps of one simulated drive, with an IMU and without."""
+"""Maps of one simulated drive with and without an IMU."""
 
 from tccm_ros.config import Config
 from tccm_ros.records import Imu

@@ -1,7 +1,7 @@
 """A brute-force TCCM on Python integers: intervals as sets of unit steps, moments as plain sums.
 
-Nothing of the package is used. Heights are ticks; a cuboid (bottom, top) covers the unit steps
-bottom .. top - 1. That is slow and easy to verify.
+It uses no code of the package. Heights are in ticks; a cuboid (bottom, top) covers the unit steps
+bottom .. top - 1. The code is slow and easy to verify.
 """
 
 from collections import defaultdict
@@ -19,7 +19,7 @@ def part_cuboids(points, cell, depth):
 
 
 def _components(points, depth):
-    """Join points while any interval of one touches any of the other: no sorting."""
+    """Return sets of points whose intervals touch, by pairwise merging without sorting."""
     groups = [[p] for p in points]
     joined = True
     while joined:
@@ -48,8 +48,8 @@ def moments_of(points):
 def pieces(parts):
     """Return {(ix, iy): [(bottom, top, cycle, index)]} of [(cycle, cuboids, voids)], oldest first.
 
-    Each unit step of height belongs to the newest part that covers it, unless a newer part saw
-    through it. `cuboids` is as from `part_cuboids`, `voids` {(ix, iy): [(bottom, top)]}.
+    Each unit step of height belongs to the newest part that covers it, unless a newer part has a
+    void there. `cuboids` is as from `part_cuboids`, `voids` {(ix, iy): [(bottom, top)]}.
     """
     owners = defaultdict(dict)
     for cycle, cuboids, voids in parts:

@@ -2,7 +2,7 @@
 
 The room is computed here, independently of the simulator: walls 3 m around, floor, table top at
 0.70 m.
-Nodes live on message time, so that seconds of a recording are sent in a moment.
+Nodes use message time, so that seconds of a recording can be sent at once.
 """
 
 from collections.abc import Iterable, Iterator
@@ -40,14 +40,14 @@ from tccm_ros.ros.writing import (
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000
-"""A tilting scan, a joint sample and an odometry sample each 50 ms; a level scan each 100 ms."""
+"""Period of tilting scans, joint samples and odometry, ns; level scans have twice this period."""
 
 CYCLE_SCANS = 20
 """Scans of one tilt cycle."""
 
 HEIGHT, WALL, TABLE = 1.2, 3.0, 0.70
 CHUNK = 30
-"""Records sent before the nodes must have them: less than the depth of the queues."""
+"""Maximum number of records in flight to the nodes: less than the depth of the queues."""
 
 URDF = """<robot name="small">
   <link name="{p}base"/><link name="{p}head"/><link name="{p}eye"/><link name="{p}low"/>
@@ -67,7 +67,7 @@ def tilt_at(k: float) -> float:
 
 
 def tilt_scan(stamp_ns: int, tilt: float, prefix: str = "", beams: int = 121) -> Scan:
-    """Return what the tilting laser sees from the middle of the room."""
+    """Return a scan of the tilting laser in the middle of the room."""
     bearings = np.linspace(-1.2, 1.2, beams)
     x, y = np.cos(bearings) * np.cos(tilt), np.sin(bearings)
     down = np.maximum(np.cos(bearings) * np.sin(tilt), 1e-9)
@@ -80,7 +80,7 @@ def tilt_scan(stamp_ns: int, tilt: float, prefix: str = "", beams: int = 121) ->
 
 
 def level_scan(stamp_ns: int, x: float, prefix: str = "") -> Scan:
-    """Return what the level laser sees x m ahead of the middle of the room."""
+    """Return a scan of the level laser x m ahead of the middle of the room."""
     bearings = np.linspace(-2.2, 2.2, 181)
     c, s = np.cos(bearings), np.sin(bearings)
     along = np.where(c > 0.0, WALL - x, WALL + x) / np.maximum(np.abs(c), 1e-9)
@@ -118,9 +118,9 @@ class Robot:
     Attributes
     ----------
     node
-        Its node, in a participant of its own.
+        Its node, in its own participant.
     sent
-        Messages sent by topic.
+        Numbers of sent messages, by topic.
     """
 
     def __init__(self, ros, *, namespace="", prefix="", reliable=True, described=True, name="bot"):
@@ -148,7 +148,7 @@ class Robot:
         self._publishers["robot_description"] = publisher
 
     def wait_until_described(self, *nodes) -> None:
-        """Wait until nodes have the description, if there is one: scans before it are dropped."""
+        """Wait until nodes have the description, if there is one; they drop earlier scans."""
         if "robot_description" in self._publishers:
             for node in nodes:
                 self.ros.spin_until(
@@ -169,13 +169,13 @@ class Robot:
         return build(self.types, record)
 
     def publisher(self, topic: str, message):
-        """Return the publisher of a topic, which is made for its first message."""
+        """Return the publisher of a topic; it is created for the first message."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(type(message), topic, self._qos)
         return self._publishers[topic]
 
     def publish(self, topic: str, message, *nodes) -> None:
-        """Publish one message, once these nodes hear its topic."""
+        """Publish one message after these nodes have matched its publisher."""
         publisher = self.publisher(topic, message)
         for node in nodes:
             if (topic, node) not in self._heard:
@@ -185,9 +185,9 @@ class Robot:
         self.sent[topic] = self.sent.get(topic, 0) + 1
 
     def play(self, records: Iterable[tuple[str, object]], *nodes, until_done: bool = True) -> None:
-        """Publish a recording, as fast as the nodes that listen take it.
+        """Publish a recording, at the speed of the subscribed nodes.
 
-        Where `until_done`, it returns when their workers have done what waits.
+        With `until_done` it returns when their workers have processed all messages.
         """
         self.wait_until_described(*nodes)
         received = [dict(node.inputs.counts()) for node in nodes]
@@ -215,14 +215,14 @@ class Robot:
 
 
 def topics_of(node) -> set[str]:
-    """Return the topics that a node publishes or hears."""
+    """Return the topics that a node publishes or subscribes to."""
     return {end.topic_name for end in (*node.publishers, *node.subscriptions)}
 
 
 def is_connected(writer, reader, topic: str) -> bool:
-    """Return whether two nodes know each other on a topic, and all ends there are matched.
+    """Return whether two nodes have discovered each other on a topic, with all endpoints matched.
 
-    Best effort loses what is sent before both sides know.
+    Best-effort messages that are sent before the match are lost.
     """
     readers = writer.get_subscriptions_info_by_topic(topic)
     writers = reader.get_publishers_info_by_topic(topic)
@@ -253,14 +253,14 @@ def listens(node, name: str) -> bool:
 
 
 def wait_until_done(ros, node) -> None:
-    """Wait until a node's worker has done everything that waits."""
+    """Wait until a node's worker has processed its queue."""
     done: list[int] = []
     node.worker.post(lambda: done.append(1))
     ros.spin_until(lambda: done, what="the worker")
 
 
 def end_input(node) -> None:
-    """Have a node work on all that waits, as before a map is saved."""
+    """Have a node process all pending input, as before a map is saved."""
     node.robot.flush()
     node.worker.wait(node.end_input)
 
@@ -298,14 +298,14 @@ def _node(ros, kind, namespace, context, words, values):
 
 
 class Listener:
-    """Collects the messages of topics."""
+    """Node that collects the messages of topics."""
 
     def __init__(self, ros, name="listener"):
         self.ros = ros
         self.node = ros.add(Node(name, context=ros.another_context()))
 
     def listen(self, kind, topic, *, latched=False, depth=100) -> list:
-        """Return the list into which the messages of a topic come."""
+        """Subscribe to a topic; return the list to which its messages are appended."""
         got: list = []
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         self.node.create_subscription(

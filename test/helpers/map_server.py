@@ -1,11 +1,11 @@
-"""Maps as nav2_map_server reads them."""
+"""Reader of maps like nav2_map_server."""
 
 import numpy as np
 import yaml
 
 
 def as_map_server_reads(path):
-    """Read a map by the rules of nav2_map_server's trinary mode."""
+    """Return a map, read by the rules of nav2_map_server's trinary mode."""
     about = yaml.safe_load(path.read_text())
     kind, size, depth, data = (path.parent / about["image"]).read_bytes().split(b"\n", 3)
     width, height = map(int, size.split())

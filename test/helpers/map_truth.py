@@ -1,4 +1,4 @@
-"""Errors of a map's walls and surfaces against the truth beside a simulated recording."""
+"""Errors of a map's walls and surfaces relative to the truth of a simulated recording."""
 
 import json
 
@@ -19,9 +19,9 @@ MAX_WALL_DISTANCE = 0.3
 def wall_errors(folder, truth, *, fitted=False):
     """Return the distance of each wall's ends from the nearest parallel true face, m.
 
-    Faces are those of walls and, as a level laser cannot tell them, of furniture. With `fitted`,
-    the map is first moved as a whole to where it fits best: its frame is the first pose's, whose
-    yaw is as uncertain as the odometry.
+    Faces are those of walls and of furniture, which a level laser cannot distinguish. With `fitted`
+    the whole map is first aligned with the truth: its frame is that of the first pose, whose yaw is
+    as uncertain as the odometry.
     """
     faces = _faces(truth)
     walls = [np.array(w["endpoints"]) for w in _read(folder / "walls.json")["walls"]]
@@ -52,7 +52,7 @@ def _faces(truth):
 
 
 def _nearest(ends, faces):
-    """Return the parallel face near a wall's middle that its ends are nearest to; or None."""
+    """Return the parallel face near a wall's middle that is nearest to its ends, or None."""
     middle = shapely.Point(ends.mean(axis=0))
     near = [
         face
@@ -73,9 +73,9 @@ def _offsets(ends, face):
 
 
 def surface_errors(folder, truth):
-    """Return the height error of each true top that was found, m, and how many surfaces each has.
+    """Return the height error of each found true top, m, and the number of surfaces of each top.
 
-    A top is that of the surface that overlaps it most; the counts are of surfaces at its place.
+    A top is matched with the surface that overlaps it most; the count is of surfaces at its place.
     """
     tops = _read(truth / "truth.json")["surfaces"]
     found = surfaces_of_tops(folder, truth)
@@ -84,7 +84,7 @@ def surface_errors(folder, truth):
 
 
 def surfaces_of_tops(folder, truth):
-    """Return the surfaces at the place of each true top, those that overlap it most first."""
+    """Return the surfaces at the place of each true top, by falling overlap."""
     found = _read(folder / "surfaces.json")["surfaces"]
     polygons = [shapely.make_valid(shapely.Polygon(np.array(s["boundary"])[:, :2])) for s in found]
     tops = []

@@ -18,7 +18,7 @@ def family(name):
 
 
 def to_bag_message(types, msgtype, message):
-    """Return a message as a bag would give it: through its CDR bytes."""
+    """Return a message as read from a bag, by its CDR bytes."""
     if types is TYPESTORE:
         data = TYPESTORE.serialize(msgtype, message)
     else:

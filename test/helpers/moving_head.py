@@ -1,6 +1,6 @@
-"""A robot in the room of `live_robot` whose tilt joint a simulated controller moves.
+"""A robot in the room of `live_robot`, with a simulated controller of its tilt joint.
 
-Time is that of its messages: each step of the world publishes odometry, the joint and both scans.
+Its messages define the time: each step publishes odometry, the joint and the scans.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from rclpy.task import Future
 from tccm_ros.records import JointSample, Odometry
 
 TILT_STEP = 0.02
-"""The joint turns by so much in a step, rad."""
+"""Maximum motion of the joint in a step, rad."""
 
 
 class MovingHead:
@@ -21,11 +21,12 @@ class MovingHead:
     Attributes
     ----------
     x
-        Place of the base, m; `speed` is added at each step.
+        Position of the base, m; `speed` is added at each step.
     tilts
-        Targets that the controller was sent to, rad.
+        Targets received by the controller, rad.
     refuses, error_code, holds
-        How the controller fails: it refuses, it fails, it waits until it is cancelled.
+        Failures of the controller: it rejects a goal, it aborts with an error code, or it holds a
+        goal until it is cancelled.
     """
 
     def __init__(self, ros, *nodes, controller: str = "head_controller/follow_joint_trajectory"):
@@ -54,7 +55,7 @@ class MovingHead:
             self._server.destroy()
 
     def step(self) -> None:
-        """Publish what is measured now; time goes on."""
+        """Publish the current measurements, and advance the time."""
         self.tilt += float(np.clip(self._target - self.tilt, -TILT_STEP, TILT_STEP))
         now, x = START_NS + self._k * STEP_NS, self.x
         T = np.eye(4)
@@ -73,7 +74,7 @@ class MovingHead:
         self.x += self.speed
 
     def until(self, predicate, what: str = "") -> None:
-        """Let time go on until something holds: a step whenever the nodes have taken the last."""
+        """Step until the predicate holds, each time after the nodes have received the last step."""
 
         def look():
             if predicate():

@@ -1,8 +1,8 @@
 """A model of nav2_costmap_2d::ObstacleLayer in numpy, after its documentation and source.
 
-Points of a source count between two heights. Those of a clearing source free the cells on the ray
-from the sensor to each of them, as far as `raytrace_max_range`; those of a marking source that are
-within `obstacle_max_range` of the sensor mark their cells afterwards.
+Points of a source are used between two heights. Points of a clearing source free the cells on the
+ray from the sensor, up to `raytrace_max_range`. Afterwards points of a marking source within
+`obstacle_max_range` of the sensor mark their cells.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ DEFAULTS = {
     "marking": True, "clearing": False, "min_obstacle_height": 0.0, "max_obstacle_height": 0.0,
     "obstacle_min_range": 0.0, "obstacle_max_range": 2.5, "raytrace_max_range": 3.0,
 }  # fmt: skip
-"""Parameters of a source, where nothing is written (docs.nav2.org, Obstacle Layer)."""
+"""Default parameters of a source (docs.nav2.org, Obstacle Layer)."""
 
 CELL_M, HALF_M = 0.05, 4.0
 UNKNOWN, FREE, LETHAL = -1, 0, 1
@@ -33,7 +33,7 @@ class Source(NamedTuple):
 
     @classmethod
     def of(cls, written: dict) -> "Source":
-        """Return a source as it is written in a parameter file."""
+        """Return the source of an entry in a parameter file."""
         return cls(**{key: written.get(key, default) for key, default in DEFAULTS.items()})
 
     def taken(self, points: np.ndarray) -> np.ndarray:
@@ -53,7 +53,7 @@ class ObstacleLayer:
         self.cells = np.full((count, count), UNKNOWN)
 
     def update(self, origin: np.ndarray, points: np.ndarray) -> None:
-        """Take a cloud (N, 3), seen from an origin (3,), by all sources."""
+        """Update the cells by a cloud (N, 3) of all sources, measured from an origin (3,)."""
         for source in self.sources:
             if source.clearing:
                 for point in source.taken(points):
@@ -81,7 +81,7 @@ class ObstacleLayer:
         return np.floor((xy + HALF_M) / CELL_M).astype(int).T
 
     def within(self, x: tuple[float, float], y: tuple[float, float]) -> np.ndarray:
-        """Return the cells whose middles are in a rectangle."""
+        """Return the cells with their middles in a rectangle."""
         middles = (np.arange(len(self.cells)) + 0.5) * CELL_M - HALF_M
         in_x, in_y = ((middles > low) & (middles < high) for low, high in (x, y))
         return self.cells[np.ix_(in_x, in_y)]

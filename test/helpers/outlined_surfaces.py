@@ -1,4 +1,4 @@
-"""Make surfaces of given outlines."""
+"""Surfaces with given outlines."""
 
 import numpy as np
 import shapely
@@ -13,7 +13,7 @@ RECTANGLE_WITH_HOLE = box(0, 0, 2, 1).difference(box(0.4, 0.2, 1.6, 0.8))
 
 
 def surface(polygon, slope=(0.0, 0.0), height=0.74, label="table", number=3):
-    """Return a surface of an outline; `slope` is the rise of its plane along x and y."""
+    """Return a surface with an outline; `slope` is the rise of its plane along x and y."""
     normal = np.array([-slope[0], -slope[1], 1.0])
     normal /= np.linalg.norm(normal)
     centroid = np.array([*polygon.centroid.coords[0], height])

@@ -1,6 +1,7 @@
 """A floor plan of line segments, a robot that drives in it, and its level scans: the tests' truth.
 
-It shares no code with what it tests: rays are cut with segments by their own formula.
+It has no code in common with the code under test: rays and segments are intersected by its own
+formula.
 """
 
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ def box(x0: float, y0: float, x1: float, y1: float) -> Float64:
 
 
 def ring(length: float = 12.0, width: float = 9.0, half: float = 1.0) -> Float64:
-    """Return a ring of corridors with niches, so that every part of it is different."""
+    """Return a ring of corridors with different niches in every part."""
     outer = box(-half, -half, length + half, width + half)
     inner = box(half, half, length - half, width - half)
     blocks = [
@@ -84,7 +85,7 @@ def route(
 
 @dataclass
 class Run:
-    """Truth and what the robot measures: poses relative to the first."""
+    """True poses and measurements of a drive, relative to the first pose."""
 
     truth: Float64
     scans: list[PosedScan]
@@ -108,9 +109,10 @@ def drive(
     odometry: bool = True,
     start_ns: int = 10**18,
 ) -> Run:
-    """Drive along `poses` and scan at each.
+    """Return the run of a drive along `poses`, with a scan at each.
 
-    Odometry turns by `drift` rad/m and stretches by `scale`; `noise` is m and rad per root m.
+    Odometry has a yaw drift `drift`, rad/m, a scale error `scale`, and noise `noise`, m and rad per
+    root m.
     """
     random = np.random.default_rng(seed)
     bearings = np.linspace(-np.pi / 2, np.pi / 2, beams)
@@ -146,7 +148,7 @@ def drive(
 
 
 def errors(truth: Float64, poses: Float64) -> tuple[float, float]:
-    """Return the rms of position (m) and heading (rad)."""
+    """Return the rms errors of position (m) and heading (rad)."""
     dyaw = np.arctan2(np.sin(poses[:, 2] - truth[:, 2]), np.cos(poses[:, 2] - truth[:, 2]))
     return (
         float(np.sqrt(np.mean(np.sum((poses[:, :2] - truth[:, :2]) ** 2, axis=1)))),

@@ -1,4 +1,4 @@
-"""A small analytic laser and a plain part map, so that plane tests stand on their own numbers."""
+"""A small analytic laser and a plain part map, independent of the code under test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ EYE = np.array([0.0, 0.0, 1.52])
 
 
 def rays(tilts_deg=None, beams=569, fan_deg=240.0):
-    """Return directions (beams * tilts, 3): a laser that nods about y."""
+    """Return the directions (beams * tilts, 3) of a laser that tilts about y."""
     bearing = np.deg2rad(np.linspace(-fan_deg / 2, fan_deg / 2, beams))
     tilt = np.deg2rad(np.linspace(5, 65, 40) if tilts_deg is None else np.asarray(tilts_deg, float))
     b, t = np.meshgrid(bearing, tilt)
@@ -67,7 +67,7 @@ def room(back=2.6):
 
 
 def scan(patches, sigma=0.0, seed=0, eye=EYE, directions=None):
-    """Return points (N, 3) and the index of the patch that each was measured on."""
+    """Return points (N, 3) and the index of each point's patch."""
     directions = rays() if directions is None else directions
     ranges = np.stack([p.hit(eye, directions) for p in patches])
     nearest = ranges.argmin(axis=0)

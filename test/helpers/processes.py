@@ -1,4 +1,4 @@
-"""The nodes as processes of their own, as `ros2 run` starts them."""
+"""Nodes in their own processes, as started by `ros2 run`."""
 
 import os
 import re
@@ -14,12 +14,12 @@ from pathlib import Path
 from live_robot import recording
 
 PATIENCE_S = 300.0
-"""A wait that is this long has failed: a loaded machine takes many times what a free one takes."""
+"""Timeout of waits, s: many times the duration on an idle machine."""
 
 
 @contextmanager
 def started(domain: int, module: str, *arguments: str, before: str = "", **options):
-    """Start a node; whatever happens, it is gone at the end.
+    """Start a node; it is always terminated at the end.
 
     `before` is a script that runs first; `options` are those of `subprocess.Popen`.
     """
@@ -45,20 +45,20 @@ def settings(**values) -> list[str]:
 
 
 def play_until(ros, robot, cycles: float, is_done: Callable[[], object], what: str, **options):
-    """Play a short recording to a node in another process, each time later, until something holds.
+    """Play a short recording to a node in another process until `is_done`.
 
-    The subscriptions of that process find the robot's publishers one after another, and nothing
-    here tells of the last one. Scans that come before the description or the joints are dropped;
-    those of a later recording are not.
+    Each repetition has later stamps. The subscriptions of that process discover the robot's
+    publishers one after another, and the last match cannot be observed here. Scans that arrive
+    before the description or the joints are dropped; those of a later recording are not.
 
     Parameters
     ----------
     cycles, options
-        As for `live_robot.recording`; less than a queue holds.
+        As for `live_robot.recording`; with fewer messages than the depth of a queue.
     is_done
-        Called after each recording. It asks the node, and thus waits until the node has time.
+        Called after each recording. It calls the node, and so waits for its pending work.
     what
-        Is waited for, for the message of a failure.
+        Name of the condition, for the message of a failure.
     """
     end = time.monotonic() + PATIENCE_S
     while True:
@@ -73,7 +73,7 @@ def play_until(ros, robot, cycles: float, is_done: Callable[[], object], what: s
 
 
 def read_until(process, pattern: str) -> str:
-    """Return what a process prints up to a pattern."""
+    """Return the output of a process up to a pattern."""
     text, end = "", time.monotonic() + PATIENCE_S
     while not re.search(pattern, text):
         assert time.monotonic() < end, text
@@ -85,13 +85,13 @@ def read_until(process, pattern: str) -> str:
 
 
 def children(process) -> list[int]:
-    """Return the ids of the processes that a process has started."""
+    """Return the ids of the child processes of a process."""
     text = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
     return [int(word) for word in text.split()]
 
 
 def stop(process, number=signal.SIGINT, timeout: float = PATIENCE_S) -> tuple[int, str]:
-    """Send a signal; return the exit status and what was printed."""
+    """Send a signal; return the exit status and the output."""
     process.send_signal(number)
     output, _ = process.communicate(timeout=timeout)
     return process.returncode, output

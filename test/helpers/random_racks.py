@@ -1,4 +1,4 @@
-"""Racks of boards at random, and a robot that looks into them: worlds with their true spaces."""
+"""Random racks of boards and a robot that observes them: worlds with their true spaces."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,7 +25,7 @@ SENSORS = {
     "camera": {"robot": "fetch"},
     "lidar": {"lidar": True, "tilt": False},
 }
-"""Simulator options by the kind of sensor."""
+"""Simulator options by kind of sensor."""
 
 ROOM = (4.6, 4.4)
 PAUSE = 5.4
@@ -42,7 +42,7 @@ class TrueSpace:
     width, depth, height
         m.
     closed
-        Which of left, right and back have a panel.
+        The sides of left, right and back with a panel.
     """
 
     T_world_front: np.ndarray
@@ -54,7 +54,7 @@ class TrueSpace:
 
 @dataclass(frozen=True)
 class Rack:
-    """A world with a rack, and the spaces in it from the lowest up."""
+    """A world with a rack, and the true spaces in it from the lowest up."""
 
     world: object
     spaces: tuple[TrueSpace, ...]
@@ -62,7 +62,7 @@ class Rack:
 
 
 def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
-    """Return the rack of a seed, seen by a kind of sensor; `settings` are simulator options."""
+    """Return the rack of a seed, for a kind of sensor; `settings` are simulator options."""
     rng = np.random.default_rng(seed)
     scene = Scene()
     box_room(scene, (0.0, ROOM[0]), (0.0, ROOM[1]))
@@ -84,7 +84,7 @@ def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
     ):
         if is_closed:
             place.box("panel", v, u, (0.0, high))
-    for u in (width / 2 - 0.015, -width / 2 + 0.015):  # posts of what has no panels
+    for u in (width / 2 - 0.015, -width / 2 + 0.015):  # posts of sides without panels
         if not closed[0 if u > 0 else 1]:
             for v in (0.015, depth - 0.015):
                 place.box("post", (v - 0.012, v + 0.012), (u - 0.012, u + 0.012), (0.0, high))
@@ -124,7 +124,7 @@ class _Place:
 
 
 def _door(place, rng, tops, width):
-    """Add a door that stands open, before the lowest space, hinged on the left."""
+    """Add an open door before the lowest space, hinged on the left."""
     angle, leaf = rng.uniform(1.2, 2.0), 0.5 * width
     hinge = np.array([0.0, width / 2])
     along = np.array([-sin(angle), -cos(angle)])
@@ -160,14 +160,14 @@ def _world(scene, front, yaw, seed, rng, options):
 
 
 def mapped(rack: Rack, seed: int, folder, config=None):
-    """Return the outcome of a replay of a rack's recording, and float64 (4, 4) map from world."""
+    """Return the outcome of a replay of a rack's recording, and T_map_world, float64 (4, 4)."""
     simulation = Simulation(rack.world, seed, rack.options)
     bag = record(simulation, folder, overwrite=True)
     return run_bag(bag, config or Config()), map_from_world(simulation)
 
 
 def same_space(found, spaces, T_map_world):
-    """Return the true space that a compartment is; None where there is none at its place."""
+    """Return the true space at a compartment's place, or None."""
     for space in spaces:
         T = inverse(T_map_world @ space.T_world_front) @ found.T_map_front
         is_here = abs(T[2, 3]) < 0.02 and np.abs(T[:2, 3]).max() < 0.1 and T[0, 0] > 0.95
@@ -177,8 +177,8 @@ def same_space(found, spaces, T_map_world):
 
 
 class Insertions(NamedTuple):
-    """Of insertions at random: true and visible ones, those of them that are offered, offered ones
-    that cut a solid, and points that were looked at in offered ones."""
+    """Counts of random insertions: free and visible ones, those of them that are offered, offered
+    ones that intersect a solid, and sample points in offered ones."""
 
     free: int
     offered: int
@@ -187,21 +187,20 @@ class Insertions(NamedTuple):
 
 
 CLEARANCE = 0.02
-"""Stays free around swept boxes, m: the default of `PlacementRequest`."""
+"""Clearance around swept boxes, m: the default of `PlacementRequest`."""
 
 MAX_EYES = 12
-"""Places of sensors from which boxes are looked at: more see nothing else."""
+"""Maximum number of sensor positions in the visibility test: further ones add nothing."""
 
 VISIBLE = 0.97
-"""Fraction of points of a swept box that sensors could see, of a box that could be seen."""
+"""Minimum fraction of visible points of a visible swept box."""
 
 
 def insertions(rack, outcome, T_map_world, count, seed):
-    """Compare insertions at random with the solids.
+    """Return the counts of random insertions, compared with the solids.
 
-    An insertion counts as free where its box and `CLEARANCE` around it cut no solid, and as
-    visible where the sensor could see nearly all of it from some of its places: nothing can be
-    said of the rest.
+    An insertion is free if its box with `CLEARANCE` around it intersects no solid. It is visible if
+    nearly all of it is visible from the sensor positions; the others are not evaluated.
     """
     rng = np.random.default_rng(seed)
     frozen, tally = rack.world.scene.freeze(), np.zeros(4, int)
@@ -236,7 +235,7 @@ def insertions(rack, outcome, T_map_world, count, seed):
 
 
 def cuts(rack, space, T_map_world, place, request, count=2000):
-    """Return how many points of a placement's swept box are in a solid."""
+    """Return the number of sample points of a placement's swept box in a solid."""
     rng, T = np.random.default_rng(0), space.T_map_front
     middle = transform(inverse(T), place.position[None])[0, :2]
     along = abs(np.cos(place.yaw) * T[0, 0] + np.sin(place.yaw) * T[1, 0]) > 0.5
@@ -247,7 +246,7 @@ def cuts(rack, space, T_map_world, place, request, count=2000):
 
 
 def _is_offered(space, middle, size, hand):
-    """Return whether an insertion is among those that are found free."""
+    """Return whether a compartment's free space contains an insertion."""
     height, (x, y) = max(size[2], hand.height), middle
     is_on = x >= 0.5 * size[0] and abs(y) + 0.5 * size[1] <= 0.5 * space.compartment.width
     if not is_on or height > space.compartment.height:
@@ -257,7 +256,7 @@ def _is_offered(space, middle, size, hand):
 
 
 def _eyes(outcome, T_map_world):
-    """Return where the sensors were in the views with most hits, in the world."""
+    """Return the sensor positions of the views with most hits, in the world."""
     views, poses = outcome.slam.map.views, outcome.solution.view_poses.T_map_view
     seen = [(-len(v.hits), k) for k, v in enumerate(views) if v.viewpoint is not None]
     return [
@@ -267,7 +266,7 @@ def _eyes(outcome, T_map_world):
 
 
 def _swept(rng, middle, size, hand, margin, count):
-    """Return points (count, 3) in a swept box, in the frame of a front; 3 mm are the board's."""
+    """Return points (count, 3) in a swept box, 3 mm over the board, in the frame of a front."""
     width, height = max(size[1], hand.width) + 2 * margin, max(size[2], hand.height) + margin
     x = rng.uniform(-APPROACH, middle[0] + 0.5 * size[0] + margin, count)
     y = middle[1] + rng.uniform(-0.5, 0.5, count) * width
@@ -275,7 +274,7 @@ def _swept(rng, middle, size, hand, margin, count):
 
 
 def inside(solids, points, grown=0.0):
-    """Return which points (N, 3) in the world are in a box that is grown by a length, bool (N,)."""
+    """Return which points (N, 3) in the world are in a solid grown by a length, bool (N,)."""
     found = np.zeros(len(points), bool)
     for solid in solids:
         local = np.abs(transform(inverse(solid.T_world_solid), points))

@@ -1,4 +1,4 @@
-"""Random robot descriptions, and their poses by another library."""
+"""Random robot descriptions, and their poses by pinocchio."""
 
 import numpy as np
 import pytest

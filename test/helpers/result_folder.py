@@ -1,6 +1,6 @@
-"""Write a result folder of a flat without a replay: two rooms, a kitchen, ten surfaces.
+"""A result folder of a flat, written without a replay: two rooms, a kitchen, ten surfaces.
 
-Tests of the report need neither a bag nor the processors with it.
+With it tests of the report need neither a bag nor the processors.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def as_cuboids(ix, iy, bottom, top):
 
 
 def write_json(path, model):
-    """Write a model with all digits, so that values are read back exactly."""
+    """Write a model with all digits, so that a reader gets the exact values."""
     path.write_text(json.dumps(model, default=plain, indent=1), encoding="utf-8")
 
 
@@ -167,7 +167,7 @@ def plain(value):
 
 
 def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) -> Path:
-    """Write a result folder with all files, the same bytes on every call."""
+    """Write a result folder with all files; every call writes equal bytes."""
     folder.mkdir(parents=True, exist_ok=True)
     surfaces = tuple(surface(i, *item) for i, item in enumerate(FURNITURE))
     write_json(folder / "surfaces.json", SurfacesFile(floor_z=FLOOR_Z, surfaces=surfaces))

@@ -1,6 +1,6 @@
 """A room of horizontal boards and vertical screens, seen by an ideal tilting laser.
 
-Beams are cast by the simulator, which has no code in common with the mapping.
+The simulator casts the beams; it has no code in common with the mapping.
 """
 
 from dataclasses import dataclass, field
@@ -65,9 +65,9 @@ class Room:
 
 @lru_cache(maxsize=512)
 def _seen(boards, screens, pose, rows, columns, noise, seed, cell):
-    """Return points, the number of the board that each is on, and free intervals.
+    """Return points, the number of each point's board, and free intervals.
 
-    Many tests look at one room from the same places.
+    Results are cached, since many tests observe one room from the same poses.
     """
     beams = _beams(rows, columns)
     rays = beams @ _yaw_rotation(pose[2]).T
@@ -94,7 +94,7 @@ def _beams(rows, columns):
 
 
 def _cast(origin, rays, boards, screens):
-    """Return the board or screen that each ray hits (-1: none), counted in order, and how far."""
+    """Return the index of the board or screen that each ray hits, -1 for none, and the range."""
     scene = Scene()
     for b in boards:
         scene.box("board", (b.width, b.depth, 0.0), (b.x, b.y, b.z), (0.0, 0.0, b.yaw))

@@ -1,4 +1,4 @@
-"""Fixtures for tests with real rclpy: an own context and an own domain for each test."""
+"""Fixtures for tests with rclpy: each test has its own context and domain."""
 
 import fcntl
 import os
@@ -16,18 +16,18 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 DOMAINS = range(1, 100)
-"""Domains whose ports lie below the ephemeral ones."""
+"""Domains with ports below the ephemeral ones."""
 
 ASK_AGAIN_S = 60.0
-"""A request without an answer is made again after this time, s: longer than answers take."""
+"""Time after which a request without a response is repeated, s: longer than any response takes."""
 
 BETWEEN_NS = 5_000_000_000
-"""Between two recordings that are played to one process, ns: more than any wait in message time."""
+"""Interval between recordings played to one process, ns: more than any wait in message time."""
 
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Give a domain that no other test on this machine uses, in whatever process it runs."""
+    """Yield a domain that no other test on this machine uses, in any process."""
     first = os.getpid() % len(DOMAINS)
     for domain in (*DOMAINS[first:], *DOMAINS[:first]):
         path = Path(tempfile.gettempdir()) / f"tccm_ros_test_domain_{domain}.lock"
@@ -42,7 +42,7 @@ def own_domain() -> Iterator[int]:
 
 
 class Ros:
-    """A context, an executor, and a way to wait for something without sleeping."""
+    """A context and an executor, with waits for conditions without sleeping."""
 
     def __init__(self, context: Context, domain: int):
         self.context = context
@@ -53,22 +53,22 @@ class Ros:
         self._start_ns = START_NS
 
     def another_context(self) -> Context:
-        """Return a second participant in the same domain, as another process would be."""
+        """Return the context of a second participant in the domain, as of another process."""
         context = Context()
         rclpy.init(context=context, domain_id=self.domain)
         self._contexts.append(context)
         return context
 
     def add(self, node):
-        """Add a node to the executor; it is destroyed with the test."""
+        """Add a node to the executor; it is destroyed after the test."""
         self.executor.add_node(node)
         self._nodes.append(node)
         return node
 
     def remove(self, node) -> None:
-        """Take a node away, as if its process had ended; return when all others know it.
+        """Destroy a node, as if its process had ended; return when no other node lists it.
 
-        What is known of the dead could pass for the living that come after it.
+        Otherwise its endpoints could be mistaken for those of later nodes.
         """
         topics = topics_of(node)
         name = node.get_namespace(), node.get_name()
@@ -81,10 +81,10 @@ class Ros:
         )
 
     def connect(self, writer, reader, *topics: str) -> None:
-        """Wait until what one node publishes on some topics is heard by another.
+        """Wait until the publishers of one node on some topics are matched with another node.
 
-        Each pair of participants finds each other in its own time: that one reader hears a topic,
-        or that the graph shows it, tells nothing of another.
+        Participants discover each other in pairs: a match with one reader, or an entry in the
+        graph, does not imply a match with another reader.
         """
         for topic in topics:
             self.spin_until(
@@ -93,11 +93,11 @@ class Ros:
             )
 
     def robot(self, **options) -> Robot:
-        """Return a robot that publishes what its lasers see."""
+        """Return a robot that publishes scans of its lasers."""
         return Robot(self, **options)
 
     def start_of_recording(self, cycles: float) -> int:
-        """Return the stamp at which the next recording of some tilt cycles begins, ns."""
+        """Return the start stamp of the next recording of some tilt cycles, ns."""
         start_ns = self._start_ns
         self._start_ns += round(cycles * CYCLE_SCANS) * STEP_NS + BETWEEN_NS
         return start_ns
@@ -114,8 +114,8 @@ class Ros:
     def call(self, client, request):
         """Call a service and return its response.
 
-        The answer is lost where the client knows the service and is not known to it yet; then the
-        service is asked again.
+        The response is lost if the client has discovered the service, but not the service the
+        client; then the request is repeated.
         """
         self.spin_until(client.service_is_ready, what=client.srv_name)
         asked, ask_s, end = [], time.monotonic(), time.monotonic() + PATIENCE_S
@@ -136,7 +136,7 @@ class Ros:
 
 
 def _knows(node, name: tuple[str, str], topics: Iterable[str]) -> bool:
-    """Return whether a node still believes that another takes part in some topics."""
+    """Return whether a node still lists another among the endpoints of some topics."""
     return any(
         (end.node_namespace, end.node_name) == name
         for topic in topics
@@ -167,6 +167,6 @@ def ros() -> Iterator[Ros]:
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """Give a domain for processes."""
+    """Yield a domain for processes."""
     with own_domain() as number:
         yield number

@@ -50,7 +50,7 @@ def sample_messages(n=20, beams=30):
 
 
 def write_sample(path, n=20, beams=30, **options):
-    """Write the sample with the project's own writer."""
+    """Write the sample with the package's writer."""
     with BagWriter(path, typestore=TYPES, **options) as writer:
         for topic, msgtype, stamp, message in sample_messages(n, beams):
             writer.write(topic, msgtype, stamp, message)
@@ -58,7 +58,7 @@ def write_sample(path, n=20, beams=30, **options):
 
 
 def expected_records(n=20):
-    """Return how many records each role of the sample gives."""
+    """Return the number of records of each role in the sample."""
     return {
         "robot_description": 1,
         "tf_static": 2,

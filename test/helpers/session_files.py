@@ -1,4 +1,4 @@
-"""Files that are made once in a test session, whichever worker needs them first."""
+"""Files that the first worker that needs them creates, once in a test session."""
 
 import fcntl
 from collections.abc import Callable
@@ -12,9 +12,9 @@ BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 
 class SessionFiles:
-    """A folder that all workers of a session have in common.
+    """Common folder of all workers of a session.
 
-    Who changes what is in it takes a copy.
+    Tests that change a file must copy it.
     """
 
     def __init__(self, root: Path):
@@ -22,7 +22,7 @@ class SessionFiles:
         root.mkdir(exist_ok=True)
 
     def once(self, name: str, make: Callable[[Path], object]) -> Path:
-        """Return a path, after `make` has written it for the first who asks; others wait."""
+        """Return a path that `make` writes on the first call; concurrent calls wait for it."""
         path = self._root / name
         with (self._root / f"{name}.lock").open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""Recordings that are not part of the project: tests that use them say so when they are absent."""
+"""Recordings that are not part of the project; tests are skipped with a reason without them."""
 
 import os
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""Plates on walls, and what a camera tells of them: measurements from the truth, with noise.
+"""Plates on walls, and simulated camera measurements of them, with noise.
 
-It shares no code with what it tests: a plate is projected by its own formula, and is hidden where a
-ray of the plan ends before it.
+It has no code in common with the code under test: a plate is projected by its own formula, and
+occluded where a ray of the plan ends before it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ PLATE_CORNERS = np.array([[-20.0, -10.0], [20.0, -10.0], [20.0, 10.0], [-20.0, 1
 
 @dataclass(frozen=True)
 class Plate:
-    """A number on a wall: where (3,) and which way it faces, rad; what views read of it."""
+    """A number on a wall: position (3,), m, direction, rad, and the text read in views."""
 
     number: str
     position: tuple[float, float, float]
@@ -33,7 +33,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Cameras:
-    """Cameras that look to the left and right of the way ahead."""
+    """Cameras that look to the left and right of the direction of motion."""
 
     yaws: Sequence[float] = (0.6, -0.6)
     height: float = 1.1
@@ -68,11 +68,11 @@ class Pictures:
     Attributes
     ----------
     plates
-        In the frame of the plan.
+        Plates in the frame of the plan.
     walls
-        Of the plan; they hide plates.
+        Walls of the plan; they occlude plates.
     misread
-        What is read of a plate's number.
+        Returns the text read from a plate's number.
     roll_pitch
         Standard deviation of the base's roll and pitch, rad.
     """
@@ -87,7 +87,7 @@ class Pictures:
     def along(
         self, poses: Float64, stamps_ns: NDArray[np.int64], seed: int = 0, period: float = 0.5
     ) -> list[SignMeasurement]:
-        """Return what the pictures along a drive tell; poses (N, 3) in the frame of the plan."""
+        """Return the measurements along a drive; poses (N, 3) are in the frame of the plan."""
         random, told = np.random.default_rng(seed), []
         for pose, stamp in _taken(poses, stamps_ns, period):
             T_map_base = plan.matrix(pose)
@@ -101,7 +101,7 @@ class Pictures:
     def searched(
         self, poses: Float64, stamps_ns: NDArray[np.int64], period: float = 0.5
     ) -> list[SearchedPicture]:
-        """Return the pictures along a drive, whether they show a plate or not."""
+        """Return the pictures along a drive, with and without plates."""
         focal, center = np.full(2, FOCAL), np.array([WIDTH / 2, HEIGHT / 2])
         return [
             SearchedPicture(stamp, T, focal, center, (int(WIDTH), int(HEIGHT)))
@@ -139,7 +139,7 @@ class Pictures:
         return told
 
     def _pixel(self, plate: Plate, T_map_camera: Float64) -> Float64 | None:
-        """Return where a plate is in the picture; None where it cannot be read."""
+        """Return the pixel of a plate in the picture; None if it is not readable."""
         point = np.array(plate.position)
         away = T_map_camera[:3, 3] - point
         normal = np.array([np.cos(plate.facing), np.sin(plate.facing), 0.0])
@@ -160,7 +160,7 @@ class Pictures:
 def _taken(
     poses: Float64, stamps_ns: NDArray[np.int64], period: float
 ) -> Iterator[tuple[Float64, int]]:
-    """Yield the poses and stamps at which pictures are taken."""
+    """Yield the poses and stamps of pictures."""
     last = -np.inf
     for pose, stamp in zip(poses, stamps_ns.tolist()):
         if stamp * 1e-9 - last > period - 1e-6:
@@ -194,7 +194,7 @@ def two_laps() -> Float64:
 
 
 def one_digit_in_ten(text: str, random: np.random.Generator) -> str:
-    """Return a text of which one character is another digit, one time in ten."""
+    """Return a text; with probability 0.1 a random character is replaced by a random digit."""
     if random.random() > 0.1:
         return text
     i = int(random.integers(len(text)))

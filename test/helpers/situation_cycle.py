@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 FLOOR, WALL, SUBJECT, OTHER = 0, 1, 2, 3
-"""Labels: `SUBJECT` is the table's top or the shelf's front, `OTHER` all that is not named."""
+"""Labels: `SUBJECT` is the table's top or the shelf's front, `OTHER` any other solid."""
 
 LASER_HEIGHT = 1.52
 BEAMS, SCANS = 569, 40
@@ -46,12 +46,12 @@ class Cycle:
     points
         float64 (N, 3), of the beams that hit something, in scan and beam order, in base, m.
     labels
-        int64 (N,): `FLOOR`, `WALL`, `SUBJECT` or `OTHER`; what each beam hit.
+        int64 (N,), the solid that each beam hit: `FLOOR`, `WALL`, `SUBJECT` or `OTHER`.
     normal, offset
         The subject's true plane, ``normal . p = offset``: up for a table, towards the robot for a
         shelf.
     laser_height
-        Of the optical centre on the tilt axis, m.
+        Height of the optical centre on the tilt axis, m.
     """
 
     ranges: Array
@@ -90,18 +90,18 @@ def cycle(
     sigma, quantum
         Standard deviation and step of the ranges, m.
     seed
-        Of the noise.
+        Seed of the noise.
     yaw, pitch, translation
-        Turn, tilt and shift of the subject about its own centre, rad and m: a tilted table turns
-        its top towards the robot, a tilted shelf its front upwards.
+        Motion of the subject about its own centre, rad and m: a tilted table turns its top towards
+        the robot, a tilted shelf its front upwards.
     start
-        Time of the first beam, s; the arm of C is where it is at that time.
+        Time of the first beam, s; the arm of C has its position at that time.
     downwards
         Whether the tilt cycle goes from its first to its second limit.
     room
         Whether side walls, a rear wall and a ceiling close the scene, so that all beams return.
     scans, beams, tilt_limits
-        Of the tilt cycle; tilts in rad.
+        Numbers of scans and beams, and limits of the tilt, rad.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def cycle(
 def _frozen(
     name: str, yaw: float, pitch: float, translation: Vector, room: bool
 ) -> tuple[FrozenScene, NDArray[np.int64]]:
-    """Return the scene for rays, and the label of each code."""
+    """Return the scene for ray casting, and the label of each code."""
     scene = situation_scene(name, yaw, pitch, translation, room)
     labels = np.full(len(scene.solids) * FACES, OTHER)
     for i, solid in enumerate(scene.solids):

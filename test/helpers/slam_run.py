@@ -1,4 +1,4 @@
-"""A robot with odometry alone that looks around an ideal room: surface messages, no bags."""
+"""A robot with odometry and surface messages of an ideal room, without bags."""
 
 import numpy as np
 from room import Board, Room, Screen
@@ -28,7 +28,7 @@ def odometry(stamp_ns, place):
 
 
 def drive(slam, places=PLACES, start=(0.0, 0.0, 0.0), seed=0):
-    """Look from each place; odometry counts from `start`."""
+    """Add a view from each place; odometry is relative to `start`. Return the processor."""
     from tccm_ros.geometry import between2
 
     for k, place in enumerate(places):

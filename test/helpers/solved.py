@@ -1,4 +1,4 @@
-"""What a tracker takes of a solution, without the process that solves."""
+"""Solved maps for trackers, without the solver process."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from tccm_ros.slam.tracking import SolvedMap
 
 
 def solved_map(slam):
-    """Return a solution of a `WallSlam` and what a tracker takes of it."""
+    """Return a solution of a `WallSlam` and its `SolvedMap` for a tracker."""
     solution = slam.solve(every_covariance=False)
     newest = solution.keyframes[-1]
     keyframe = SolvedKeyframe(newest.id, newest.pose, solution.cov_keyframes[-1])

@@ -1,4 +1,4 @@
-"""A recording cut into parts, as by robots that drive one after the other."""
+"""A recording split into parts, as of robots that drive one after the other."""
 
 from pathlib import Path
 

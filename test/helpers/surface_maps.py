@@ -1,4 +1,4 @@
-"""Surface maps of simulated rooms, and how well they agree with the truth."""
+"""Surface maps of simulated rooms, and their agreement with the truth."""
 
 import numpy as np
 from room import Board
@@ -24,7 +24,7 @@ def poses_at(T_map_view):
 
 
 def build(looks, poses=None, config=None, order=None, *, sees_through=True):
-    """Map tilt cycles (room, pose, stamp) at their true poses, or at others."""
+    """Return the map of tilt cycles (room, pose, stamp) at their true poses, or at `poses`."""
     surface_map = SurfaceSlam(config or Config()).map
     records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
     if not sees_through:

@@ -1,4 +1,4 @@
-"""A tilting laser in closed form, for tests of the TCCM: no simulator, no project code."""
+"""A tilting laser in closed form, for tests of the TCCM, without simulator and package code."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tccm_ros.records import PosedScan, Scan
 HEIGHT = 1.52
 
 exactly = settings(deadline=None, max_examples=60)
-"""Examples of a property test; the first one may compile kernels."""
+"""Settings of a property test; the first example may compile kernels."""
 
 
 def config(**map_settings):
@@ -83,7 +83,7 @@ def part_of(points_ticks, cycle, settings):
 
 
 def as_dict(part):
-    """Return a part map in the oracle's form."""
+    """Return a part map in the format of `interval_oracle`."""
     ix, iy = key_cells(part.keys)
     result = {}
     for x, y, (bottom, top), moments in zip(
@@ -94,7 +94,7 @@ def as_dict(part):
 
 
 def void_part(part, voids):
-    """Return a part map that also saw through {(ix, iy): [(bottom, top)]}."""
+    """Return a part map with the voids {(ix, iy): [(bottom, top)]}."""
     rows = [(x, y, b, t) for (x, y), found in sorted(voids.items()) for b, t in sorted(found)]
     ix, iy, bottom, top = (np.array(c, np.int64) for c in zip(*rows, strict=True))
     return replace(

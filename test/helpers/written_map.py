@@ -5,7 +5,7 @@ from tccm_ros.nodes.map_files import map_files
 
 
 def write_map(folder, processor, solution):
-    """Write a solution of a `SurfaceSlam` as the nodes do, at once or not at all."""
+    """Write a solution of a `SurfaceSlam` atomically, as the nodes do."""
     with output_folder(folder) as made:
         files = map_files(processor, solution, "map", processor.saved(solution))
         for name, content in files.items():

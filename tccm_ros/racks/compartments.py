@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 from shapely.affinity import affine_transform
 
@@ -21,7 +23,6 @@ from tccm_ros.racks.hits import Hits, HitsInMap
 from tccm_ros.racks.seen_space import seen_space
 from tccm_ros.records import Surface
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
-from tccm_ros.union_find import find_root, merge_sets
 
 NEAR_RACK = 0.5
 """Maximum distance of hits that are used for a rack, m; chosen: more than the space grid extends
@@ -82,12 +83,12 @@ def _outline(surface: Surface) -> shapely.Geometry:
 
 def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
     """Return the sets of boards that are connected by overlaps seen from above, as indices."""
-    parent = np.arange(len(outlines)).astype(np.int32)
-    for a, b in shapely.STRtree(outlines).query(outlines, "intersects").T.tolist():
-        merge_sets(parent, a, b)
+    n = len(outlines)
+    a, b = shapely.STRtree(outlines).query(outlines, "intersects")
+    links = coo_array((np.ones(len(a), bool), (a, b)), shape=(n, n))
     groups: dict[int, list[int]] = {}
-    for k in range(len(outlines)):
-        groups.setdefault(int(find_root(parent, k)), []).append(k)
+    for k, label in enumerate(connected_components(links, directed=False)[1].tolist()):
+        groups.setdefault(label, []).append(k)
     return list(groups.values())
 
 

@@ -92,8 +92,15 @@ def test_the_corners_of_the_floor_plan_are_closed(flat):
 def test_the_planning_scene_holds_all_but_the_floor(flat):
     surfaces = json.loads((flat / "surfaces.json").read_text())["surfaces"]
     text = (flat / "surfaces.scene").read_text()
-    names = [line for line in text.splitlines() if line.startswith("* ")]
-    assert names == [f"* tccm_surface_{s['id']}" for s in surfaces if s["label"] != "floor"]
+    names = [line[2:] for line in text.splitlines() if line.startswith("* ")]
+    tops = [f"tccm_surface_{s['id']}" for s in surfaces if s["label"] != "floor"]
+    assert [name for name in names if not name.startswith("tccm_rack_")] == tops
+    # Panels of racks: the measured sides, backs and lower sides of their compartments.
+    racks = json.loads((flat / "racks.json").read_text())
+    boards = {str(c["board"]) for c in racks["compartments"]}
+    panels = [name.split("_")[2] for name in names if name.startswith("tccm_rack_")]
+    assert panels
+    assert set(panels) <= boards
 
 
 def test_the_trajectory_is_better_than_raw_odometry(flat):

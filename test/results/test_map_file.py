@@ -234,8 +234,8 @@ save_map(path, saved, solution)
 NO_SOLUTION = (
     "__import__('types').SimpleNamespace(surfaces=(), mapped=__import__('types').SimpleNamespace("
     "points=__import__('numpy').zeros((0, 3), 'f4'), surface_id=__import__('numpy').zeros(0, 'u4')"
-    "), objects=(), slam=__import__('types').SimpleNamespace(walls=(), keyframes=(), "
-    "signs=()), stamp_ns=0)"
+    "), objects=(), compartments=(), slam=__import__('types').SimpleNamespace(walls=(), "
+    "keyframes=(), signs=()), stamp_ns=0)"
 )
 
 

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.nodes.map_records import MapEvent, objects_of, surfaces_of
+from tccm_ros.nodes.map_records import (
+    MapCompartment,
+    MapEvent,
+    compartments_of,
+    objects_of,
+    surfaces_of,
+)
+from tccm_ros.racks.outline import box_edges
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.view.live_state import MARGIN_M, Entities, free_entity, rounded, surface_entity
 
@@ -67,6 +74,8 @@ def entities_of(message: Any) -> Entities:
         if rings:
             name = names.get(area.surface_id, "")
             found[f"free/{area.surface_id}"] = free_entity(name, rings)
+    for k, space in enumerate(compartments_of(message.compartments)):
+        found[f"compartment/{k}"] = _compartment(space)
     every = np.concatenate([np.zeros((1, 2)), *points])
     found["world"] = {
         "ground": round(ground, 3),
@@ -78,6 +87,22 @@ def entities_of(message: Any) -> Entities:
         ],
     }
     return found
+
+
+def _compartment(space: MapCompartment) -> dict[str, Any]:
+    middle, R = space.T_map_front[:3, 3], space.T_map_front[:3, :3]
+    front = middle + 0.5 * space.width * np.array([R[:, 1], -R[:, 1]])
+    edges = box_edges(front, R[:, 0], space.depth, space.height)
+    return {
+        "board": space.board_id,
+        "width": round(space.width, 3),
+        "depth": round(space.depth, 3),
+        "height": round(space.height, 3),
+        "sides": [space.left, space.right],
+        "back": space.back,
+        "ceiling": space.ceiling,
+        "edges": [[rounded(end) for end in ends] for ends in edges],
+    }
 
 
 def event_text(event: MapEvent) -> str:

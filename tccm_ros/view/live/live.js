@@ -75,6 +75,7 @@ class Live {
     for (let i = 0; i < path.xy.length; i += 2) points.push(path.xy[i], path.xy[i + 1], world.ground + 0.01);
     return { ...world, palette: [], colors: WORLD_COLORS, surfaces,
       walls: this.ofKind('wall'), objects: this.ofKind('object'), free: this.ofKind('free'),
+      racks: this.ofKind('compartment'),
       surfaceIds: surfaces.filter((s) => !s.floor).map((s) => s.id),
       path: { length: path.length, points, stamps: [], poses: [] },
       places: [], planes: [], final: null, cores: null, cycles: null };

@@ -1,0 +1,27 @@
+"""Messages of the map as entities of the live page."""
+
+import numpy as np
+import pytest
+
+from tccm_ros.nodes.interfaces import has_interfaces
+
+pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
+
+
+def test_a_compartment_has_its_box_and_an_arrow_through_its_front():
+    from tccm_interfaces.msg import Compartment, SurfaceMap
+
+    from tccm_ros.nodes.live_entities import entities_of
+
+    space = Compartment(board_id=7, width=0.8, depth=0.3, height=0.35, back=1, left=2)
+    space.front.position.x, space.front.position.y, space.front.position.z = 1.0, 2.0, 0.5
+    space.front.orientation.w = 1.0  # insertion along x
+    found = entities_of(SurfaceMap(compartments=[space]))["compartment/0"]
+    assert (found["board"], found["back"], found["sides"][0]) == (7, "measured", "open")
+    edges = np.array(found["edges"])
+    box = edges[:12].reshape(-1, 3)
+    np.testing.assert_allclose(box.min(axis=0), [1.0, 1.6, 0.5], atol=1e-3)
+    np.testing.assert_allclose(box.max(axis=0), [1.3, 2.4, 0.85], atol=1e-3)
+    # The arrow comes from outside and ends in the middle of the front edge.
+    np.testing.assert_allclose(edges[12:, 1], [[1.0, 2.0, 0.5]] * 3, atol=1e-3)
+    assert (edges[12:, 0, 0] < 1.0).all()

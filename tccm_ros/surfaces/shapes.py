@@ -257,8 +257,9 @@ def _refined(
 def _refined_round(model: RoundModel, sampler: EdgeSampler) -> tuple[RoundModel, Float64]:
     """Refine a round model by last points; return it and the sigmas of its polygon's edges, m."""
     model, cov = refine_round(model, sampler)
-    J, _ = edge_jacobian(model, 2.0 * np.pi / CAP_CORNERS * (np.arange(CAP_CORNERS) + 0.5))
-    return model, np.sqrt(np.einsum("ki,ij,kj->k", J, cov, J))
+    step = 2.0 * np.pi / CAP_CORNERS
+    J, _ = edge_jacobian(model, np.linspace(0.5 * step, 2.0 * np.pi - 0.5 * step, CAP_CORNERS))
+    return model, np.asarray(np.sqrt(np.einsum("ki,ij,kj->k", J, cov, J)), np.float64)
 
 
 def _to_ends_of_fronts(

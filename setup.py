@@ -51,7 +51,7 @@ def files(folder: str, *patterns: str) -> list[str]:
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*", "tccm_sim"]),
     package_data={
         PACKAGE: [

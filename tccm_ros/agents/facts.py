@@ -182,7 +182,7 @@ class Motion(Protocol):
     """
 
     def approach(self, surface_id: int, spot: str, gap_m: float) -> ApproachFacts:
-        """Drive to a surface, or to a named spot unless its name is empty; gap 0 for the default."""
+        """Drive to a surface, or to a spot unless its name is empty; gap 0 for the default."""
 
     def retreat(self, distance_m: float) -> float:
         """Drive straight back; return the distance driven, m."""

@@ -203,7 +203,9 @@ class MapTools:
         found.sort(key=lambda item: -item.last_seen_s)
         named = sum(bool(item.label) for item in known)
         note = f"{named} of {len(known)} objects have a label, which a detector gives them"
-        return Objects(map=map_stamp(self._source), found=len(found), objects=found[:limit], note=note)
+        return Objects(
+            map=map_stamp(self._source), found=len(found), objects=found[:limit], note=note
+        )
 
     def find_placements(
         self,
@@ -255,7 +257,9 @@ class MapTools:
         """List what has changed after a stamp: surfaces and objects that came, moved or left."""
         known, note = self._source.changes()
         found = [change for change in known if change.stamp_s > stamp_s]
-        return Changes(map=map_stamp(self._source), found=len(found), changes=found[:limit], note=note)
+        return Changes(
+            map=map_stamp(self._source), found=len(found), changes=found[:limit], note=note
+        )
 
     # --- helpers ---
 

@@ -39,7 +39,7 @@ class LiveMotion:
         self._client.can_approach  # noqa: B018  makes the clients of the actions before the spinning
 
     def approach(self, surface_id: int, spot: str, gap_m: float) -> ApproachFacts:
-        """Drive to a surface, or to a named spot unless its name is empty; gap 0 for the default.
+        """Drive to a surface, or to a spot unless its name is empty; gap 0 for the default.
 
         Raises
         ------

@@ -167,7 +167,7 @@ def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> N
     mapped = [s for s in choice.streams if s.processor == "tccm"]
     level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
     for streams, used in (
-        (mapped, pipeline.tccm.counts["cycles"]),
+        (mapped, pipeline.tccm.counts["scans used"]),
         (level, pipeline.slam.counts["level scans"]),
     ):
         topics = [(s, choice.topics[s.role]) for s in streams if choice.counts[s.role]]

@@ -1,9 +1,9 @@
 """Read a robot description: links, joints and collision shapes.
 
-The text is untrusted: no entities of its own; a size limit; finite numbers only. As in
-ROS's own parser (tinyxml2), these are tolerated: whitespace before the declaration, two hyphens in
-a comment, undeclared prefixes, a bare ampersand, "<" in an attribute. A fault of one joint is stored with it and matters
-only if a chain needs that joint. Meshes are listed, not loaded.
+The text is untrusted: no entities of its own; a size limit; finite numbers only. As in ROS's own
+parser (tinyxml2), these are tolerated: whitespace before the declaration, two hyphens in a comment,
+undeclared prefixes, a bare ampersand, "<" in an attribute. A fault of one joint is stored with it
+and matters only if a chain needs that joint. Meshes are listed, not loaded.
 """
 
 import re

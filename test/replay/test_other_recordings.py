@@ -168,6 +168,6 @@ def test_a_tilting_laser_without_a_usable_scan_is_an_error_beside_a_level_one(tm
 
     bag = eb.edited(BUNDLED / "upside_down", tmp_path / "bag", in_microseconds)
     with pytest.raises(
-        TccmError, match="tilting laser: no joint samples at a stamp of .* set the clocks"
+        TccmError, match=r"tilting laser: no joint samples at a stamp of .* set the clocks"
     ):
         replay(bag, tmp_path / "out", read_config(None), pictures=False)

@@ -158,16 +158,37 @@ def test_a_tilt_joint_of_the_wrong_sign_is_named_as_a_reason_for_an_empty_map(tm
     assert "mostly above the sensor: ceilings, or a tilt joint of the wrong sign?" in summary.text()
 
 
-def test_a_tilting_laser_without_a_usable_scan_is_an_error_beside_a_level_one(tmp_path):
-    """Stamps of joints in us: the joint turns and rests, but never at the time of a scan."""
+def in_microseconds(topic, msgtype, message):
+    """Edit the joints' stamps: the joint turns and rests, but never at the time of a scan."""
+    if msgtype == "sensor_msgs/msg/JointState":
+        eb.set_stamp(message, eb.stamp_of(message) // 1000)
+    return [(topic, msgtype, message)]
 
-    def in_microseconds(topic, msgtype, message):
-        if msgtype == "sensor_msgs/msg/JointState":
-            eb.set_stamp(message, eb.stamp_of(message) // 1000)
-        return [(topic, msgtype, message)]
 
-    bag = eb.edited(BUNDLED / "upside_down", tmp_path / "bag", in_microseconds)
-    with pytest.raises(
-        TccmError, match=r"tilting laser: no joint samples at a stamp of .* set the clocks"
-    ):
+def without_names(topic, msgtype, message):
+    if msgtype == "sensor_msgs/msg/JointState":
+        message.name = []
+    return [(topic, msgtype, message)]
+
+
+def without_rotation(topic, msgtype, message):
+    if msgtype == "nav_msgs/msg/Odometry":
+        message.pose.pose.orientation.z = message.pose.pose.orientation.w = 0.0
+    return [(topic, msgtype, message)]
+
+
+@pytest.mark.parametrize(
+    ("edit", "why"),
+    [
+        (in_microseconds, "tilting laser: no joint samples at a stamp of .* set the clocks"),
+        (without_names, "no message on .*joint_states could be used: joint state has 0 names and"),
+        (
+            without_rotation,
+            "601 no odometry; no message on .*odom could be used: .* is no rotation",
+        ),
+    ],
+)
+def test_a_tilting_laser_without_a_usable_scan_is_an_error_with_its_cause(tmp_path, edit, why):
+    bag = eb.edited(BUNDLED / "upside_down", tmp_path / "bag", edit)
+    with pytest.raises(TccmError, match=why):
         replay(bag, tmp_path / "out", read_config(None), pictures=False)

@@ -100,7 +100,9 @@ def _horizontal_area(cycle: CycleResult) -> float:
 
 def _area_above_sensor(cycle: CycleResult) -> float:
     """Return the area of a tilt cycle's horizontal planes above its sensor, m2."""
-    T = cycle.T_odom_base
-    height = float(T[2, :3] @ cycle.surfaces.viewpoint + T[2, 3])
+    T, viewpoint = cycle.T_odom_base, cycle.surfaces.viewpoint
+    if viewpoint is None:
+        return 0.0
+    height = float(T[2, :3] @ viewpoint + T[2, 3])
     horizontal = (p for p in cycle.planes if p.kind is PlaneKind.HORIZONTAL)
     return sum(p.area for p in horizontal if p.centroid[2] > height)

@@ -76,11 +76,10 @@ class Outcome:
         limit = self.config.surfaces.min_height
         seen = f"{len(self.cycles)} tilt cycles have {len(planes)} planes"
         if not planes:
-            return f"{seen}: nothing was measured, or what was is too noisy or too far away"
+            return f"{seen}: no usable points: none measured, or too noisy or too far away"
         seen = f"{seen}, {level} of them horizontal"
-        if 2.0 * sum(map(_area_above_sensor, self.cycles)) > sum(
-            map(_horizontal_area, self.cycles)
-        ):
+        above = sum(map(_area_above_sensor, self.cycles))
+        if 2.0 * above > sum(map(_horizontal_area, self.cycles)):
             return f"{seen}, mostly above the sensor: ceilings, or a tilt joint of the wrong sign?"
         return f"{seen}; none is a surface {limit:g} m (surfaces.min_height) above the floor"
 

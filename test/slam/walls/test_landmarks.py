@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors.building import Building, WallDirection
-from tccm_ros.slam.factors.keys import keyframe_key, wall_key, yaw_offset_for
+from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import PoseGraph

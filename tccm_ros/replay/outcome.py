@@ -76,7 +76,7 @@ class Outcome:
         limit = self.config.surfaces.min_height
         seen = f"{len(self.cycles)} tilt cycles have {len(planes)} planes"
         if not planes:
-            return f"{seen}: nothing was measured, or what was is too noisy or too far away"
+            return f"{seen}: no usable points: none measured, or too noisy or too far away"
         above = f"{limit:g} m (surfaces.min_height) above the floor"
         return f"{seen}, {level} of them horizontal; none is a surface {above}"
 

@@ -41,7 +41,7 @@ from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
-from tccm_ros.robot.streams import Companion, Stream, as_it_came
+from tccm_ros.robot.streams import Companion, Stream, unchanged
 
 COMPLETE_STEP_NS = 20_000_000
 """Step of message time between two `StreamComplete` events (chosen): small compared with the waits
@@ -80,7 +80,7 @@ class _Input:
     source: str = ""
     keeps_time: bool = True
     is_fixed: bool = False
-    correct: Callable[[Any, Config], Any] = as_it_came
+    correct: Callable[[Any, Config], Any] = unchanged
 
 
 class Robot:

@@ -2,8 +2,8 @@
 
 The model is selected for the outline of the area that the views cover (`outlines.shape_models`).
 The position of each edge is then estimated from the last points of all views and the walls
-(`outlines.edge_position`). All edges of a rectangle or an L rotate together, and are aligned with a
-wall if one of them runs along it.
+(`outlines.edge_position`; circles and ellipses: `round_edges`). All edges of a rectangle or an L
+rotate together, and are aligned with a wall if one of them runs along it.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.outlines.shape_models import (
+    CAP_CORNERS,
     FACING,
     Model,
     OutlineSamples,
@@ -39,6 +40,7 @@ from tccm_ros.surfaces.edge_walls import (
 )
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import polygon_rings
+from tccm_ros.surfaces.round_edges import edge_jacobian, refine_round
 from tccm_ros.surfaces.views import View
 
 ROUNDS = 2
@@ -78,9 +80,6 @@ ROTATIONS = np.linspace(-MAX_ROTATION, MAX_ROTATION, 29)
 ROTATION_SIGMA = 0.05
 """Standard deviation of the directions of the outline of points, rad; chosen: a distance of scan
 lines over the length of an edge."""
-
-ROUND_SIGMA = 0.01
-"""Standard deviation of the edge of a circle or an ellipse, m; chosen."""
 
 FREE_SIGMA = 0.02
 """Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
@@ -174,6 +173,8 @@ def fit_shape(
         for _ in range(ROUNDS):
             model, sigmas = _refined(model, sampler, near, at_wall)
         model = _to_ends_of_fronts(model, sampler, samples, walls)
+    else:
+        model, sigmas = _refined_round(model, sampler)
     polygon = model.polygon()
     if polygon is None:
         return _free(sampler, samples, others)
@@ -251,6 +252,14 @@ def _refined(
         shift, sigmas[k] = locate_edge(found._replace(last=last), wall)
         offsets[k] += shift
     return replace(model, normals=normals, offsets=offsets), sigmas
+
+
+def _refined_round(model: RoundModel, sampler: EdgeSampler) -> tuple[RoundModel, Float64]:
+    """Refine a round model by last points; return it and the sigmas of its polygon's edges, m."""
+    model, cov = refine_round(model, sampler)
+    step = 2.0 * np.pi / CAP_CORNERS
+    J, _ = edge_jacobian(model, np.linspace(0.5 * step, 2.0 * np.pi - 0.5 * step, CAP_CORNERS))
+    return model, np.asarray(np.sqrt(np.einsum("ki,ij,kj->k", J, cov, J)), np.float64)
 
 
 def _to_ends_of_fronts(
@@ -379,12 +388,11 @@ def _edges(
     for k, edge in enumerate(_edges_of(corners)):
         across = wall_across(edge, walls)
         state = _state(edge, sampler, samples)
-        sigma = ROUND_SIGMA
-        if not isinstance(model, RoundModel):
-            parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), END_SIGMA
-            sigma = float(np.linalg.norm(parts))
-            if state is EdgeState.SEEN and sampler.seen_fraction(edge) < SEEN_FRACTION:
-                state = EdgeState.HIDDEN
+        parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), END_SIGMA
+        sigma = float(np.linalg.norm(parts))
+        is_straight = isinstance(model, StraightModel)
+        if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < SEEN_FRACTION:
+            state = EdgeState.HIDDEN
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
             is_reached = sampler.reached_fraction(edge, AT_WALL_SEEN) >= SEEN_FRACTION
             state = EdgeState.SEEN if is_reached else state

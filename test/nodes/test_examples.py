@@ -41,7 +41,7 @@ TABLES = {"table", "kitchen table", "coffee table", "side table", "desk"}
 
 MIN_TABLE_M2 = 0.3
 """A smaller table, as the flat's side table of 0.2 m2, has the label `other`
-(docs/design/surface_map.md, labels)."""
+(docs/design/shapes.md, labels)."""
 
 
 class Item(NamedTuple):

@@ -41,6 +41,7 @@ PIP = {
 """Names on the package index of what is imported, where they differ."""
 
 BROUGHT = {
+    "anyio": "mcp",
     "distributed": "dask",
     "llvmlite": "numba",
     "lz4": "mcap",

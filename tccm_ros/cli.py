@@ -7,6 +7,7 @@ description. Modules are imported where they are used, so that `tccm --help` is 
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
@@ -324,15 +325,24 @@ def mcp(
     node: Annotated[
         str, typer.Option("--node", help="name of that node, with its namespace")
     ] = "surface_slam",
+    allow_motion: Annotated[
+        bool, typer.Option("--allow-motion", help="with --live: agents may drive the base too")
+    ] = False,
+    approach_node: Annotated[
+        str, typer.Option("--approach-node", help="name of the node that drives")
+    ] = "approach",
     config: ConfigOption = None,
     set: SetOption = [],  # noqa: B006
 ) -> None:
     """Answer language agents' questions about a map, by the Model Context Protocol on stdio.
 
-    Nothing is written and nothing moves. Needs the extra: pip install 'tccm_ros[agents]'.
+    Nothing is written, and nothing moves without --allow-motion. Needs the extra:
+    pip install 'tccm_ros[agents]'.
     """
     if live == (map is not None):
         raise typer.BadParameter("give a saved map, or --live")
+    if allow_motion and not live:
+        raise typer.BadParameter("--allow-motion is only with --live: a saved map has no robot")
     check_extra("agents", "mcp")
     from tccm_ros.agents.server import make_server
 
@@ -342,10 +352,12 @@ def mcp(
 
         if missing_interfaces():
             raise MissingExtraError(f"the live map: {missing_interfaces()}")
-        from tccm_ros.nodes.live_map_source import live_source
+        from tccm_ros.nodes.live_map_source import live_robot
 
-        with live_source(node) as source:
-            make_server(source).run()
+        # A signal ends the server as the end of its input does: a drive in progress is cancelled.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        with live_robot(node, approach_node if allow_motion else "") as (source, motion):
+            make_server(source, motion).run()
         return
     from tccm_ros.agents.saved_source import SavedMapSource
     from tccm_ros.config.reader import read_config

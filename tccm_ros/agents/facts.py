@@ -151,6 +151,46 @@ class PlacementQuestion:
     robot_radius_m: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class ApproachFacts:
+    """How the base stands at a surface after an approach.
+
+    Attributes
+    ----------
+    surface_id
+        Id of the surface.
+    gap_m, yaw_error_rad
+        Distance between the footprint and the edge, and heading less the direction straight to it,
+        as measured on arrival.
+    has_moved
+        Whether the surface is elsewhere than the map has it.
+    """
+
+    surface_id: int
+    gap_m: float
+    yaw_error_rad: float
+    has_moved: bool
+
+
+class Motion(Protocol):
+    """A base that drives to surfaces; each method blocks until it stands.
+
+    Raises
+    ------
+    TccmError
+        With the reason why the base did not get there.
+    """
+
+    def approach(self, surface_id: int, spot: str, gap_m: float) -> ApproachFacts:
+        """Drive to a surface, or to a spot unless its name is empty; gap 0 for the default."""
+
+    def retreat(self, distance_m: float) -> float:
+        """Drive straight back; return the distance driven, m."""
+
+    def stop(self) -> None:
+        """Stop the base and end the drive in progress."""
+
+
 class MapSource(Protocol):
     """A map to query: a saved one, or that of a running node."""
 

@@ -37,7 +37,7 @@ class ApproachClient:
         self._retreat = ActionClient(node, Retreat, f"{name}/retreat")
         self._resolve = node.create_client(ResolveName, f"{name}/resolve_name")
         self._set = node.create_client(SetName, f"{name}/set_name")
-        self._running: Any = None
+        self._sent: list[Future] = []
 
     @property
     def is_ready(self) -> bool:
@@ -99,9 +99,9 @@ class ApproachClient:
         return ask(self._set, request, lambda answer: str(answer.message))
 
     def cancel(self) -> None:
-        """Have the base stop, and the goal that runs end."""
-        if self._running is not None:
-            self._running.cancel_goal_async()
+        """Have the base stop, and the goals that run end; also one that was sent just now."""
+        for sent in self._sent:
+            sent.add_done_callback(lambda answered: answered.result().cancel_goal_async())
 
     def close(self) -> None:
         """Let go of the actions."""
@@ -117,7 +117,7 @@ class ApproachClient:
             return future
 
         def ended(answered: Future) -> None:
-            self._running = None
+            self._sent.remove(sent)
             result: Any = answered.result()
             if result.result.success:
                 future.set_result(read(result.result))
@@ -126,10 +126,11 @@ class ApproachClient:
 
         def taken(answered: Future) -> None:
             handle: Any = answered.result()
-            self._running = handle
             handle.get_result_async().add_done_callback(ended)
 
-        client.send_goal_async(goal).add_done_callback(taken)
+        sent = client.send_goal_async(goal)
+        self._sent.append(sent)
+        sent.add_done_callback(taken)
         return future
 
 

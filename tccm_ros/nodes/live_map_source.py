@@ -29,6 +29,7 @@ from tccm_ros.agents.facts import (
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MapError, QuestionError
 from tccm_ros.geometry import planar
+from tccm_ros.nodes.live_motion import LiveMotion
 from tccm_ros.nodes.map_client import SurfaceMapClient
 from tccm_ros.nodes.map_records import (
     MapEvent,
@@ -53,15 +54,14 @@ class LiveMapSource:
 
     Parameters
     ----------
-    node
-        Spun by its owner.
-    name
+    client
         Of the node that has the map.
+    name
+        Of that node, for messages.
     """
 
-    def __init__(self, node: Node, name: str = "surface_slam"):
-        self._name = name
-        self._client = SurfaceMapClient(node, name)
+    def __init__(self, client: SurfaceMapClient, name: str):
+        self._name, self._client = name, client
         self._events: deque[MapEvent] = deque(maxlen=MAX_CHANGES)
         self._client.on_event(self._events.append)
 
@@ -128,18 +128,29 @@ class LiveMapSource:
 
 
 @contextmanager
-def live_source(name: str) -> Iterator[LiveMapSource]:
-    """Open the map of a running node; a node of its own is spun in a thread meanwhile.
+def live_robot(
+    name: str, approach_name: str = ""
+) -> Iterator[tuple[LiveMapSource, LiveMotion | None]]:
+    """Open the map and the base of running nodes; a node of its own is spun in a thread meanwhile.
 
     Parameters
     ----------
     name
         Of the node that has the map, with its namespace.
+    approach_name
+        Of the node that drives; empty for none.
+
+    Yields
+    ------
+    tuple of LiveMapSource and LiveMotion
+        The second is None without a node that drives.
     """
     context = Context()
     rclpy.init(context=context)
     node = Node("tccm_mcp", context=context)
-    source = LiveMapSource(node, name)
+    client = SurfaceMapClient(node, name, approach_name=approach_name)
+    source = LiveMapSource(client, name)
+    motion = LiveMotion(client) if approach_name else None
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
 
@@ -150,10 +161,11 @@ def live_source(name: str) -> Iterator[LiveMapSource]:
     thread = threading.Thread(target=spin, name="tccm_mcp", daemon=True)
     thread.start()
     try:
-        yield source
+        yield source, motion
     finally:
         executor.shutdown()
         thread.join()
+        client.close()
         node.destroy_node()
         rclpy.try_shutdown(context=context)
 

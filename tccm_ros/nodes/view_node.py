@@ -35,6 +35,7 @@ PARAMETERS = {
     "view.host": ("127.0.0.1", "address to listen at; any other lets the network see the map"),
     "view.port": (8095, "port to listen at; 0 takes a free one"),
     "map_node": ("surface_slam", "node that has the map"),
+    "approach_node": ("approach", "node that knows the names of spots"),
 }
 
 INT32_MAX = 2**31 - 1
@@ -77,7 +78,7 @@ class ViewNode(Node):
         from tccm_ros.nodes.map_client import SurfaceMapClient
         from tccm_ros.view.live_page import LivePage
 
-        host, port, name = (
+        host, port, name, approach_name = (
             self.declare_parameter(key, default, ParameterDescriptor(description=meaning)).value
             for key, (default, meaning) in PARAMETERS.items()
         )
@@ -85,13 +86,14 @@ class ViewNode(Node):
         self._questions = {
             "rename": self._rename,
             "placements": self._find_placements,
+            "name": self._name_spot,
             "save": self._save,
         }
         self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._wake = self.create_guard_condition(self._answer_questions)
         self.page = LivePage(self._ask, frozenset(self._questions), host, port)
-        self._client = SurfaceMapClient(self, name)
-        self._is_ready: bool | None = None
+        self._client = SurfaceMapClient(self, name, approach_name=approach_name)
+        self._map_frame = "map"
         self._client.on_event(lambda e: self.page.update(lambda s: s.add_event(event_text(e))))
         for kind, topic, take, qos in (
             (_surface_map(), f"{name}/surface_map", self._take_map, latched()),
@@ -106,11 +108,13 @@ class ViewNode(Node):
     def close(self) -> None:
         """End the server and notify its pages."""
         self.page.close()
+        self._client.close()
 
     # --- subscriptions ---
 
     def _take_map(self, message: Any) -> None:
         found = self._entities_of(message)
+        self._map_frame = message.header.frame_id
 
         def change(state: Any) -> None:
             path = state.entities.get("path")
@@ -143,7 +147,7 @@ class ViewNode(Node):
     def _look(self) -> None:
         ready, known = self._client.has_services, self._client.localisation
         text = "no pose yet" if known is None else f"{known.state} {known.reason}".strip()
-        answer = {"ready": ready, "localisation": text}
+        answer = {"ready": ready, "localisation": text, "can_name": self._client.can_approach}
         self.page.update(lambda state: setattr(state, "status", {**state.status, **answer}))
 
     # --- requests of pages ---
@@ -209,6 +213,19 @@ class ViewNode(Node):
             return {"placements": answer, "message": found.message}
 
         return self._client.find_placements(size, wanted, max_count=1), read
+
+    def _name_spot(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
+        from tccm_interfaces.msg import SurfaceFilter
+
+        surface, name, spot = _identity(values), values["name"], values.get("spot")
+        if not isinstance(name, str):
+            raise QuestionError("name is no text")
+        if spot is not None and not (isinstance(spot, list) and len(spot) == 2):
+            raise QuestionError(f"spot is {one_line(ValueError(spot))}; expected (x, y), m")
+        spot = None if spot is None else [float(value) for value in spot]
+        wanted = SurfaceFilter(ids=[surface])
+        asked = self._client.set_name(name, wanted, spot=spot, frame=self._map_frame)
+        return asked, lambda message: {"message": message}
 
     def _save(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         name = values["name"]

@@ -6,12 +6,12 @@ import base64
 import json
 from collections.abc import Iterator
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
 
 from tccm_ros.atomic import output_file
+from tccm_ros.report.page import viewer_asset, viewer_page, viewer_script
 from tccm_ros.report.pictures import Pictures, draw_pictures
 from tccm_ros.report.scene import build_scene
 from tccm_ros.report.tables import (
@@ -26,9 +26,6 @@ from tccm_ros.report.tables import (
     timing_table,
 )
 from tccm_ros.results.folder_reader import Results, load_results
-
-SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main", "start")
-"""Modules of the page's script, in order of dependency."""
 
 TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"
 TIMING_END = "<!-- end of timing -->"
@@ -100,25 +97,20 @@ def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path
 def report_html(results: Results, pictures: Pictures) -> str:
     """Return the page; the same results give the same text."""
     scene, pack = build_scene(results)
-    return Template(_asset("page.html")).substitute(
-        style=_asset("page.css"),
-        headline=escape(headline(results)),
-        layers="\n".join(_layer(*item) for item in LAYERS.items()),
+    return viewer_page(
+        "Surface map",
+        f"<style>\n{viewer_asset('page.css')}\n</style>",
+        headline(results),
+        LAYERS,
+        cuboids=viewer_asset("cuboids.html"),
+        time=viewer_asset("time.html"),
         sections="\n".join(_sections(results, pictures)),
-        scene=_json(scene),
-        arrays=pack.text(),
-        script="\n".join(_asset(f"{name}.js") for name in SCRIPTS),
+        scripts=Template(viewer_asset("data.html")).substitute(
+            scene=_json(scene),
+            arrays=pack.text(),
+            script=f"{viewer_script()}\n{viewer_asset('start.js')}",
+        ),
     )
-
-
-def _asset(name: str) -> str:
-    return files("tccm_ros.report").joinpath("viewer", name).read_text(encoding="utf-8")
-
-
-def _layer(name: str, shown: tuple[str, bool]) -> str:
-    title, at_first = shown
-    checked = " checked" if at_first else ""
-    return f'<label><input type="checkbox" id="layer-{name}"{checked}> {escape(title)}</label>'
 
 
 def _json(tree: Any) -> str:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import TopicError, suggest
@@ -383,6 +385,7 @@ def _give(record: Any, companions: Iterable[tuple[Companion, Sensor]]) -> None:
 
 
 def _is_finite(T: Float64) -> bool:
-    """Return whether a pose is finite."""
+    """Return whether a pose is finite, and its distances can be computed."""
     numbers = T.ravel()
-    return math.isfinite(numbers.dot(numbers))
+    with np.errstate(over="ignore"):
+        return math.isfinite(numbers.dot(numbers))

@@ -398,7 +398,7 @@ class WallSlam:
             cov_keyframes,
             used.scale,
             landmarks,
-            sign_records(used.signs, landmarks, solution),
+            sign_records(used.signs, landmarks, solution, used.walls.whole_numbers()),
             refused_signs=tuple(used.refused_signs),
             attitudes=attitudes if attitudes.any() else attitudes[:0],
         )

@@ -15,14 +15,13 @@ import threading
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import Future
 from importlib.resources import files
-from string import Template
 from typing import Any
 
 from aiohttp import web
 
 from tccm_ros.errors import OutputError, TccmError, one_line
 from tccm_ros.report import palette
-from tccm_ros.report.html_report import SCRIPTS
+from tccm_ros.report.page import viewer_asset, viewer_page, viewer_script
 from tccm_ros.view.live_state import LiveState
 
 PERIOD_S = 0.2
@@ -46,6 +45,20 @@ MAX_BODY = 10_000
 
 ANSWER_S = 15.0
 """Timeout for the node's answer, s."""
+
+LAYERS = {
+    "surfaces": ("surfaces", True),
+    "boundaries": ("boundaries", True),
+    "labels": ("labels", True),
+    "objects": ("objects on surfaces", True),
+    "free": ("free places", False),
+    "racks": ("compartments of racks", False),
+    "floor_objects": ("objects on the floor", False),
+    "walls": ("walls", True),
+    "path": ("path, robot", True),
+    "floor": ("floor", True),
+}
+"""Name on the page and initial visibility, by layer."""
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -243,21 +256,28 @@ def _refusal(status: int, why: str) -> web.Response:
 
 def _page_texts() -> dict[str, tuple[str, str]]:
     """Return content type and text of the served files, by name."""
-    viewer, live = files("tccm_ros.report") / "viewer", files("tccm_ros.view") / "live"
-    scripts = [viewer / f"{name}.js" for name in SCRIPTS if name != "start"]
     colors = {
         "wall": palette.WALL,
         "path": palette.PATH,
         "view": palette.VIEW,
         "object": palette.OBJECT,
     }
-    script = "\n".join(path.read_text(encoding="utf-8") for path in (*scripts, live / "live.js"))
-    style = "\n".join(
-        p.read_text(encoding="utf-8") for p in (viewer / "page.css", live / "live.css")
+    page = viewer_page(
+        "Live map",
+        '<link rel="stylesheet" href="live.css">',
+        "waiting for the node",
+        LAYERS,
+        controls=_asset("controls.html"),
+        sections=_asset("sections.html"),
+        scripts='<script src="live.js"></script>',
     )
-    constants = f"const WORLD_COLORS = {json.dumps(colors)};\n"
+    script = f"const WORLD_COLORS = {json.dumps(colors)};\n{viewer_script()}\n{_asset('live.js')}"
     return {
-        "": ("text/html", Template((live / "live.html").read_text(encoding="utf-8")).substitute()),
-        "live.js": ("text/javascript", f"(() => {{\n'use strict';\n{constants}{script}\n}})();\n"),
-        "live.css": ("text/css", style),
+        "": ("text/html", page),
+        "live.js": ("text/javascript", f"(() => {{\n'use strict';\n{script}\n}})();\n"),
+        "live.css": ("text/css", f"{viewer_asset('page.css')}\n{_asset('live.css')}"),
     }
+
+
+def _asset(name: str) -> str:
+    return files("tccm_ros.view").joinpath("live", name).read_text(encoding="utf-8")

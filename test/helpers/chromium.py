@@ -145,7 +145,10 @@ class Browser:
             const look = () => ({condition}) ? resolve(true)
                 : performance.now() > end ? reject(new Error('timeout')) : setTimeout(look, 10);
             look(); }})"""
-        return self.evaluate(look)
+        try:
+            return self.evaluate(look)
+        except RuntimeError as error:
+            raise RuntimeError(f"{condition}: {error}") from None
 
     def mouse(self, kind, x, y, **more):
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)

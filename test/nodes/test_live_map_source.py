@@ -17,10 +17,10 @@ from tccm_ros.agents.server import make_server  # noqa: E402
 
 @pytest.fixture
 def server(ros, monkeypatch):
-    from tccm_ros.nodes.live_map_source import live_source
+    from tccm_ros.nodes.live_map_source import live_robot
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(ros.domain))
-    with live_source("surface_slam") as source:
+    with live_robot("surface_slam") as (source, _):
         yield make_server(source)
 
 

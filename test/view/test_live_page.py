@@ -257,7 +257,9 @@ def test_a_browser_shows_the_map_asks_and_comes_back(tmp_path):
         browser.wait_for(
             "document.querySelector('#answer').textContent === \"surface 3 was 'table'\""
         )
-        browser.wait_for("document.querySelector('#labels').textContent === 'counter 0.70 m'")
+        browser.wait_for(
+            "document.querySelector('#labels span:not(.mark)').textContent === 'counter 0.70 m'"
+        )
         browser.wait_for("document.querySelector('#events').textContent === 'renamed to counter'")
         browser.click("#placement button")
         browser.wait_for(

@@ -68,21 +68,27 @@ function showHover(box, entry, x, y) {
   box.style.top = `${Math.max(Math.min(y + 16, parent.clientHeight - box.offsetHeight - 4), 0)}px`;
 }
 
-// Names of surfaces over the picture; where two would cover each other the nearer one stays.
+// Names of surfaces, and marks, over the picture. Where two would cover each other a mark stays, or
+// the nearer one.
 class Labels {
-  constructor(parent, surfaces) {
-    this.items = surfaces.filter((s) => !s.floor).map((surface) => {
+  constructor(parent, surfaces, marks = []) {
+    const item = (text, at, color, isMark) => {
       const element = document.createElement('span');
-      element.textContent = `${surface.label} ${surface.height.toFixed(2)} m`;
-      element.style.borderColor = surface.color;
+      element.textContent = text;
+      element.style.borderColor = color;
+      element.classList.toggle('mark', isMark);
       parent.append(element);
-      return { element, at: surface.at, width: element.offsetWidth, height: element.offsetHeight };
-    });
+      return { element, at, isMark, width: element.offsetWidth, height: element.offsetHeight };
+    };
+    this.items = [
+      ...marks.map((mark) => item(mark.text, mark.at, mark.color, true)),
+      ...surfaces.filter((s) => !s.floor).map((s) => item(`${s.label} ${s.height.toFixed(2)} m`, s.at, s.color, false)),
+    ];
   }
 
   place(view, on) {
     const seen = this.items.map((item) => ({ item, clip: toClip(view.matrix, item.at) }));
-    seen.sort((a, b) => a.clip[3] - b.clip[3]);
+    seen.sort((a, b) => b.item.isMark - a.item.isMark || a.clip[3] - b.clip[3]);
     const taken = [];
     const [width, height] = [view.width / view.ratio, view.height / view.ratio];
     for (const { item, clip } of seen) {

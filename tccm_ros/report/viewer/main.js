@@ -41,13 +41,13 @@ class Report {
       [COLORS.height, COLORS.age].flatMap((colors) => colors.flatMap((c) => [...c, 255]))));
     this.livePose = null;  // (x, y, yaw), set by the live page alone
     this.load(scene, arrays);
-    this.layers = Object.fromEntries(LAYERS.map((name) => [name, byId(`layer-${name}`).checked]));
+    this.layers = Object.fromEntries(LAYERS.map((name) => [name, Boolean(byId(`layer-${name}`)?.checked)]));
     this.frames = 0;
     this.camera = new OrbitCamera(this.canvas, scene.extent, scene.ground, () => this.change());
     this.listen();
-    this.showKey();
-    this.showCut();
-    this.setCycle(this.cycle);
+    if (byId('cut')) this.listenToCuboids();
+    if (byId('cycle')) this.listenToTime();
+    this.change();
   }
 
   // Shows another scene in place of the present one; the camera stays where it is.
@@ -61,7 +61,7 @@ class Report {
     this.cycleCount = scene.planes.length || (scene.cycles ? scene.cycles.stamps.length : 0);
     this.cycle = this.cycleCount;
     byId('labels').replaceChildren();
-    this.labels = new Labels(byId('labels'), scene.surfaces);
+    this.labels = new Labels(byId('labels'), scene.surfaces, scene.marks);
     if (this.camera) this.camera.setExtent(scene.extent, scene.ground);
   }
 
@@ -73,17 +73,28 @@ class Report {
 
   listen() {
     for (const name of LAYERS) {
-      byId(`layer-${name}`).addEventListener('change', (e) => this.setLayer(name, e.target.checked));
+      byId(`layer-${name}`)?.addEventListener('change', (e) => this.setLayer(name, e.target.checked));
     }
-    byId('color-by').addEventListener('change', () => this.showKey());
-    byId('cut').addEventListener('input', () => this.showCut());
     byId('home').addEventListener('click', () => this.camera.set(this.camera.home));
     byId('above').addEventListener('click', () => this.camera.set(this.camera.above));
-    byId('cycle').addEventListener('input', (e) => { this.stop(); this.setCycle(Number(e.target.value)); });
-    byId('play').addEventListener('click', () => (this.playing ? this.stop() : this.play()));
     this.canvas.addEventListener('pointermove', (event) => this.hoverSoon(event));
     this.canvas.addEventListener('pointerleave', () => this.hideHover());
     new ResizeObserver(() => this.change()).observe(this.canvas);
+  }
+
+  // The controls of cuboids, which a page may be without.
+  listenToCuboids() {
+    byId('color-by').addEventListener('change', () => this.showKey());
+    byId('cut').addEventListener('input', () => this.showCut());
+    this.showKey();
+    this.showCut();
+  }
+
+  // The controls of tilt cycles, likewise.
+  listenToTime() {
+    byId('cycle').addEventListener('input', (e) => { this.stop(); this.setCycle(Number(e.target.value)); });
+    byId('play').addEventListener('click', () => (this.playing ? this.stop() : this.play()));
+    this.setCycle(this.cycle);
   }
 
   showCut() {
@@ -151,6 +162,7 @@ class Report {
   // Which range of which set of cuboids shows, and how; null when there are none.
   cuboidLook() {
     const { scene, built } = this;
+    if (!built.final && !built.history) return null;
     const byAge = byId('color-by').value === 'age';
     const look = (frame) => ({ frame, byAge, firstNumber: built.entries.length,
       cut: this.cutHeight() + scene.ground - frame[14],
@@ -268,6 +280,12 @@ class Report {
     const number = this.painter.picked();
     const { entries } = this.built;
     return number < entries.length ? entries[number] : this.cuboidEntry(number - entries.length);
+  }
+
+  // The point (x, y) at height z in map that is shown at a place of the canvas, in CSS pixels.
+  pointAt(x, y, z) {
+    const { matrix, width, height, ratio } = this.view();
+    return onPlane(matrix, [2 * x * ratio / width - 1, 1 - 2 * y * ratio / height], z);
   }
 
   cuboidEntry(index) {

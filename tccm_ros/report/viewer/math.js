@@ -54,4 +54,13 @@ function toClip(m, p) {
   return [0, 1, 2, 3].map((r) => m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r]);
 }
 
+// The point (x, y) of the horizontal plane at z that a projection shows at (u, v), -1 to 1 each.
+function onPlane(m, [u, v], z) {
+  const row = (r, at) => [0, 4, 8, 12].map((c) => m[c + r] - at * m[c + 3]);
+  const [a, b] = [row(0, u), row(1, v)];
+  const [p, q] = [a, b].map((r) => -(r[2] * z + r[3]));
+  const det = a[0] * b[1] - a[1] * b[0];
+  return [(p * b[1] - a[1] * q) / det, (a[0] * q - p * b[0]) / det];
+}
+
 const hexColor = (text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16));

@@ -14,13 +14,16 @@ class Live {
     this.events = [];
     this.pose = null;
     this.status = {};
-    this.picked = null;
+    this.picked = null;  // id of a surface
+    this.spot = null;  // (x, y, z) that was clicked on it
+    this.found = null;  // (x, y, z) of a placement
     this.token = location.hash.slice(1);
     history.replaceState(null, '', location.pathname + location.hash);
     for (const label of LABELS) byId('label').add(new Option(label, label));
     byId('label').add(new Option('as the rules say', ''));
     byId('rename').addEventListener('submit', (e) => this.submit(e, () => this.rename()));
     byId('placement').addEventListener('submit', (e) => this.submit(e, () => this.findPlacements()));
+    byId('naming').addEventListener('submit', (e) => this.submit(e, () => this.nameSpot()));
     byId('save').addEventListener('submit', (e) => this.submit(e, () => this.save()));
     this.connect();
   }
@@ -76,9 +79,17 @@ class Live {
     return { ...world, palette: [], colors: WORLD_COLORS, surfaces,
       walls: this.ofKind('wall'), objects: this.ofKind('object'), free: this.ofKind('free'),
       racks: this.ofKind('compartment'),
+      marks: this.marks(),
       surfaceIds: surfaces.filter((s) => !s.floor).map((s) => s.id),
       path: { length: path.length, points, stamps: [], poses: [] },
       places: [], planes: [], final: null, cores: null, cycles: null };
+  }
+
+  marks() {
+    const made = [];
+    if (this.spot) made.push({ text: '+', at: this.spot, color: WORLD_COLORS.view });
+    if (this.found) made.push({ text: 'put it here', at: this.found, color: WORLD_COLORS.object });
+    return made;
   }
 
   rebuild() {
@@ -103,8 +114,14 @@ class Live {
     canvas.addEventListener('click', (e) => {
       if (Math.hypot(e.clientX - down[0], e.clientY - down[1]) > DRAG_PX) return;
       const { left, top } = canvas.getBoundingClientRect();
-      const entry = this.report.pick(e.clientX - left, e.clientY - top);
-      if (entry && entry.kind === 'surface') this.show(entry.id);
+      const [x, y] = [e.clientX - left, e.clientY - top];
+      const entry = this.report.pick(x, y);
+      if (!entry || entry.kind !== 'surface') return;
+      const z = entry.at[2];
+      this.spot = entry.floor ? null : [...this.report.pointAt(x, y, z), z];
+      this.found = null;
+      this.picked = entry.id;
+      this.rebuild();
     });
   }
 
@@ -112,11 +129,15 @@ class Live {
   show(id) {
     const surface = this.entities.get(`surface/${id}`);
     this.picked = surface ? id : null;
-    for (const form of ['rename', 'placement']) byId(form).hidden = !surface || surface.floor;
+    const isFloor = !surface || surface.floor;
+    if (isFloor) [this.spot, this.found] = [null, null];
+    for (const form of ['rename', 'placement']) byId(form).hidden = isFloor;
+    byId('naming').hidden = isFloor || !this.status.can_name;
     byId('picked').textContent = surface
       ? `${surface.label} ${surface.id}: ${surface.height.toFixed(3)} m over the floor, `
         + `${surface.size[0].toFixed(2)} x ${surface.size[1].toFixed(2)} m, ${surface.area.toFixed(2)} m², `
         + `${surface.views} views${surface.room ? `, room ${surface.room}` : ''}`
+        + `${this.spot ? `; spot at ${this.spot.slice(0, 2).map((v) => v.toFixed(2)).join(', ')} m` : ''}`
       : 'Click a surface to see its figures.';
     if (surface && document.activeElement !== byId('label')) byId('label').value = surface.label;
   }
@@ -125,6 +146,7 @@ class Live {
     const { localisation = 'no pose yet', nodes = {} } = this.status;
     const surfaces = this.ofKind('surface').filter((s) => !s.floor).length;
     const ready = this.status.ready !== false;
+    if (this.picked !== null) this.show(this.picked);
     this.say(ready ? `${surfaces} surfaces, ${this.ofKind('object').length} objects; ${localisation}`
       : 'slam_node does not run', !ready);
     byId('diagnostics').replaceChildren(...Object.entries(nodes).map(([name, text]) => {
@@ -168,9 +190,17 @@ class Live {
   async findPlacements() {
     const size = ['length', 'width', 'height'].map((id) => Number(byId(id).value));
     const { placements, message } = await this.ask('placements', { surface_id: this.picked, size });
+    this.found = placements.length ? placements[0].position : null;
+    this.rebuild();
     if (!placements.length) return message;
     const { position, clearance } = placements[0];
     return `put it at ${position.map((v) => v.toFixed(2)).join(', ')} m; ${clearance.toFixed(2)} m free around`;
+  }
+
+  async nameSpot() {
+    const [name, spot] = [byId('spot').value, this.spot && this.spot.slice(0, 2)];
+    const { message } = await this.ask('name', { surface_id: this.picked, name, spot });
+    return `${name}: ${message}`;
   }
 
   async save() {

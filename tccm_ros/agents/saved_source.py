@@ -134,7 +134,7 @@ class SavedMapSource:
             for surface in self._solution.surfaces
             if surface.label != "floor" and surface.previous_pose is not None
         ]
-        note = "a saved map does not tell what has gone; compare two maps: tccm compare"
+        note = "a saved map does not record removals; compare two maps with tccm compare"
         return newest_first(found), note
 
 

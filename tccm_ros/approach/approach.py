@@ -267,7 +267,7 @@ class Approach:
             if self._is_arrived and self._seen_cycles >= CYCLES:
                 return self._end(
                     senses, Reason.GONE,
-                    "the surface is gone: tilt cycles from before it do not show it",
+                    "the surface is gone: tilt cycles from the staging pose do not show it",
                 )  # fmt: skip
             if not self._is_arrived and self._seen_cycles >= 2:
                 return self._after_look(senses)

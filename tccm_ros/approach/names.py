@@ -115,7 +115,7 @@ def spot_of(name: str, entry: Any) -> NamedSpot:
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{name}: {error}") from None
     if not (made.ids or made.labels or made.near_sign or made.text):
-        raise ConfigError(f"{name}: no surface is said: ids, labels, near_sign or text")
+        raise ConfigError(f"{name}: no surface is selected; set ids, labels, near_sign or text")
     return made
 
 

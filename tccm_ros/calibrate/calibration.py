@@ -44,7 +44,7 @@ class Calibration:
         The corrected parameters of the group `rig`; undetermined ones are as configured.
     before
         The configured parameters.
-    judgement
+    observability
         Quantities with standard deviations and covariance, and why others were not estimated.
     recording
         The data used.
@@ -205,7 +205,7 @@ def calibrate(
     config, trust, bars = config or Config(), trust or Trust(), bars or Silent()
     paths = [bags] if isinstance(bags, Path | str) else list(bags)
     if len({Path(path).resolve() for path in paths}) < len(paths):
-        raise BagError("a bag is given twice, which tells nothing new; give each bag once")
+        raise BagError("a bag is named twice; name each bag once")
     max_cycles = int(np.clip(MAX_CYCLES_OF_ALL // len(paths), MIN_CYCLES, MAX_CYCLES))
     recordings = [
         read_recording(path, config, remap, bars, max_cycles=max_cycles) for path in paths

@@ -131,7 +131,7 @@ def _quantity(
     value = float(estimate.solution.x[column])
     if estimate.free[column]:
         return Quantity(name, value, sigma)
-    return Quantity(name, value, None, reasons.get(name, "nothing was seen that shows it"))
+    return Quantity(name, value, None, reasons.get(name, "the recording does not determine it"))
 
 
 def _without(estimate: Estimate, column: int) -> Estimate:

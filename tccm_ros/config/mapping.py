@@ -99,8 +99,8 @@ class Planes(Group):
     horizontal_angle: float = param(
         0.10, "a plane tilted by less than this is horizontal", unit="rad", gt=0.0, le=0.8
     )
-    min_points: int = param(50, "points that support a plane", ge=4)
-    min_area: float = param(0.02, "area of a plane", unit="m2", ge=0.0)
+    min_points: int = param(50, "minimum number of points of a plane", ge=4)
+    min_area: float = param(0.02, "minimum area of a plane", unit="m2", ge=0.0)
     max_rms: float = param(
         0.015, "largest standard deviation of the points across a plane", unit="m", gt=0.0, le=0.2
     )
@@ -138,7 +138,7 @@ class Objects(Group):
     min_height: float = param(0.02, "an object rises at least this", unit="m", gt=0.0, le=1.0)
     max_height: float = param(0.60, "an object rises at most this", unit="m", gt=0.0, le=3.0)
     cluster_distance: float = param(0.05, "gap that separates objects", unit="m", gt=0.0, le=1.0)
-    min_points: int = param(8, "points of an object", ge=1)
+    min_points: int = param(8, "minimum number of points of an object", ge=1)
     track_distance: float = param(
         0.15, "an object that moved less is the same", unit="m", gt=0.0, le=2.0
     )

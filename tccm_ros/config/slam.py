@@ -100,7 +100,7 @@ class Localisation(Group):
     )
     sigma: tuple[float, float] = param(
         (0.05, 0.03),
-        "tf: standard deviation of the pose that the other program tells, position and yaw",
+        "tf: standard deviation of the external pose, position and yaw",
         unit="m, rad",
     )
 

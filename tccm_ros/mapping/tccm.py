@@ -96,7 +96,7 @@ class CycleResult:
     stamp_ns, start_ns, end_ns
         Middle time of the first and the last used beam, and their times.
     frame_id
-        Frame of planes, objects, free places and part map: the odometry frame.
+        Frame of planes, objects and part map: the odometry frame.
     base_frame_id
         Frame of `surfaces`, `view` and `boxes`.
     T_odom_base

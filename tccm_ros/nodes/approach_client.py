@@ -27,7 +27,7 @@ class ApproachClient:
     Parameters
     ----------
     node
-        Whose executor calls back.
+        Node whose executor runs the callbacks.
     name
         Of the node that drives.
     """
@@ -99,12 +99,12 @@ class ApproachClient:
         return ask(self._set, request, lambda answer: str(answer.message))
 
     def cancel(self) -> None:
-        """Have the base stop, and the goals that run end; also one that was sent just now."""
+        """Cancel all goals, including one that is not accepted yet; the base stops."""
         for sent in self._sent:
             sent.add_done_callback(lambda answered: answered.result().cancel_goal_async())
 
     def close(self) -> None:
-        """Let go of the actions."""
+        """Destroy the action clients."""
         self._approach.destroy()
         self._retreat.destroy()
 

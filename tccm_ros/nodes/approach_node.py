@@ -168,7 +168,7 @@ class ApproachNode(Node):
             self.config.frames.map_name,
         )
         self.senses.start()
-        self.get_logger().info("ready; the base moves while a goal runs, and never without")
+        self.get_logger().info("ready; the base moves only while a goal is active")
 
     def _find_navigator(self) -> Nav2Navigator | None:
         """Return the client of Nav2's navigator; None without nav2_msgs or its name."""

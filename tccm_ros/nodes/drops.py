@@ -19,7 +19,7 @@ ADVICE = {
     "look for two publishers of the scan topic",
     ANOTHER_CLOCK: "stamps went back while those of the other inputs went on: set the clock of "
     "the driver, or qos.stamp to receive",
-    "before the start": "more came while kernels were compiled than is kept",
+    "before the start": "the queue was full while kernels were compiled",
     TWICE: "stamps repeat: look for two publishers of the scan topic",
     ZERO: "no time is in the header: have the driver write it, or set qos.stamp to receive",
     "too many streams": "more publishers than any robot has: look for names that change with each "

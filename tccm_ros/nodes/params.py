@@ -53,7 +53,7 @@ GROUPS = {
     "approach": frozenset({"frames", "rig", "scan", "qos", "approach"}),
 }
 """Parameter groups of each node, by `Stream.processor`; parameters without a group belong to
-both."""
+all."""
 
 
 def ros_type(parameter: Parameter) -> RosParameter.Type:

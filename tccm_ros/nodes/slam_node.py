@@ -302,7 +302,7 @@ class SlamNode(SensorNode):
         self.signs.wait(is_over)
         self.worker.wait(lambda: numbers.append(self.session.ask_solution(is_final=True)), is_over)
         if not self.saver.wait(numbers[0], ending):
-            ending.left_out[self.get_name()] = f"what came last, {ending.why}"
+            ending.left_out[self.get_name()] = f"the newest records, {ending.why}"
         self.saver.save_at_end(self.save_folder(), self.session.input, ending)
 
     # --- services ---
@@ -318,8 +318,8 @@ class SlamNode(SensorNode):
         """Return that only scan matching measures the motion of the base."""
         return (
             f"nobody publishes '{self.resolve_topic_name('odom')}', and no tf moves the base: "
-            "matching of level scans alone tells its motion, and fails in long corridors and fast "
-            "rotations; start the odometry, or remap the topic"
+            "only matching of level scans measures its motion, and fails in long corridors and "
+            "fast rotations; start the odometry, or remap the topic"
         )
 
     def used(self) -> Mapping[str, int]:

@@ -116,7 +116,7 @@ class PlaneRecord:
         towards the sensor.
     covariance
         float64 (3, 3) of (rotation about u, rotation about v, offset at the centroid) in rad and
-        m, with u, v the tangent directions of `geometry` of the detector.
+        m, with u, v as in `PlaneFit.tangents`: u horizontal, v up the slope.
     support
         Number of inlier points.
     area

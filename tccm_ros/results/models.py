@@ -829,23 +829,23 @@ class CountsEntry:
     messages
         Numbers of messages read, by topic.
     scans_used
-        Numbers of records that were not used, by reason.
+        Numbers of scans used, by laser.
     dropped
-        Numbers of tilt cycles, and of planes with a track id of their own.
+        Numbers of records that were not used, by reason.
     cycles, planes
-        Numbers in the graph.
+        Numbers of tilt cycles, and of planes with a track id of their own.
     keyframes, walls
-        Numbers of proposed loop closures.
+        Numbers in the graph.
     loops_accepted, loops_rejected
-        Numbers of surfaces as counted by `count_surfaces`.
+        Numbers of proposed loop closures.
     surfaces, small_surfaces
-        Number of objects on surfaces.
+        Numbers of surfaces as counted by `count_surfaces`.
     objects
-        Optional stages after the map that failed, by name and error.
+        Number of objects on surfaces.
     failed_stages
-        Number of trajectories whose poses in the map are unknown.
+        Optional stages after the map that failed, by name and error.
     unjoined_trajectories
-        Trajectories beside the map, whose places in it are not known.
+        Number of trajectories whose poses in the map are unknown.
     """
 
     messages: dict[str, int]
@@ -876,9 +876,9 @@ class SummaryFile:
     Attributes
     ----------
     versions
-        Duration of the bag, s.
+        Versions of tccm_ros, Python and the libraries, by name.
     bag_duration
-        s.
+        Duration of the bag, s.
     session
         Whether the recording continued a saved map.
     counts

@@ -54,6 +54,9 @@ class Case(NamedTuple):
 
 CASES = {
     "jackal_mocap": Case("data/real/jackal_mocap"),
+    "jackal_mocap, middle of a rotation": Case(
+        "data/real/jackal_mocap", (), ("scan.time_offset=-0.05",)
+    ),
     "turtlebot4": Case("data/real/turtlebot4"),
     "turtlebot4, as info proposes": Case(
         "data/real/turtlebot4", (), ("scan.reverse=true", "scan.time_offset=-0.168")

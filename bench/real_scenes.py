@@ -1,6 +1,10 @@
 """Recorded tilt cycles: figures 7 to 9 of the first paper, and planes of all detectors.
 
 Usage: python bench/real_scenes.py [--recordings FOLDER] [--bags NAME ...] [--images FOLDER]
+       [--rows FILE]
+
+With --rows, the rows of each recording are added to a file as soon as they are measured, and those
+that are in it already are not measured again.
 
 The recordings are a SICK LMS 291 on a tilting platform in offices (`dlut_*`) and in a corridor
 (`kurt3d_corridor`), each with the rig that `calibrate` gives. One row a recording is of its first
@@ -15,6 +19,7 @@ settings of docs/design/planes.md.
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -178,24 +183,34 @@ def main() -> None:
     parser.add_argument("--recordings", type=Path, default=ROOT.parent / "shared" / "data")
     parser.add_argument("--bags", nargs="*", help="names of recordings; all by default")
     parser.add_argument("--images", type=Path, help="folder of the picture")
+    parser.add_argument("--rows", type=Path, help="file that keeps the rows of each recording")
     options = parser.parse_args()
     folder = options.recordings / "bags"
     bags = [*sorted(folder.glob("dlut_*")), *sorted(folder.glob("kurt3d_corridor"))]
-    scenes = [scene_of(bag) for bag in bags if not options.bags or bag.name in options.bags]
+    bags = [bag for bag in bags if not options.bags or bag.name in options.bags]
+    rows = json.loads(options.rows.read_text()) if options.rows and options.rows.exists() else {}
+    scenes = []
+    for bag in bags:
+        if bag.name not in rows or options.images:
+            scene = scene_of(bag)
+            scenes.append(scene)
+            rows[bag.name] = [counts_row(scene), planes_rows(scene)]
+        if options.rows:
+            options.rows.write_text(json.dumps(rows, indent=1))
     print(
         "| recording | scans | points | cuboids, 20 mm | points a cuboid | cuboids, 40 mm |"
         " points a cuboid | floor's tops: std, width of 95 %, mm | floor's means: the same |"
     )
     print("|---" * 9 + "|")
-    for scene in scenes:
-        print(counts_row(scene))
+    for bag in bags:
+        print(rows[bag.name][0])
     print(
         "\n| recording | detector | planes | floor's height, mm | floor: planes, m2 |"
         " walls: number, m2 | desk tops: number, m2 | their heights, m |"
     )
     print("|---" * 8 + "|")
-    for scene in scenes:
-        print("\n".join(planes_rows(scene)))
+    for bag in bags:
+        print("\n".join(rows[bag.name][1]))
     if options.images is not None and scenes:
         draw(scenes, options.images / "real_scenes.png")
 

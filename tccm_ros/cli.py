@@ -17,7 +17,7 @@ import typer
 
 from tccm_ros import __version__
 from tccm_ros.errors import ConfigError, MissingExtraError, OutputError, TccmError, one_line
-from tccm_ros.extras import check_extra
+from tccm_ros.extras import FLEET, check_extra
 
 if TYPE_CHECKING:
     from tccm_ros.config import Config
@@ -27,7 +27,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Surface maps for mobile manipulators, from a tilting and a level laser.",
+    help="Surface maps for mobile manipulators, from lasers, depth cameras and 3D lidars.",
 )
 
 BagArgument = Annotated[Path, typer.Argument(help="a rosbag2 folder, an .mcap or a .db3 file")]
@@ -135,13 +135,11 @@ def fleet(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Replay many recordings, on many workers; run again, it goes on with what is not done.
+    """Replay many recordings, on many workers; a second run resumes the first.
 
     Status 1 where a recording failed. Needs the extra: pip install 'tccm_ros[fleet]'.
     """
-    from tccm_ros.extras import check_extra
-
-    check_extra("fleet", "distributed", "duckdb", "fsspec", "pyarrow")
+    check_extra("fleet", *FLEET)
     from tccm_ros.config.reader import read_config
     from tccm_ros.fleet.cluster import Workers
     from tccm_ros.fleet.run import run_fleet
@@ -175,7 +173,7 @@ def merge(
     ],
     out: Annotated[Path, typer.Option("--out", help="folder of the merged map")],
     same_building: Annotated[
-        bool, typer.Option("--same-building", help="maps of the same bytes are of one place")
+        bool, typer.Option("--same-building", help="treat identical map files as the same building")
     ] = False,
     workers: WorkersOption = 1,
     memory: MemoryOption = "auto",
@@ -189,9 +187,7 @@ def merge(
 
     Needs the extra: pip install 'tccm_ros[fleet]'.
     """
-    from tccm_ros.extras import check_extra
-
-    check_extra("fleet", "distributed", "duckdb", "fsspec", "pyarrow")
+    check_extra("fleet", *FLEET)
     from tccm_ros.config.reader import read_config
     from tccm_ros.fleet.cluster import Workers
     from tccm_ros.fleet.merge import merge_maps
@@ -222,9 +218,7 @@ def find(
 
     Needs the extra: pip install 'tccm_ros[fleet]'.
     """
-    from tccm_ros.extras import check_extra
-
-    check_extra("fleet", "distributed", "duckdb", "fsspec", "pyarrow")
+    check_extra("fleet", *FLEET)
     from tccm_ros.fleet.catalogue import Catalogue
     from tccm_ros.fleet.layout import FleetFolder
 
@@ -305,7 +299,7 @@ def view(
         bool, typer.Option("--rerun", help="in the Rerun viewer instead (extra: view)")
     ] = False,
 ) -> None:
-    """Open the report in the browser; of a map or a bag it is made first, beside it."""
+    """Open the report in the browser; for a map or a bag it is built first."""
     from tccm_ros.config import Config
     from tccm_ros.progress import progress
     from tccm_ros.replay.replay import report_of

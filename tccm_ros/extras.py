@@ -6,6 +6,9 @@ from importlib.util import find_spec
 
 from tccm_ros.errors import MissingExtraError
 
+FLEET = ("distributed", "duckdb", "fsspec", "pyarrow")
+"""Modules of the extra `fleet` that its commands import."""
+
 
 def check_extra(extra: str, *modules: str) -> None:
     """Check that the modules of an extra can be imported.

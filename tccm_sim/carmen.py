@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.bags.log_times import increasing_stamps, without_outliers, without_resets
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import LogError, OutputError
 from tccm_ros.geometry import between2, spatial, wrap_angle
@@ -27,6 +26,7 @@ from tccm_ros.ros.writing import (
     transforms_message,
 )
 from tccm_sim.carmen_lines import SCAN_KINDS, CarmenLog, OdomLine, ScanLine, read_log
+from tccm_sim.log_times import increasing_stamps, without_outliers, without_resets
 
 BASE, LASER, ODOM = "base_link", "laser", "odom"
 

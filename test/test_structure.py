@@ -69,7 +69,7 @@ SUB_ROOMS = {
         "front_end",
         "trajectory",
         "chain",
-        "told_poses",
+        "external_poses",
         "landmarks",
         "registered_views",
         "systematic",

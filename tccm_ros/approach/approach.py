@@ -300,7 +300,7 @@ class Approach:
         self._plans += 1
         if self._plans > MAX_PLANS:
             reason = Reason.MOVED if self._located else Reason.BLOCKED
-            return self._end(senses, reason, f"given up after {MAX_PLANS} ways that led nowhere")
+            return self._end(senses, reason, f"gave up after {MAX_PLANS} plans that failed")
         map_odom = _known(senses.map_odom)
         target = self.target.moved(map_odom)
         others = Obstacles.of(

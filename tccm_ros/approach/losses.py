@@ -20,6 +20,6 @@ def loss_of(senses: Senses) -> tuple[Reason, str] | None:
         return Reason.LOST_POSE, f"no odometry for {senses.now_s - senses.pose_s:.1f} s"
     age = senses.now_s - senses.scan_s
     if age > SCAN_S:
-        told = f"no level scan for {age:.1f} s" if math.isfinite(age) else "no level scan has come"
-        return Reason.LOST_SCANS, told
+        text = f"no level scan for {age:.1f} s" if math.isfinite(age) else "no level scan has come"
+        return Reason.LOST_SCANS, text
     return None

@@ -13,7 +13,9 @@ class Approach(Group):
         "corners of the base, x and y of each, a convex outline around its origin",
         unit="m",
     )
-    height: float = param(1.3, "of the robot: what is higher is not in its way", unit="m", gt=0.0)
+    height: float = param(
+        1.3, "height of the robot; obstacles above it are ignored", unit="m", gt=0.0
+    )
     reach: float = param(
         0.8, "max horizontal distance of a spot from the base's origin", unit="m", gt=0.0, le=3.0
     )

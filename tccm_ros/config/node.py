@@ -47,7 +47,7 @@ class Save(Group):
     """Saving of maps by a live node."""
 
     directory: str = param("tccm_map", "folder that ~/save_map writes and ~/load_map reads")
-    on_shutdown: bool = param(False, "save when the node is told to stop")
+    on_shutdown: bool = param(False, "save when the node is asked to stop")
     autosave_minutes: float = param(
         0.0, "save this often; 0 never", unit="min", ge=0.0, le=1440.0, read_only=True
     )

@@ -174,7 +174,8 @@ class Sensors(Group):
         "direction (rad)",
     )
     laser_systematic: Systematic = param(
-        (0.005, 0.0, 0.0, 0.002), "the same of a tilting laser's ranges in a tilt cycle"
+        (0.005, 0.0, 0.0, 0.002),
+        "systematic errors of a tilting laser's ranges in a tilt cycle, as `depth_systematic`",
     )
     cloud_systematic: Systematic = param(
         (0.005, 0.0, 0.0, 0.002), "the same of the ranges of a point cloud"

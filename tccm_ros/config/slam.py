@@ -71,7 +71,7 @@ class Walls(Group):
     )
     thickness: float = param(
         0.08,
-        "walls no further behind each other along one stretch are one wall",
+        "parallel, overlapping walls closer than this are merged",
         unit="m",
         ge=0.0,
         le=0.5,
@@ -90,7 +90,7 @@ class Walls(Group):
 
 
 class Localisation(Group):
-    """Who tells where the robot is in the map (docs/guides/your_localisation.md)."""
+    """Source of map -> odom (docs/guides/your_localisation.md)."""
 
     source: Literal["slam", "tf"] = param(
         "slam",

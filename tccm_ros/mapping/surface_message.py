@@ -174,9 +174,9 @@ def _are_too_thick(
     viewpoint: Float64,
     config: Config,
 ) -> Bool:
-    """Return which planes are too thick, bool (F + 1,), of no plane the last.
+    """Return which planes are too thick, bool (F + 1,); the last entry: points on no plane.
 
-    Depths have the noise of the sensor, of other ranges all have the same, which planes imply.
+    Depths have the noise of their sensor; all other ranges have one noise, which the planes give.
     """
     normals = np.array([f.normal for f in fits]).reshape(-1, 3)
     offsets, rms = np.array([f.offset for f in fits]), np.array([f.rms for f in fits])

@@ -12,7 +12,7 @@ from tccm_ros.nodes.tccm_node import TccmNode
 
 
 def main() -> None:
-    """Run both nodes until they are told to stop."""
+    """Run both nodes until they are asked to stop."""
     made: list[TccmNode] = []
 
     def tccm_node() -> TccmNode:

@@ -180,20 +180,20 @@ class BaseSenses:
 
     def _map_odom(self, now_ns: int) -> tuple[Float64 | None, str]:
         """Return the pose (3,) of odom in map and an empty text, or None and the reason."""
-        told = self._localisation()
-        if told is None:
+        localisation = self._localisation()
+        if localisation is None:
             return None, "nobody publishes ~/localisation of the map's node"
-        if told.state != "tracking":
-            return None, told.reason or told.state
-        stamp = told.message.header.stamp
+        if localisation.state != "tracking":
+            return None, localisation.reason or localisation.state
+        stamp = localisation.message.header.stamp
         stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
         if now_ns - stamp_ns > STALE_NS:
             return None, f"~/localisation is {(now_ns - stamp_ns) * 1e-9:.1f} s old"
-        if self._placed is None or self._placed[0] is not told:
+        if self._placed is None or self._placed[0] is not localisation:
             pose = self._pose_at(stamp_ns)
             if pose is None:
                 return None, "odometry does not go back to the stamp of ~/localisation"
-            self._placed = told, compose2(planar(told.T_map_base), inverse2(pose))
+            self._placed = localisation, compose2(planar(localisation.T_map_base), inverse2(pose))
         return self._placed[1], ""
 
     def newest(self, now_ns: int, footprint: Footprint) -> Senses | None:

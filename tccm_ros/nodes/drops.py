@@ -6,7 +6,7 @@ from collections import Counter
 
 from tccm_ros.robot.stamp_guard import ANOTHER_CLOCK
 from tccm_ros.robot.stamp_order import LATE, TWICE, ZERO
-from tccm_ros.sensors.laser_scan import NO_LIMITS, NOTHING_SEEN, OUT_OF_LIMITS
+from tccm_ros.sensors.laser_scan import LIMITS_TOO_FAR, NO_LIMITS, NOTHING_SEEN, OUT_OF_LIMITS
 
 ADVICE = {
     "no joint samples": "joint samples have to bracket each scan: look at 'joint_states', its rate "
@@ -26,6 +26,7 @@ ADVICE = {
     "message, in joint_states or tf",
     NOTHING_SEEN: "every range says that nothing is there: look at the sensor, its cover and its "
     "range_max",
+    LIMITS_TOO_FAR: "look at range_min and range_max of the laser's driver: both are in m",
     NO_LIMITS: "look at range_min and range_max of the laser's driver: both are in m",
     OUT_OF_LIMITS: "look at range_min and range_max of the laser's driver: they and the ranges are "
     "in m",

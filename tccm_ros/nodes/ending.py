@@ -63,8 +63,8 @@ class Ending:
         self._last_s = now_s
 
     @property
-    def is_told(self) -> bool:
-        """Whether the process was told to stop."""
+    def is_asked(self) -> bool:
+        """Whether the process was asked to stop."""
         return self._start_s is not None
 
     @property
@@ -84,7 +84,7 @@ class Ending:
     @property
     def why(self) -> str:
         """Reason why the input received last was not processed."""
-        return "told again to stop" if self.is_hurried else f"not done within {WORK_S:g} s"
+        return "asked again to stop" if self.is_hurried else f"not done within {WORK_S:g} s"
 
     @property
     def status(self) -> int:

@@ -41,7 +41,7 @@ REASONS = {
 }
 """Reason by state; that of a search depends on the request."""
 
-NO_MAP = "nothing is mapped yet that a pose could be told in"
+NO_MAP = "there is no map yet in which a pose could be set"
 
 
 class LocalisationPublisher:
@@ -145,13 +145,13 @@ class LocalisationPublisher:
             if self._state == LocalisationState.SEARCHING:
                 self._logger.info(f"searching: {reason}")
 
-    def note_told(self, tracker: Tracker, *, is_taken: bool) -> None:
+    def note_given_pose(self, tracker: Tracker, *, is_taken: bool) -> None:
         """Note whether the user-supplied pose was accepted or the known one fits better."""
         if is_taken:
             self._place(BY_REQUEST, tracker.current_pose().stamp_ns, tracker)
-            self._logger.info("the pose that was told fits what the scans see, and is taken")
+            self._logger.info("the given pose is accepted: it agrees with the scans")
         else:
-            self._logger.warning("the pose that was told fits worse than the known one: not taken")
+            self._logger.warning("the given pose fits worse than the known one and is not used")
         self._shown_ns = -1
         self.show(tracker)
 

@@ -5,5 +5,5 @@ from tccm_ros.nodes.run import run
 
 
 def main() -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is asked to stop."""
     run(ManagedSlamNode)

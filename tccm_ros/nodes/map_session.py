@@ -82,7 +82,7 @@ class MapSession:
         self._shown_ns = -1
         self._scans_before = 0
         self._saved_keyframes = 0
-        self._has_tilt_scan = self._is_told = False
+        self._has_tilt_scan = self._is_pose_given = False
 
     @property
     def scans(self) -> int:
@@ -123,7 +123,7 @@ class MapSession:
             self._complete_from = self._solver.next_number
         self._solver.feed(event)
         is_scan = isinstance(event, PosedScan)
-        if is_scan and (self._is_told or not self.tracker.is_localised):
+        if is_scan and (self._is_pose_given or not self.tracker.is_localised):
             self._solver.flush()  # each scan may tell where the robot is
 
     def add_tilt_scan(self, stamp_ns: int) -> None:
@@ -146,8 +146,8 @@ class MapSession:
         if not (self.tracker.counts["keyframes"] or self._saved_keyframes):
             raise MapError(NO_MAP)
         guess = replace(guess, stamp_ns=guess.stamp_ns or self.newest_ns)
-        self._localisation.note_search("the pose that was told is compared with scans", BY_REQUEST)
-        self._is_told = True
+        self._localisation.note_search("the given pose is compared with scans", BY_REQUEST)
+        self._is_pose_given = True
         self.tracker.add(guess)
         self.add(guess)
         self._schedule.request()
@@ -193,10 +193,10 @@ class MapSession:
         if placed.map is None:
             return
         self._schedule.request()
-        was_told, self._is_told = self._is_told, False
+        was_given, self._is_pose_given = self._is_pose_given, False
         self._take_map(placed.map)
-        if was_told and not placed.map.is_unjoined:
-            self._localisation.note_told(self.tracker, is_taken=placed.is_told)
+        if was_given and not placed.map.is_unjoined:
+            self._localisation.note_given_pose(self.tracker, is_taken=placed.is_at_given_pose)
 
     def _solve(self, *, is_final: bool = False) -> None:
         if not self._waits_for_scan and not self._solver.is_solving and self._is_running():
@@ -266,6 +266,6 @@ class MapSession:
         self._localisation.name_map("")
         self._on_forget()
         self._shown_ns = -1
-        self._has_tilt_scan = self._is_told = False
+        self._has_tilt_scan = self._is_pose_given = False
         self.newest_ns = self._complete_from = 0
         self._schedule.forget()

@@ -129,7 +129,7 @@ def _spin(nodes: Sequence[Node], executor: SingleThreadedExecutor, signals: Stop
     for node in nodes:
         executor.add_node(node)
     is_running = executor.context.ok
-    while is_running() and not signals.is_told:
+    while is_running() and not signals.is_asked:
         if all(getattr(node, "is_done", False) for node in nodes):
             return
         try:

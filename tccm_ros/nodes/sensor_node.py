@@ -182,7 +182,7 @@ class SensorNode(Node):
         """Save the current map without closing open tilt cycles or flushing waiting scans."""
 
     def save_quickly(self, ending: Ending) -> None:
-        """Save the newest available result; called first when the node is told to stop."""
+        """Save the newest available result; called first when the node is asked to stop."""
 
     @abstractmethod
     def save_at_end(self, ending: Ending) -> None:

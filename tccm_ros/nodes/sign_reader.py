@@ -113,7 +113,7 @@ class SignReader:
         if session != self._session or self._deaths >= MAX_DEATHS:
             return
         try:
-            told, problem = self._answer(posed)
+            events, problem = self._answer(posed)
         except (EOFError, OSError):
             self._deaths += 1
             self._connection = None
@@ -122,18 +122,18 @@ class SignReader:
                 self.problem = "the process that reads door signs ended three times"
             return
         self._deaths, self.problem = 0, problem
-        self.counts["pictures"] += bool(told)
-        self.counts["signs"] += sum(type(event) is SignMeasurement for event in told)
+        self.counts["pictures"] += bool(events)
+        self.counts["signs"] += sum(type(event) is SignMeasurement for event in events)
         if session == self._session:
-            self._on_signs(told)
+            self._on_signs(events)
 
     def _answer(self, posed: PosedPicture) -> tuple[Told, str]:
         """Return the answer of the process (`sign_process.answer_pictures`)."""
         if self._connection is None:
             self._connection = self._start()
         self._connection.send(posed)
-        told, problem = self._connection.recv()
-        return told, problem
+        events, problem = self._connection.recv()
+        return events, problem
 
     def _start(self) -> Connection:
         ours, theirs = Pipe()

@@ -251,9 +251,9 @@ class SlamNode(SensorNode):
         else:
             self.refuse("solving", TccmError(answer.error))
 
-    def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
+    def _on_signs(self, events: Sequence[SearchedPicture | SignMeasurement]) -> None:
         """Pass the results of a picture to the solver, under the stamp of the picture."""
-        for event in told:
+        for event in events:
             self.worker.post(partial(self.session.add, event))
 
     def begin_correction(self, correction: LabelCorrection) -> Future:
@@ -398,5 +398,5 @@ def raw_stamp_ns(data: bytes) -> int:
 
 
 def main() -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is asked to stop."""
     run(SlamNode)

@@ -224,4 +224,4 @@ def _lacking(solved: Solved, wanted: Wanted) -> str:
     if late_s:
         return f"; the last {late_s:.1f} s of records are not in it"
     # A view may come last and be older than the scans that were solved.
-    return "; what came last is not in it" if solved.number < wanted.number else ""
+    return "; the newest records are not in it" if solved.number < wanted.number else ""

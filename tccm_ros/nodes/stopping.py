@@ -54,9 +54,9 @@ class StopSignals:
         threading.Thread(target=self._run, name="signals", daemon=True).start()
 
     @property
-    def is_told(self) -> bool:
-        """Whether the process was told to stop."""
-        return self.ending.is_told
+    def is_asked(self) -> bool:
+        """Whether the process was asked to stop."""
+        return self.ending.is_asked
 
     def ignore(self) -> None:
         """Ignore signals from now on, because only the exit is left.
@@ -74,7 +74,7 @@ class StopSignals:
                     self._take(number)
 
     def _take(self, number: int) -> None:
-        is_first = not self.is_told
+        is_first = not self.is_asked
         self.ending.note_signal(time.monotonic())
         if number == signal.SIGHUP:
             _leave_terminal()

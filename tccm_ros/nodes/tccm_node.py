@@ -237,5 +237,5 @@ class TccmNode(SensorNode):
 
 
 def main() -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is asked to stop."""
     run(TccmNode)

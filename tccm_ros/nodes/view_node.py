@@ -172,8 +172,8 @@ class ViewNode(Node):
     def _look(self) -> None:
         ready, known = self._client.has_services, self._client.localisation
         text = "no pose yet" if known is None else f"{known.state} {known.reason}".strip()
-        told = {"ready": ready, "localisation": text, "can_name": self._client.can_approach}
-        self._update(lambda state: setattr(state, "status", {**state.status, **told}))
+        answer = {"ready": ready, "localisation": text, "can_name": self._client.can_approach}
+        self._update(lambda state: setattr(state, "status", {**state.status, **answer}))
 
     # --- requests of pages ---
 
@@ -217,7 +217,7 @@ class ViewNode(Node):
     def _rename(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         surface, label = _identity(values), values["label"]
         if not isinstance(label, str):
-            raise QuestionError("label is no text")
+            raise QuestionError("label must be a string")
         return self._client.set_label(surface, label), lambda message: {"message": message}
 
     def _find_placements(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
@@ -227,7 +227,7 @@ class ViewNode(Node):
         wanted = SurfaceFilter(ids=[_identity(values)])
 
         def read(found: Any) -> dict[str, Any]:
-            told = [
+            answer = [
                 {
                     "surface_id": place.surface_id,
                     "position": [round(float(v), 3) for v in place.T_map_object[:3, 3]],
@@ -235,7 +235,7 @@ class ViewNode(Node):
                 }
                 for place in found
             ]
-            return {"placements": told, "message": found.message}
+            return {"placements": answer, "message": found.message}
 
         return self._client.find_placements(size, wanted, max_count=1), read
 
@@ -294,7 +294,7 @@ def _named(error: Exception) -> Exception:
 
 
 def main() -> None:
-    """Serve the page until the node is told to stop."""
+    """Serve the page until the node is asked to stop."""
     run(ViewNode)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.arrays import Bool, Float64, Int32
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.moments import Moments, plane_of, residuals_of
@@ -143,11 +143,14 @@ class Flood(NamedTuple):
         int32 (blocks,), mark of the last search that queued each block.
     is_inlier
         uint64, a bit for each cuboid; zero before and after a search.
+    visits
+        int64 (1,), number of cuboids examined by all searches.
     """
 
     queue: Int32
     stamp: Int32
     is_inlier: Words
+    visits: Int64
 
 
 @kernel
@@ -164,7 +167,7 @@ def assign_inliers(
     blocks
         Blocks of the map.
     flood, queued, mark
-        Work space, in which the first `queued` blocks are queued and stamped with `mark`.
+        Work space, changed, in which the first `queued` blocks are queued and stamped with `mark`.
     labels
         int32 (N,): only cuboids with -1 are assigned.
     plane, weight
@@ -184,6 +187,7 @@ def assign_inliers(
         b = queue[first]
         first += 1
         before = count
+        flood.visits[0] += start[b + 1] - start[b]
         for k in range(start[b], start[b + 1]):
             i = order[k]
             m = M[i]

@@ -31,6 +31,12 @@ from tccm_ros.planes.vertical_planes import fit_vertical
 PATCH_POINTS = 6
 """Minimum number of points of a flat patch: three define a plane, three more test it. Chosen."""
 
+MAX_VISITS = 200
+"""Upper bound of the mean number of searches that examine a cuboid: the time of a search is
+proportional to the cuboids, whatever is in a map. 2 to 12 in the tilt cycles of bags/flat and
+bags/upside_down; more than 50 only in maps of thousands of small sheets at random.
+"""
+
 
 class Limits(NamedTuple):
     """Limits that a plane must meet.
@@ -97,30 +103,62 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     blocks = sort_into_blocks(cuboids.ix, cuboids.iy)
     moments, patches, place = find_patches(cuboids, blocks, limits.max_rms, PATCH_POINTS)
     region, pooled = grow_regions(moments, patches, place, blocks, limits.max_rms)
-    first, by_region = patches_by_region(region, len(pooled))
-
     count = blocks.rows * blocks.wide
     labels = np.full(n, -1, np.int32)
     flood = Flood(
-        np.empty(count, np.int32), np.full(count, -1, np.int32), np.zeros((n >> 6) + 1, np.uint64)
+        np.empty(count, np.int32),
+        np.full(count, -1, np.int32),
+        np.zeros((n >> 6) + 1, np.uint64),
+        np.zeros(1, np.int64),
     )
+    planes = planes_of_regions(cuboids, blocks, region, pooled, place, flood, limits, labels)
+    planes = reassign_inliers(cuboids.M, blocks, labels, planes, are_vertical(planes))
+    planes = drop_edge_planes(cuboids, blocks, labels, planes, are_vertical(planes))
+    for p in range(len(planes)):
+        orient(planes[p], view, cuboids.origin * cuboids.tick, limits.horizontal)
+    return labels, planes
+
+
+@kernel
+def planes_of_regions(
+    cuboids: PlaneMap,
+    blocks: Blocks,
+    region: Int32,
+    pooled: Float64,
+    place: Int32,
+    flood: Flood,
+    limits: Limits,
+    labels: Int32,
+) -> PlaneTable:
+    """Return the planes of regions, the largest first, until `MAX_VISITS` is used up.
+
+    Parameters
+    ----------
+    cuboids, blocks
+        The map and its blocks.
+    region, pooled, place
+        Results of `grow_regions` and `find_patches`.
+    flood
+        Work space, changed.
+    limits
+        Limits that a plane must meet.
+    labels
+        int32 (N,), -1, changed: the plane of each cuboid.
+    """
+    n = len(cuboids.ix)
+    first, by_region = patches_by_region(region, len(pooled))
     planes = np.empty(n // 2 + 1, PLANE)
     found = 0
     for r in np.argsort(-pooled[:, 0]):
         # Regions miss sparse parts of a surface: a third of a plane's points is enough.
-        if pooled[r, 0] < limits.min_points / 3.0:
+        if pooled[r, 0] < limits.min_points / 3.0 or flood.visits[0] > MAX_VISITS * n:
             break
         queued = queue_region(by_region[first[r] : first[r + 1]], place, blocks, flood, r)
         plane = pooled_plane(pooled[r])
         members = assign_inliers(cuboids.M, blocks, flood, queued, r, labels, plane, pooled[r, 0])
         if len(members) > 2:
             found = split_and_fit(cuboids, members, plane, limits, labels, planes, found)
-    planes = planes[:found]
-    planes = reassign_inliers(cuboids.M, blocks, labels, planes, are_vertical(planes))
-    planes = drop_edge_planes(cuboids, blocks, labels, planes, are_vertical(planes))
-    for p in range(len(planes)):
-        orient(planes[p], view, cuboids.origin * cuboids.tick, limits.horizontal)
-    return labels, planes
+    return planes[:found]
 
 
 @kernel

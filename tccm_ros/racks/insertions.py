@@ -149,8 +149,8 @@ class InsertionSpace:
         )
         points = shapely.points(middles)
         for obstacle in self._obstacles:
-            is_told = obstacle.high > LOW and obstacle.id != without
-            if is_told or obstacle.low > height or obstacle.high < 0.0:
+            is_named = obstacle.high > LOW and obstacle.id != without
+            if is_named or obstacle.low > height or obstacle.high < 0.0:
                 continue
             covered = shapely.dwithin(points, obstacle.footprint, self.compartment.space.cell)
             blocked = blocked & ~covered if obstacle.id == without else blocked | covered

@@ -38,6 +38,12 @@ Record = (
     | ObjectBoxes
 )
 
+SCAN_NUMBERS = (
+    "angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min",
+    "range_max",
+)  # fmt: skip
+"""Names of the numbers of a sensor_msgs/LaserScan, in the order of its definition."""
+
 MAX_SCAN_S = 60.0
 """Longest plausible duration of one scan, s. Chosen: the slowest lasers take a few seconds."""
 
@@ -76,7 +82,7 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     stamp_ns, frame_id
         Header.
     numbers
-        angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max.
+        The numbers named by `SCAN_NUMBERS`.
     ranges
         float32 (N,). The record's ranges are read-only, whether they come from a bag or from a
         message, so that kernels are compiled for one array type. Ranges that mean "no return" are
@@ -92,9 +98,9 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     angle_min, angle_max, angle_increment, time_increment, _, range_min, range_max = map(
         float, numbers
     )
-    finite = (angle_min, angle_max, angle_increment, time_increment, range_min)
-    if not all(map(math.isfinite, finite)) or math.isnan(range_max):
-        raise MessageError("scan has angles, times or limits that are not numbers")
+    needed = (angle_min, angle_max, angle_increment, time_increment, range_min)
+    if not all(map(math.isfinite, needed)) or math.isnan(range_max):
+        raise MessageError(f"scan has {_not_numbers(numbers)}, expected finite numbers")
     if not abs(time_increment) * len(ranges) <= MAX_SCAN_S:
         raise MessageError(
             f"scan has {len(ranges)} beams with {time_increment:g} s between two, "
@@ -117,6 +123,12 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
         ranges=ranges,
         no_returns=0 if no_returns is None else int(np.count_nonzero(no_returns)),
     )
+
+
+def _not_numbers(numbers: Sequence[float]) -> str:
+    """Return the names and values of a scan's numbers that are not finite, as text."""
+    pairs = zip(SCAN_NUMBERS, numbers, strict=True)
+    return ", ".join(f"{name} {value:g}" for name, value in pairs if not math.isfinite(value))
 
 
 def _check_angles(count: int, angle_min: float, angle_max: float, increment: float) -> None:

@@ -76,9 +76,12 @@ class Outcome:
         limit = self.config.surfaces.min_height
         seen = f"{len(self.cycles)} tilt cycles have {len(planes)} planes"
         if not planes:
-            return f"{seen}: nothing was measured, or what was is too noisy or too far away"
-        above = f"{limit:g} m (surfaces.min_height) above the floor"
-        return f"{seen}, {level} of them horizontal; none is a surface {above}"
+            return f"{seen}: no usable points: none measured, or too noisy or too far away"
+        seen = f"{seen}, {level} of them horizontal"
+        above = sum(map(_area_above_sensor, self.cycles))
+        if 2.0 * above > sum(map(_horizontal_area, self.cycles)):
+            return f"{seen}, mostly above the sensor: ceilings, or a tilt joint of the wrong sign?"
+        return f"{seen}; none is a surface {limit:g} m (surfaces.min_height) above the floor"
 
     def _why_no_walls(self) -> str:
         scans, grid = self.slam.counts["level scans"], self.solution.grid
@@ -87,3 +90,18 @@ class Outcome:
         if grid is None or not (grid.cells == OCCUPIED).any():
             return f"of {scans} level scans no beam measured a range: all say that nothing is there"
         return f"{scans} level scans have no straight line of {self.config.lines.min_length:g} m"
+
+
+def _horizontal_area(cycle: CycleResult) -> float:
+    """Return the area of a tilt cycle's horizontal planes, m2."""
+    return sum(p.area for p in cycle.planes if p.kind is PlaneKind.HORIZONTAL)
+
+
+def _area_above_sensor(cycle: CycleResult) -> float:
+    """Return the area of a tilt cycle's horizontal planes above its sensor, m2."""
+    T, viewpoint = cycle.T_odom_base, cycle.surfaces.viewpoint
+    if viewpoint is None:
+        return 0.0
+    height = float(T[2, :3] @ viewpoint + T[2, 3])
+    horizontal = (p for p in cycle.planes if p.kind is PlaneKind.HORIZONTAL)
+    return sum(p.area for p in horizontal if p.centroid[2] > height)

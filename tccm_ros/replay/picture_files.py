@@ -30,7 +30,7 @@ def read_picture(path: Path) -> UInt8:
     except FileNotFoundError:
         raise PictureError(f"{path}: no such file") from None
     except UnidentifiedImageError:
-        raise PictureError(f"{path}: no picture that can be read; PNG, JPEG are some") from None
+        raise PictureError(f"{path}: not a readable image; PNG and JPEG are") from None
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         raise PictureError(f"{path}: cannot be read: {one_line(error)}") from error
 

@@ -167,8 +167,8 @@ class Pipeline:
                 self.slam.add(result.boxes)
             if self._session_changes is not None:
                 with self.clock.stage("events"):
-                    told = self.stages.run("events", self._session_changes.solve) or []
-                self.changes += [(result.stamp_ns, change) for change in told]
+                    found = self.stages.run("events", self._session_changes.solve) or []
+                self.changes += [(result.stamp_ns, change) for change in found]
             with self.clock.stage("history"):
                 self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
             with self.clock.stage("write"):

@@ -98,7 +98,7 @@ class Summary:
             lines.append("a new session of the saved map")
         if counts.unjoined_trajectories:
             lines.append(
-                f"trajectories beside the map, as no place of it fits: "
+                f"separate trajectories, as no place of the map matches them: "
                 f"{counts.unjoined_trajectories}; a drive that meets both joins them"
             )
         if counts.dropped:

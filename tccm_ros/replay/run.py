@@ -167,7 +167,7 @@ def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> N
     mapped = [s for s in choice.streams if s.processor == "tccm"]
     level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
     for streams, used in (
-        (mapped, pipeline.tccm.counts["cycles"]),
+        (mapped, pipeline.tccm.counts["scans used"]),
         (level, pipeline.slam.counts["level scans"]),
     ):
         topics = [(s, choice.topics[s.role]) for s in streams if choice.counts[s.role]]
@@ -179,16 +179,26 @@ def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> N
                 raise BagError(
                     f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
                 )
-            sensor = pipeline.robot.sensors[stream.role]
+            sensor, unused = pipeline.robot.sensors[stream.role], _unused_inputs(reader, choice)
             if sensor.problem is not None:
-                raise FrameError(f"{reader.path}: {what}: {sensor.problem}")
+                raise FrameError(f"{reader.path}: {what}: {sensor.problem}{unused}")
             dropped = sensor.dropped + (pipeline.tccm.dropped if streams is mapped else Counter())
             reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items()))
             kind = "scan" if stream.record is Scan else "record"
             raise BagError(
                 f"{reader.path}: no {kind} of the {what} could be used: "
-                f"{reasons or 'no tilt cycle'}"
+                f"{reasons or 'no tilt cycle'}{unused}"
             )
+
+
+def _unused_inputs(reader: BagReader, choice: TopicChoice) -> str:
+    """Return the topics of the robot of which no message could be used, as the end of an error."""
+    sensors = {stream.role for stream in choice.streams}
+    return "".join(
+        f"; no message on {topic} could be used: {reader.problems[topic]}"
+        for role, topic in choice.topics.items()
+        if role not in sensors and 0 < choice.counts[role] <= reader.dropped[topic]
+    )
 
 
 def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[str]:

@@ -122,8 +122,8 @@ class BaseMotion:
         m and rad, in the base frame at the first stamp; None without odometry, or where the samples
         around the interval have a gap wider than `max_gap_ns`.
         """
-        is_told = self.source is MotionSource.ODOMETRY
-        if not is_told or not self._track.brackets(start_ns, end_ns, max_gap_ns):
+        is_measured = self.source is MotionSource.ODOMETRY
+        if not is_measured or not self._track.brackets(start_ns, end_ns, max_gap_ns):
             return None
         a, b = self._track.at(np.array([start_ns, end_ns]))
         return between2(planar(a), planar(b))

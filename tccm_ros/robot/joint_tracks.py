@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 from tccm_ros.records import JointSample
+from tccm_ros.robot.repeated_value import RepeatedValue
 from tccm_ros.robot.steps import StepGuard
 from tccm_ros.robot.tracks import ScalarTrack
 
@@ -21,7 +22,7 @@ STEP_SLACK = 0.005
 """Steps of a joint up to this are plausible at any speed, rad or m: encoder counts of a servo. A
 larger first step is accepted only after `steps.LASTING_NS`."""
 
-LATE, OFF_TRACK = "out of order", "outliers"
+LATE, OFF_TRACK, REPEATED = "out of order", "outliers", "one value"
 """Reasons of dropped positions."""
 
 Limits = tuple[float, float]
@@ -40,6 +41,7 @@ class JointTracks:
         self._time_offset_ns = time_offset_ns
         self._tracks: dict[str, ScalarTrack] = {}
         self._guards: dict[str, StepGuard[float]] = {}
+        self._repeated: dict[str, RepeatedValue] = {}
         self._limits: Mapping[str, Limits] = {}
         self._within: Counter[str] = Counter()
         self._beyond: Counter[str] = Counter()
@@ -78,6 +80,10 @@ class JointTracks:
             guard = self._guards.get(name)
             if guard is None:
                 guard = self._guards[name] = StepGuard(_joint_step, STEP_SLACK)
+                self._repeated[name] = RepeatedValue(STEP_SLACK)
+            if self._repeated[name].add(position):
+                left_out[f"{REPEATED} of joint '{name}' by a second publisher"] += 1
+                continue
             steps = guard.add(stamp_ns, position)
             if steps.refused:
                 left_out[f"{OFF_TRACK} of joint '{name}'"] += steps.refused

@@ -194,9 +194,9 @@ class Mount:
             Stamp of the record.
         """
         silent = [part for part, _ in chain.parts if not len(part.track)]
-        told = self._joints.explain(track) if isinstance(track, ScalarTrack) else None
-        if told is not None:
-            self._no_samples = FrameError(told), None
+        problem = self._joints.explain(track) if isinstance(track, ScalarTrack) else None
+        if problem is not None:
+            self._no_samples = FrameError(problem), None
         elif track.latest_ns is not None and abs(stamp_ns - track.latest_ns) > OTHER_CLOCK_NS:
             error = FrameError(
                 f"{reason} at a stamp of {stamp_ns * 1e-9:.10g} s: the newest has a stamp of "

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import TopicError, suggest
@@ -41,7 +43,7 @@ from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
-from tccm_ros.robot.streams import Companion, Stream, as_it_came
+from tccm_ros.robot.streams import Companion, Stream, unchanged
 
 COMPLETE_STEP_NS = 20_000_000
 """Step of message time between two `StreamComplete` events (chosen): small compared with the waits
@@ -80,7 +82,7 @@ class _Input:
     source: str = ""
     keeps_time: bool = True
     is_fixed: bool = False
-    correct: Callable[[Any, Config], Any] = as_it_came
+    correct: Callable[[Any, Config], Any] = unchanged
 
 
 class Robot:
@@ -383,6 +385,7 @@ def _give(record: Any, companions: Iterable[tuple[Companion, Sensor]]) -> None:
 
 
 def _is_finite(T: Float64) -> bool:
-    """Return whether a pose is finite."""
+    """Return whether a pose is finite, and its distances can be computed."""
     numbers = T.ravel()
-    return math.isfinite(numbers.dot(numbers))
+    with np.errstate(over="ignore"):
+        return math.isfinite(numbers.dot(numbers))

@@ -132,7 +132,7 @@ class BaseRollPitch:
         self, config: Config, motion: BaseMotion, mount: ImuMount, refuse: Callable[[str], None]
     ) -> None:
         self.track = Track(6)
-        self._told = ScalarTrack(), ScalarTrack()
+        self._reported = ScalarTrack(), ScalarTrack()
         self._motion, self._mount, self._refuse = motion, mount, refuse
         self._max_gap_ns = round(config.sync_timeout * 1e9) // 2
         self._frame = ""
@@ -141,7 +141,7 @@ class BaseRollPitch:
     def clear_samples(self) -> None:
         """Clear all time-stamped data, and the estimates of the IMU's errors."""
         self.track.clear()
-        for track in self._told:
+        for track in self._reported:
             track.clear()
         self.bias: Float64 | None = None
         self._rates: deque[Float64] = deque(maxlen=BIAS_STEPS)
@@ -172,13 +172,13 @@ class BaseRollPitch:
         The newest values are held for the widest allowed gap of samples. None where all are 0, or
         unknown.
         """
-        last_ns = self._told[0].latest_ns
+        last_ns = self._reported[0].latest_ns
         if last_ns is None or stamps_ns[-1] > last_ns + self._max_gap_ns:
             return None
         known_ns = np.minimum(stamps_ns, last_ns)
-        if not self._told[0].brackets(int(known_ns[0]), int(known_ns[-1]), self._max_gap_ns):
+        if not self._reported[0].brackets(int(known_ns[0]), int(known_ns[-1]), self._max_gap_ns):
             return None
-        found = np.column_stack([track.at(known_ns, wraps=False) for track in self._told])
+        found = np.column_stack([track.at(known_ns, wraps=False) for track in self._reported])
         return found if found.any() else None
 
     def awaited(self, stamp_ns: int) -> tuple[int, list[Track]]:
@@ -353,7 +353,7 @@ class BaseRollPitch:
         if now is not None and sigma <= MAX_SIGMA and stamp_ns // STEP_NS % EVENT_STEPS == 0:
             known = None if usual is None else _pair(usual)
             self._events.append(RollPitch(stamp_ns, _pair(now), sigma, known))
-        for track, value in zip(self._told, found.tolist()):
+        for track, value in zip(self._reported, found.tolist()):
             track.append(stamp_ns, value)
 
 

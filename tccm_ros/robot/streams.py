@@ -12,17 +12,17 @@ from tccm_ros.records import Posed
 from tccm_ros.robot.chain_finder import MountKind
 
 
-def at_its_stamp(record: Any) -> tuple[int, int]:
+def instant(record: Any) -> tuple[int, int]:
     """Return the time span of a record that was measured all at once."""
     return record.stamp_ns, record.stamp_ns
 
 
-def nothing_to_say(record: Any) -> str | None:
+def no_remark(record: Any) -> str | None:
     """Return None: no rejection and no remark."""
     return None
 
 
-def as_it_came(record: Any, config: Config) -> Any:
+def unchanged(record: Any, config: Config) -> Any:
     """Return a record unchanged: no driver errors are known."""
     return record
 
@@ -103,11 +103,11 @@ class Stream:
     mount: MountKind
     processor: str
     event: type[Posed] = Posed
-    time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
-    rejection_reason: Callable[[Any], str | None] = nothing_to_say
-    remark: Callable[[Any], str | None] = nothing_to_say
-    fault_of_pose: Callable[[Posed], str | None] = nothing_to_say
-    correct: Callable[[Any, Config], Any] = as_it_came
+    time_span: Callable[[Any], tuple[int, int]] = instant
+    rejection_reason: Callable[[Any], str | None] = no_remark
+    remark: Callable[[Any], str | None] = no_remark
+    fault_of_pose: Callable[[Posed], str | None] = no_remark
+    correct: Callable[[Any, Config], Any] = unchanged
     sees_robot: bool = False
     companion: Companion | None = None
     max_waiting: int = 1000

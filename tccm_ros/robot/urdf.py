@@ -1,9 +1,9 @@
 """Read a robot description: links, joints and collision shapes.
 
-The text is untrusted: no document type, hence no entities; a size limit; finite numbers only. As in
-ROS's own parser (tinyxml2), these are tolerated: whitespace before the declaration, two hyphens in
-a comment, undeclared prefixes, a bare ampersand. A fault of one joint is stored with it and matters
-only if a chain needs that joint. Meshes are listed, not loaded.
+The text is untrusted: no entities of its own; a size limit; finite numbers only. As in ROS's own
+parser (tinyxml2), these are tolerated: whitespace before the declaration, two hyphens in a comment,
+undeclared prefixes, a bare ampersand, "<" in an attribute. A fault of one joint is stored with it
+and matters only if a chain needs that joint. Meshes are listed, not loaded.
 """
 
 import re
@@ -117,6 +117,7 @@ class RobotModel:
 _DECLARATION = re.compile(r"\A<\?xml\b.*?\?>", re.DOTALL)
 _COMMENT_OR_DATA = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 _BARE_AMPERSAND = re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]+|#x[0-9a-fA-F]+);)")
+_ATTRIBUTE = re.compile(r"""=\s*(?:"[^"]*"|'[^']*')""")
 
 
 def _parse(text: str) -> ElementTree.Element:
@@ -125,19 +126,19 @@ def _parse(text: str) -> ElementTree.Element:
     Raises
     ------
     UrdfError
-        For a document type, before any entity is read, and for text that is not XML.
+        For declarations of entities, before any is read, and for text that is not XML.
     """
     text = _DECLARATION.sub("", text.lstrip("\ufeff \t\r\n"))
     parts, at = [], 0
     for found in _COMMENT_OR_DATA.finditer(text):
         data = "" if found.group().startswith("<!--") else found.group()
-        parts += [_BARE_AMPERSAND.sub("&amp;", text[at : found.start()]), data]
+        parts += [_escaped(text[at : found.start()]), data]
         at = found.end()
-    parts.append(_BARE_AMPERSAND.sub("&amp;", text[at:]))
+    parts.append(_escaped(text[at:]))
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate("utf-8")
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
-    parser.StartDoctypeDeclHandler = _refuse_doctype
+    parser.StartDoctypeDeclHandler = _refuse_declarations
     try:
         parser.Parse("".join(parts).encode("utf-8", "replace"), True)
         return builder.close()
@@ -145,8 +146,15 @@ def _parse(text: str) -> ElementTree.Element:
         raise UrdfError(f"robot description: not XML ({one_line(error, limit=80)})") from None
 
 
-def _refuse_doctype(*_: object) -> None:
-    raise UrdfError("robot description: a document type is not allowed; remove <!DOCTYPE")
+def _escaped(text: str) -> str:
+    """Return XML with its bare ampersands, and "<" in its attributes, escaped."""
+    text = _ATTRIBUTE.sub(lambda found: found.group().replace("<", "&lt;"), text)
+    return _BARE_AMPERSAND.sub("&amp;", text)
+
+
+def _refuse_declarations(_: str, system: str | None, public: str | None, has_subset: int) -> None:
+    if has_subset or system or public:
+        raise UrdfError("robot description: a document type is not allowed; remove <!DOCTYPE")
 
 
 def read_urdf(text: str) -> RobotModel:
@@ -155,7 +163,7 @@ def read_urdf(text: str) -> RobotModel:
     Raises
     ------
     UrdfError
-        For text that is not a URDF, has a document type, is too large, names unknown links or is
+        For text that is not a URDF, declares entities, is too large, names unknown links or is
         not one tree. Faults of single joints and shapes are in `RobotModel.faults`.
     """
     size = len(text.encode("utf-8", "replace"))

@@ -26,7 +26,8 @@ from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_b
 NOTHING_SEEN = "nothing seen"
 NO_LIMITS = "range_min is not below range_max"
 OUT_OF_LIMITS = "no range between range_min and range_max"
-TOO_FAR = "all ranges beyond scan.max_range: are they millimetres?"
+LIMITS_TOO_FAR = "range_min is not below scan.max_range: are range_min and range_max millimetres?"
+TOO_FAR = "all ranges beyond range_max or scan.max_range: are they millimetres?"
 """Reasons of dropped scans without a hit."""
 
 NO_RETURNS = "ranges at range_max are taken as nothing seen"
@@ -90,14 +91,14 @@ def _reason_of_ranges(scan: Scan, limits: ScanFilter | None) -> str | None:
     ranges = scan.ranges
     if ((ranges >= low) & (ranges <= high) & (ranges > 0.0)).any():
         return None
-    if not low < high:
+    if not scan.range_min < scan.range_max:
         return NO_LIMITS
+    if not low < high:
+        return LIMITS_TOO_FAR
     seen = ranges[np.isfinite(ranges) & (ranges > 0.0)]
     if not len(seen):
         return NOTHING_SEEN
-    if (seen > high).all() and scan.range_max > high:
-        return TOO_FAR
-    return OUT_OF_LIMITS
+    return TOO_FAR if (seen > high).all() else OUT_OF_LIMITS
 
 
 def remark(scan: Scan) -> str | None:

@@ -83,7 +83,7 @@ class Chain:
         Poses float64 (3,) of fixed keyframes, by id: those of the map in localisation.
     origins
         Poses float64 (3,) of the first keyframes of sessions that are not connected to the map.
-    told
+    external_poses
         Poses float64 (3,) in map from an external localisation, and their covariances (3, 3) of (x,
         y, yaw) in map, by id.
     """
@@ -92,7 +92,7 @@ class Chain:
     keys: list[Key] = field(default_factory=list)
     fixed: dict[int, Float64] = field(default_factory=dict)
     origins: dict[int, Float64] = field(default_factory=dict)
-    told: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
+    external_poses: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
         """Append a keyframe that observes lines at `phi`, float64 (L,), rad."""
@@ -108,11 +108,11 @@ class Chain:
         keyframe, key = self.keyframes[k], self.keys[k]
         if k in self.fixed:
             return [_pinned(key, self.fixed[k])]
-        if k == 0 and not self.told:
+        if k == 0 and not self.external_poses:
             return [_pinned(key, keyframe.pose)]
         factors: list[Factor] = [Planar(key, keyframe.pose)]
-        if k in self.told:
-            pose, cov = self.told[k]
+        if k in self.external_poses:
+            pose, cov = self.external_poses[k]
             own = rotate_frame(cov, float(pose[2]))
             factors.append(PriorPose(key, pose, own, is_robust=True))
         if not self.starts(k):

@@ -28,6 +28,7 @@ from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of
 from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.chain import AnchoredPose, Chain
+from tccm_ros.slam.external_poses import MapOdomTrack, reweigh
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, view_key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
@@ -45,7 +46,6 @@ from tccm_ros.slam.signs.landmarks import sign_factors, sign_observations, sign_
 from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
-from tccm_ros.slam.told_poses import MapOdomTrack, reweigh
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_records
@@ -82,7 +82,7 @@ class WallSlam:
         self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         self._newest: LevelScan | None = None
-        self._is_told = False
+        self._is_pose_given = False
         # Landmark observations: of earlier sessions, of this one, and those not yet anchored.
         self._saved_observations: Sequence[AnchoredObservation] = ()
         self._observed: list[LandmarkObservation] = []
@@ -135,12 +135,12 @@ class WallSlam:
             map_odom = compose(pose, inverse(odom))
             self._live = LivePose(stamp_ns, pose, map_odom, localised, attitude_of(T_odom_base))
 
-    def add_map_odom(self, told: MapOdom) -> None:
+    def add_map_odom(self, map_odom: MapOdom) -> None:
         """Add a pose of the odometry frame by an external localisation."""
-        self._map_odom.add(told)
+        self._map_odom.add(map_odom)
 
     @property
-    def waits_to_be_told(self) -> bool:
+    def waits_for_external_pose(self) -> bool:
         """Whether the external localisation is configured, but has given no pose yet."""
         return self.config.localisation.is_external and not len(self._map_odom)
 
@@ -185,13 +185,13 @@ class WallSlam:
         The place is accepted once a scan fits the map there, and better than at the place expected
         by tracking; otherwise that one is kept.
         """
-        self._front.is_lost = self._is_told = bool(self._front.tracked)
+        self._front.is_lost = self._is_pose_given = bool(self._front.tracked)
         self._closer.note_guess(guess)
 
     def _expect(self, level: LevelScan) -> None:
         """Set the expected place of the first scan of a session, from tracking."""
-        is_told, self._is_told = self._is_told, False
-        if is_told and self._newest is not None and self.has_place_now:
+        is_pose_given, self._is_pose_given = self._is_pose_given, False
+        if is_pose_given and self._newest is not None and self.has_place_now:
             last = self._front.tracked[-1]
             step = compose(last.pose, between(self._newest.odom, level.odom))
             self._closer.note_expected(compose(self._closer.poses[last.keyframe], step))
@@ -269,7 +269,7 @@ class WallSlam:
         return self._front.session
 
     @property
-    def is_where_told(self) -> bool:
+    def is_at_given_pose(self) -> bool:
         """Whether the newest session is at a user-supplied pose."""
         return self._front.session in self._closer.placed_by_guess
 
@@ -398,7 +398,7 @@ class WallSlam:
             cov_keyframes,
             used.scale,
             landmarks,
-            sign_records(used.signs, landmarks, solution),
+            sign_records(used.signs, landmarks, solution, used.walls.whole_numbers()),
             refused_signs=tuple(used.refused_signs),
             attitudes=attitudes if attitudes.any() else attitudes[:0],
         )
@@ -473,16 +473,17 @@ class WallSlam:
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
-        told = self._map_odom
+        map_odom = self._map_odom
         for stamp, odom in zip(*self._odometry.arrays()):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
-            start = compose(told.before(int(stamp)), odom) if len(told) else None
+            start = compose(map_odom.before(int(stamp)), odom) if len(map_odom) else None
             odometry_slam._front.add(scan, start)
             odometry_slam._take_keyframe()
-        if len(told):
+        if len(map_odom):
             sigma = self.config.localisation.sigma
-            odometry_slam._chain.told = told.poses_of(odometry_slam._chain.keyframes, sigma)
-            reweigh(odometry_slam._chain)
+            chain = odometry_slam._chain
+            chain.external_poses = map_odom.poses_of(chain.keyframes, sigma)
+            reweigh(chain)
         return odometry_slam
 
     def _anchor(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:

@@ -89,7 +89,7 @@ class MapChanges:
     """
 
     def __init__(self, *, is_map_loaded: bool = False):
-        self._told: Scene | None = None
+        self._reported: Scene | None = None
         self._is_first_awaited = is_map_loaded
         self._absent: dict[int, int] = {}
         self._earlier: dict[int, tuple[tuple[int, KnownSurface], ...]] = {}
@@ -105,15 +105,15 @@ class MapChanges:
             As for `changes`.
         """
         if self._is_first_awaited:
-            self._told, self._is_first_awaited = scene, False
+            self._reported, self._is_first_awaited = scene, False
             return []
-        told = self._told or scene._replace(surfaces=(), objects=(), stamp_ns=-1)
-        self._told = now = self._agreed(told, scene)
-        found = changes(self._as_placed_before(told, now), now, agreeing_views)
+        reported = self._reported or scene._replace(surfaces=(), objects=(), stamp_ns=-1)
+        self._reported = now = self._agreed(reported, scene)
+        found = changes(self._as_placed_before(reported, now), now, agreeing_views)
         self._remember(now)
         return found
 
-    def _as_placed_before(self, told: Scene, now: Scene) -> Scene:
+    def _as_placed_before(self, reported: Scene, now: Scene) -> Scene:
         """Return the previous scene with each moved surface as it was before it moved.
 
         A small motion is detected only after several views. The scenes in between merge the rest
@@ -121,13 +121,13 @@ class MapChanges:
         """
         placed = {k.surface.id: k.surface.placed_ns for k in now.surfaces}
         surfaces = []
-        for known in told.surfaces:
+        for known in reported.surfaces:
             since = placed.get(known.surface.id, known.surface.placed_ns)
             earlier = self._earlier.get(known.surface.id, ())
             before = [k for newest_view_ns, k in earlier if newest_view_ns < since]
             is_elsewhere = since != known.surface.placed_ns and len(before) > 0
             surfaces.append(before[-1] if is_elsewhere else known)
-        return told._replace(surfaces=tuple(surfaces))
+        return reported._replace(surfaces=tuple(surfaces))
 
     def _remember(self, now: Scene) -> None:
         """Store the surfaces of the last scenes."""
@@ -137,9 +137,9 @@ class MapChanges:
             for identity, known in there.items()
         }
 
-    def _agreed(self, told: Scene, scene: Scene) -> Scene:
+    def _agreed(self, reported: Scene, scene: Scene) -> Scene:
         """Return a scene without the surface changes that only its newest view shows."""
-        known = {k.surface.id: k for k in told.surfaces}
+        known = {k.surface.id: k for k in reported.surfaces}
         merged = {m for k in scene.surfaces for m in k.surface.merged_ids}
         surfaces = []
         for now in scene.surfaces:
@@ -150,7 +150,7 @@ class MapChanges:
                 surfaces.append(known[identity])
         there = {k.surface.id for k in scene.surfaces} | merged
         absent = {k: v for k, v in self._absent.items() if k not in there}
-        is_agreed = scene.previous_view_ns > told.newest_view_ns  # by two views since
+        is_agreed = scene.previous_view_ns > reported.newest_view_ns  # by two views since
         for identity in known.keys() - there if not is_agreed else ():
             if absent.setdefault(identity, scene.newest_view_ns) == scene.newest_view_ns:
                 surfaces.append(known[identity])

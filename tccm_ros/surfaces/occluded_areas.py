@@ -28,7 +28,7 @@ chosen."""
 PROBE_SPACING = 0.04
 """Distance between the points at which an area is probed, m; chosen: below half a column."""
 
-MAX_COVERED = 0.5
+MIN_SEEN_THROUGH = 0.5
 """Min fraction of an area that a view looked through if there is no surface; chosen: most of it."""
 
 MIN_OCCLUDED_AREA = PROBE_SPACING**2
@@ -73,7 +73,7 @@ def last_empty_view(
     """
     points = probes(area, height)
     for v in reversed(range(len(views)) if len(points) else ()):
-        if _looked_through(points, views[v], T_map_view[v], config).mean() > MAX_COVERED:
+        if _looked_through(points, views[v], T_map_view[v], config).mean() > MIN_SEEN_THROUGH:
             return v
     return -1
 

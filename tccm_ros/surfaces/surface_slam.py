@@ -288,8 +288,8 @@ class SurfaceSlam:
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
         return []
 
-    def _take_map_odom(self, told: MapOdom) -> list[ScanPose]:
-        self.walls.add_map_odom(told)
+    def _take_map_odom(self, map_odom: MapOdom) -> list[ScanPose]:
+        self.walls.add_map_odom(map_odom)
         return []
 
     def _take_roll_pitch(self, sample: RollPitch) -> list[ScanPose]:
@@ -482,7 +482,7 @@ class SurfaceSlam:
     def _is_lost(self) -> bool:
         """Whether this session is not yet localised in the saved walls, or by another program."""
         is_searched = bool(self.saved_keyframes) and not self.walls.has_place
-        return is_searched or self.walls.waits_to_be_told
+        return is_searched or self.walls.waits_for_external_pose
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
         """Align this session with a saved map without walls; None if there is no such map."""

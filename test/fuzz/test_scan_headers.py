@@ -12,7 +12,14 @@ from robots import START, scan_at
 from tccm_ros.config import Config
 from tccm_ros.errors import MessageError
 from tccm_ros.records.building import scan_record
-from tccm_ros.sensors.laser_scan import NO_LIMITS, NO_RETURNS, NOTHING_SEEN, OUT_OF_LIMITS, TOO_FAR
+from tccm_ros.sensors.laser_scan import (
+    LIMITS_TOO_FAR,
+    NO_LIMITS,
+    NO_RETURNS,
+    NOTHING_SEEN,
+    OUT_OF_LIMITS,
+    TOO_FAR,
+)
 from tccm_ros.sensors.registry import default_streams
 
 STREAM = next(s for s in default_streams(Config()) if s.role == "scan")
@@ -52,6 +59,12 @@ def test_any_scan_is_refused_or_used_with_a_beam(changes, ranges):
         low, high = scan.range_min, min(scan.range_max, Config().scan.max_range)
         assert ((scan.ranges >= low) & (scan.ranges <= high) & (scan.ranges > 0.0)).any()
         assert len(ranges) < 2 or abs(scan.angle_increment) * (len(ranges) - 1) < 4.0 * math.pi
+
+
+@pytest.mark.parametrize("name", ["angle_max", "time_increment", "range_min", "range_max"])
+def test_a_number_that_is_none_is_named(name):
+    with pytest.raises(MessageError, match=f"scan has {name} nan, expected finite numbers"):
+        read(wall(), **{name: math.nan})
 
 
 CONTRADICTIONS = [
@@ -101,11 +114,11 @@ def test_angles_as_drivers_write_them_are_read(count, changes):
     [
         (wall(), {"range_max": 0.0}, NO_LIMITS),
         (wall(), {"range_min": 10.0, "range_max": 0.05}, NO_LIMITS),
-        (wall(), {"range_min": 50.0, "range_max": 10_000.0}, NO_LIMITS),
-        (wall(), {"range_max": 0.5}, OUT_OF_LIMITS),
-        (wall() * 1000, {"range_min": 50.0, "range_max": 10_000.0}, NO_LIMITS),
+        (wall(), {"range_min": 50.0, "range_max": 10_000.0}, LIMITS_TOO_FAR),
+        (wall(), {"range_min": 9.0}, OUT_OF_LIMITS),
+        (wall() * 1000, {"range_min": 50.0, "range_max": 10_000.0}, LIMITS_TOO_FAR),
         (wall() * 1000, {"range_max": 10_000.0}, TOO_FAR),
-        (wall() * 1000, {}, OUT_OF_LIMITS),
+        (wall() * 1000, {}, TOO_FAR),
         (np.full(BEAMS, np.inf, np.float32), {}, NOTHING_SEEN),
         (np.full(BEAMS, 10.0, np.float32), {}, NOTHING_SEEN),
         (np.zeros(BEAMS, np.float32), {}, NOTHING_SEEN),

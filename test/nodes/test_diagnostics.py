@@ -195,7 +195,7 @@ def test_an_input_whose_messages_are_refused_is_an_error_until_they_are_used(ros
         LaserScan(time_increment=1e3, ranges=[1.0, 1.0]),
     ):
         robot.publish("tilt_scan", bad, node)
-    words = ("all messages of 'tilt_scan' are refused", "not numbers", "expected at most")
+    words = ("all messages of 'tilt_scan' are refused", "angle_increment nan", "expected at most")
     ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.ERROR, *words))
     ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, *words))
     robot.play(recording(3), node)

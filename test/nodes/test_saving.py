@@ -172,7 +172,7 @@ def test_two_presses_of_ctrl_c_under_launch_lose_nothing(ros, tmp_path):
         wait.unlink()
         output, _ = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 0, output
-    assert "left out: what came last, told again to stop" in output
+    assert "left out: what came last, asked again to stop" in output
     assert f"saved {tmp_path / 'map'}: solution" in output
     assert read_content(tmp_path / "map" / "map.mcap").keyframes
 
@@ -420,7 +420,7 @@ def test_a_view_that_comes_last_and_is_older_than_what_was_solved_is_not_passed_
     node.worker.wait(lambda: node.feed(view))
     answer = trigger(ros, "/surface_slam/save_map")
     os.kill(node.solver.pid, signal.SIGCONT)
-    assert "what came last is not in it" in answer.message
+    assert "the newest records are not in it" in answer.message
     save_until(ros, lambda answer: "not in it" not in answer.message)
     assert node.solver.newest.content.views == 1
 

@@ -94,7 +94,7 @@ def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
         ("rename", {"surface_id": table["id"], "label": "throne"}, "no label 'throne'"),
         ("rename", {"surface_id": 2**40, "label": "table"}, "expected an id"),
         ("rename", {"surface_id": True, "label": "table"}, "expected an id"),
-        ("rename", {"surface_id": 1, "label": 3}, "label is no text"),
+        ("rename", {"surface_id": 1, "label": 3}, "label must be a string"),
         ("rename", {"label": "table"}, "surface_id is missing"),
         ("placements", {"surface_id": 1, "size": [1, 2]}, "expected (length, width, height)"),
         ("placements", {"surface_id": 1, "size": ["x", 1, 1]}, "could not convert"),

@@ -1,6 +1,7 @@
 """Recordings as drivers and users write them: the table of the small room is found in each."""
 
 import json
+from pathlib import Path
 
 import edited_bag as eb
 import numpy as np
@@ -11,6 +12,8 @@ from tccm_ros.config.reader import read_config
 from tccm_ros.errors import TccmError
 from tccm_ros.replay.info import bag_info
 from tccm_ros.replay.replay import replay
+
+BUNDLED = Path(__file__).resolve().parents[2] / "bags"
 
 RECORDINGS = {
     "depths in m with nan": eb.of_camera(eb.in_metres),
@@ -140,3 +143,52 @@ def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
 
     notes = "\n".join(bag_info(eb.edited(source, tmp_path / "grey", eb.of_camera(grey))).notes)
     assert "/depth/image_rect_raw: image has encoding 'mono8'" in notes
+
+
+def test_a_tilt_joint_of_the_wrong_sign_is_named_as_a_reason_for_an_empty_map(tmp_path):
+    """The floor, seen where a ceiling would be, is most of what is horizontal."""
+
+    def negated(topic, msgtype, message):
+        if msgtype == "sensor_msgs/msg/JointState":
+            message.position = -np.array(message.position)
+        return [(topic, msgtype, message)]
+
+    bag = eb.edited(BUNDLED / "upside_down", tmp_path / "bag", negated)
+    summary = replay(bag, tmp_path / "out", read_config(None), pictures=False)
+    assert "mostly above the sensor: ceilings, or a tilt joint of the wrong sign?" in summary.text()
+
+
+def in_microseconds(topic, msgtype, message):
+    """Edit the joints' stamps: the joint turns and rests, but never at the time of a scan."""
+    if msgtype == "sensor_msgs/msg/JointState":
+        eb.set_stamp(message, eb.stamp_of(message) // 1000)
+    return [(topic, msgtype, message)]
+
+
+def without_names(topic, msgtype, message):
+    if msgtype == "sensor_msgs/msg/JointState":
+        message.name = []
+    return [(topic, msgtype, message)]
+
+
+def without_rotation(topic, msgtype, message):
+    if msgtype == "nav_msgs/msg/Odometry":
+        message.pose.pose.orientation.z = message.pose.pose.orientation.w = 0.0
+    return [(topic, msgtype, message)]
+
+
+@pytest.mark.parametrize(
+    ("edit", "why"),
+    [
+        (in_microseconds, "tilting laser: no joint samples at a stamp of .* set the clocks"),
+        (without_names, "no message on .*joint_states could be used: joint state has 0 names and"),
+        (
+            without_rotation,
+            "601 no odometry; no message on .*odom could be used: .* is no rotation",
+        ),
+    ],
+)
+def test_a_tilting_laser_without_a_usable_scan_is_an_error_with_its_cause(tmp_path, edit, why):
+    bag = eb.edited(BUNDLED / "upside_down", tmp_path / "bag", edit)
+    with pytest.raises(TccmError, match=why):
+        replay(bag, tmp_path / "out", read_config(None), pictures=False)

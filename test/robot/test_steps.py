@@ -49,6 +49,31 @@ def test_zeros_of_a_second_publisher_are_left_out(after_ms):
     assert np.abs(track.values[:, 0] - true).max() < 0.1
 
 
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("after_ms", [0, 1, 4])
+@pytest.mark.parametrize("value", [0.0, 0.4])
+def test_a_value_that_a_second_publisher_repeats_as_often_is_left_out(times, after_ms, value):
+    """As often as the driver and more often; a joint at rest, then one that nods."""
+    samples = []
+    for k in range(800):
+        position = nod(max(k - 100, 0))
+        samples.append((10 * k, position))
+        samples += [(10 * k + after_ms + j, value) for j in range(times)]
+    track, left_out = fed(samples)
+    assert left_out["one value of joint 'nod' by a second publisher"] > 0.8 * 700 * times
+    late = track.stamps_ns > START + 2000 * MS
+    true = np.interp((track.stamps_ns - START) / MS, 10.0 * np.arange(800),
+                     [nod(max(k - 100, 0)) for k in range(800)])  # fmt: skip
+    assert np.abs(track.values[:, 0] - true)[late].max() < 0.01
+    assert np.count_nonzero(late) > 500
+
+
+@given(st.lists(st.integers(-3, 3), min_size=50, max_size=300), st.floats(0.0, 0.01))
+def test_a_joint_with_a_coarse_encoder_has_no_second_publisher(ticks, tick):
+    _, left_out = fed([(10 * k, tick * value) for k, value in enumerate(np.cumsum(ticks))])
+    assert not any("second publisher" in reason for reason in left_out)
+
+
 def test_a_joint_that_starts_at_once_or_goes_on_elsewhere_is_followed():
     rest = [(100 * k, 0.0) for k in range(30)]
     moving = [(3000 + 100 * k, 0.1 * (k + 1)) for k in range(10)]

@@ -153,6 +153,8 @@ ACCEPTED_BY_ROS = {
     "hyphens in a comment": TILTING.replace("</robot>", "<!-- --- base <link --- --></robot>"),
     "a prefix of nothing": TILTING.replace("</robot>", "<gazebo><a:b c:d='e'/></gazebo></robot>"),
     "a bare ampersand": TILTING.replace("</robot>", "<gazebo a='b & c'>d && e</gazebo></robot>"),
+    "less than in an attribute": TILTING.replace("</robot>", "<gazebo a='b<c' d = \"<\"/></robot>"),
+    "a document type of nothing": f"<!DOCTYPE robot>{TILTING}",
     "an entity of nothing": TILTING.replace("</robot>", "<gazebo>&nbsp;</gazebo></robot>"),
     "data": TILTING.replace("</robot>", "<gazebo><![CDATA[<!-- & ]]></gazebo></robot>"),
 }

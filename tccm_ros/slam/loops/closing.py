@@ -39,7 +39,7 @@ GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
 """Number of keyframes that are matched around a user-supplied pose, and half width of the search in
 standard deviations (chosen)."""
 
-NOWHERE = "no place of the map fits what the scans see: drive on, or tell the pose"
+NOWHERE = "not localised, no place of the map matches the scans: drive on, or set the pose"
 AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
 UNJOINED = (
@@ -72,7 +72,7 @@ a flat takes 0.05 s, and the view of a robot at rest hardly changes."""
 
 UNPLACED_NS, UNPLACED_M = 10_000_000_000, 2.0
 """Time (ns) or path (m) after which a session without a place in the map begins its own trajectory
-(issue 40)."""
+(chosen)."""
 
 BESIDE_M = 30.0
 """Minimum distance in x between keyframes of two trajectories that are not joined: beyond the range

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records import SIGN, Landmark, RefusedSign, Sign, SignSighting
 from tccm_ros.signs.texts import vote
 from tccm_ros.slam.factors.factor import Factor
@@ -238,7 +238,10 @@ def sign_factors(signs: Sequence[FoundSign], scale: float, walls: Collection[Key
 
 
 def sign_records(
-    signs: Sequence[FoundSign], landmarks: Sequence[Landmark], solution: GraphSolution
+    signs: Sequence[FoundSign],
+    landmarks: Sequence[Landmark],
+    solution: GraphSolution,
+    whole: Int64,
 ) -> tuple[Sign, ...]:
     """Return the optimised signs, by id.
 
@@ -250,12 +253,14 @@ def sign_records(
         The optimised landmarks of all kinds.
     solution
         Solution of the graph that contains them.
+    whole
+        int64 (W,), index of the whole wall of each wall in the graph (`WallTable.whole_numbers`).
     """
     optimised = {m.id: m for m in landmarks if m.kind == SIGN}
-    return tuple(_record(sign, optimised[sign.id], solution) for sign in signs)
+    return tuple(_record(sign, optimised[sign.id], solution, whole) for sign in signs)
 
 
-def _record(sign: FoundSign, landmark: Landmark, solution: GraphSolution) -> Sign:
+def _record(sign: FoundSign, landmark: Landmark, solution: GraphSolution, whole: Int64) -> Sign:
     seen = [view.measurement for view in sign.views]
     number, confidence = vote([(m.number, m.confidence) for m in seen])
     text, _ = vote([(m.text, m.confidence) for m in seen if m.number == number])
@@ -271,7 +276,7 @@ def _record(sign: FoundSign, landmark: Landmark, solution: GraphSolution) -> Sig
         landmark.position,
         normal / max(float(np.linalg.norm(normal)), 1e-12),
         landmark.covariance,
-        sign.wall if is_held else None,
+        int(whole[sign.wall]) if is_held else None,
         tuple(
             SignSighting(v.measurement.stamp_ns, v.anchored.keyframe, v.measurement.pixel)
             for v in sign.views

@@ -53,9 +53,9 @@ FALSE_PROBABILITY = 0.1
 HIDDEN_PASS = 0.02
 """Probability that a sign is occluded during a whole pass, by people or an open door (chosen)."""
 
-MIN_ODDS = 0.05
-"""Maximum likelihood ratio of the misses since the last reading for a sign that was taken away: one
-to twenty (chosen)."""
+MAX_PRESENCE_RATIO = 0.05
+"""Maximum likelihood of the misses since the last reading, if the sign were still there, for a sign
+that was taken away (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,7 +287,7 @@ def is_taken_away(looks: Looks, probability: Float64) -> bool:
     missed = np.log1p(-probability[looks.height_class])
     begins = [k for k in _passes(looks.stamps_ns).tolist() if k > last]
     later = slice(begins[0] if begins else len(missed), None)
-    return sum(_by_pass(missed[later], looks.stamps_ns[later])) < np.log(MIN_ODDS)
+    return sum(_by_pass(missed[later], looks.stamps_ns[later])) < np.log(MAX_PRESENCE_RATIO)
 
 
 def is_read_by_chance(looks: Looks, probability: Float64) -> bool:

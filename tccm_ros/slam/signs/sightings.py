@@ -106,12 +106,12 @@ def find_sightings(
 def _known_since(sighting: Sighting, rays: Rays) -> int:
     """Return the first view up to which the views determine the point of a sighting."""
     views = sighting.views
-    told = (
+    distinct = (
         n
         for n in range(MIN_VIEWS, len(views))
         if parallax(rays.directions[list(views[:n])]) >= MIN_PARALLAX
     )
-    return views[next(told, len(views)) - 1]
+    return views[next(distinct, len(views)) - 1]
 
 
 def _passes(views: Sequence[SignView], stamps: Int64, sessions: Sequence[int]) -> list[list[int]]:

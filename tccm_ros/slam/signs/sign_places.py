@@ -176,7 +176,7 @@ class SignPlaces:
         return transform_points(rotation, np.ascontiguousarray(scan.normals[known]))
 
 
-def is_far(pose: Float64, told: Float64) -> bool:
+def is_far(pose: Float64, known: Float64) -> bool:
     """Return whether a pose (3,) predicted by a sign differs from the estimate by enough."""
-    away = between(pose, told)
+    away = between(pose, known)
     return bool(np.hypot(away[0], away[1]) > FAR_M or abs(away[2]) > FAR_RAD)

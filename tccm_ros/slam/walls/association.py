@@ -9,7 +9,7 @@ scan observes one side.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.kernels import kernel
 from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.walls.lines import Lines
-from tccm_ros.slam.walls.merging import merge_walls
+from tccm_ros.slam.walls.merging import whole_walls
 from tccm_ros.slam.walls.pooled import POOLED, extend_pooled, pool_segment
 
 JOINT_CHI2_PER_LINE = 6.0
@@ -42,6 +42,8 @@ JOINT_GATE_SIGMAS = 6.0
 class WallTable:
     """Walls and their observations.
 
+    A wall that bows has several rows, its pieces (`merging`).
+
     Attributes
     ----------
     keyframe, line
@@ -54,6 +56,8 @@ class WallTable:
         float64 (W, 2), minimum and maximum position along the tangent (-sin phi, cos phi), m.
     roughness
         float64 (W,), standard deviation of its lines across the wall, m, without slow pose errors.
+    whole
+        int64 (W,), equal for the pieces of one wall.
     """
 
     keyframe: Int64
@@ -63,9 +67,15 @@ class WallTable:
     rho: Float64
     extent: Float64
     roughness: Float64
+    whole: Int64
 
     def __len__(self) -> int:
         return len(self.phi)
+
+    def whole_numbers(self) -> Int64:
+        """Return the index of each row's whole wall, (W,), in the order of their first pieces."""
+        _, first, group = np.unique(self.whole, return_index=True, return_inverse=True)
+        return np.asarray(np.argsort(np.argsort(first))[group], np.int64)
 
     def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
         """Return the table with new walls for its observations (-1: none).
@@ -87,6 +97,7 @@ class WallTable:
             self.rho[keep],
             self.extent[keep],
             self.roughness[keep],
+            self.whole[keep],
         )
 
 
@@ -149,20 +160,17 @@ class WallAssociation:
         self.keyframe = np.append(self.keyframe, first + keyframe)
         self.line, self.wall = np.append(self.line, line), np.append(self.wall, wall)
 
-    def merge(self, thickness: float) -> None:
-        """Merge walls with a common stretch whose distance is less than a thickness (m).
-
-        Merged walls have no observations afterwards.
-        """
-        self.wall = merge_walls(self._ends, self.wall, self._pooled, thickness)
+    def whole(self, thickness: float) -> Int64:
+        """Return an index for each row of the table, equal for pieces within a thickness (m)."""
+        return whole_walls(self._ends, self.wall, self._pooled, thickness)
 
     def table(self) -> WallTable:
-        """Return all walls, including unconfirmed ones."""
-        pooled = self._pooled
+        """Return all walls, including unconfirmed ones, as if each were whole."""
+        pooled, whole = self._pooled, np.arange(len(self._pooled))
         extent = np.stack([pooled["low"], pooled["high"]], axis=1)
         return WallTable(
             self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent,
-            self._roughness(),
+            self._roughness(), whole,
         )  # fmt: skip
 
     def _roughness(self) -> Float64:
@@ -198,8 +206,8 @@ def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> W
     """
     association = WallAssociation(config)
     association.add(0, poses, lines)
-    association.merge(config.walls.thickness)
-    return association.table().keep(association.wall, min_confirmations(config, len(poses)))
+    table = replace(association.table(), whole=association.whole(config.walls.thickness))
+    return table.keep(association.wall, min_confirmations(config, len(poses)))
 
 
 class _Segments(NamedTuple):

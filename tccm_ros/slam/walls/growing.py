@@ -154,7 +154,10 @@ class GrowingWalls:
             if w >= 0:
                 phi[w], rho[w], extent[w] = groups.phi[g], groups.rho[g], groups.extent[g]
                 roughness[w] = max(roughness[w], groups.roughness[g])
-        return WallTable(groups.keyframe, groups.line, wall, phi, rho, extent, roughness)
+        # The next batch finds out whether a new wall is a piece of another.
+        new = last.whole.max(initial=-1) + 1 + np.arange(count - len(last))
+        whole = np.append(last.whole, new)
+        return WallTable(groups.keyframe, groups.line, wall, phi, rho, extent, roughness, whole)
 
     def _add_corners(
         self, observations: WallTable, lines: Sequence[Lines], first: int, known: int

@@ -91,7 +91,9 @@ def structure_factors(table: WallTable) -> list[Factor]:
 def wall_records(
     table: WallTable, corners: Sequence[Corner], solution: GraphSolution, scale: float
 ) -> list[Wall]:
-    """Return the optimised walls, with their ends moved to their corners.
+    """Return the optimised whole walls, with their ends moved to their corners.
+
+    A whole wall is the piece with the most observations, extended over the others.
 
     Parameters
     ----------
@@ -107,18 +109,25 @@ def wall_records(
     Returns
     -------
     list of Wall
-        Walls with phi in (-pi, pi] and rho >= 0.
+        Walls with phi in (-pi, pi] and rho >= 0, in the order of `WallTable.whole_numbers`.
     """
-    counts = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
-    planes = [solution.plane(wall_key(w)) for w in range(len(table))]
-    phi = [float(np.arctan2(p[1], p[0])) for p in planes]
-    rho = [float(-p[3]) for p in planes]
-    ends = [_endpoints(table, w, phi[w], rho[w]) for w in range(len(table))]
-    joined = _join_ends(corners, phi, rho, ends)
+    whole = table.whole_numbers()
+    pieces = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
+    count = int(whole.max(initial=-1)) + 1
+    main = [max(np.flatnonzero(whole == w), key=lambda p: pieces[p]) for w in range(count)]
+    counts = np.bincount(whole, pieces, count)
+    planes = [solution.plane(wall_key(p)) for p in range(len(table))]
+    lines = np.array([(np.arctan2(n[1], n[0]), -n[3]) for n in planes]).reshape(-1, 2)
+    seen = np.array([_endpoints(table, p, *lines[p]) for p in range(len(table))]).reshape(-1, 2, 2)
+    phi, rho = lines[main].T.tolist() if count else ([], [])
+    ends = [_extended(seen[whole == w], phi[w], rho[w]) for w in range(count)]
+    joined = _join_ends(
+        [c._replace(a=int(whole[c.a]), b=int(whole[c.b])) for c in corners], phi, rho, ends
+    )
     walls = []
-    for w in range(len(table)):
+    for w in range(count):
         # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
-        cov = solution.covariance(wall_key(w))[np.ix_([0, 2], [0, 2])] * scale
+        cov = solution.covariance(wall_key(int(main[w])))[np.ix_([0, 2], [0, 2])] * scale
         a, r, e = phi[w], rho[w], ends[w]
         is_turned = r < 0.0
         if is_turned:
@@ -151,9 +160,14 @@ def _join_ends(
 
 def _endpoints(table: WallTable, w: int, phi: float, rho: float) -> Float64:
     """Return the endpoints (2, 2): the pooled extent projected to the optimised line."""
-    normal, tangent = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
     was = table.phi[w]
     old = table.rho[w] * np.array([np.cos(was), np.sin(was)])
     along = np.array([-np.sin(was), np.cos(was)])
-    points = old + table.extent[w][:, None] * along
-    return rho * normal + (points @ tangent)[:, None] * tangent
+    return _extended(old + table.extent[w][:, None] * along, phi, rho)
+
+
+def _extended(points: Float64, phi: float, rho: float) -> Float64:
+    """Return the ends (2, 2) of points (..., 2) projected to a line, in its tangent's direction."""
+    normal, tangent = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
+    along = points @ tangent
+    return rho * normal + np.array([[along.min()], [along.max()]]) * tangent

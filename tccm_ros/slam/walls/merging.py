@@ -1,10 +1,13 @@
-"""Merging of walls: collinear pieces observed by several keyframes are one wall.
+"""Pieces of walls: collinear planes observed along one stretch are pieces of one wall.
 
 Panels bow, lasers have bias and poses have errors, so that lines of one wall differ by some
-centimetres and degrees, and association begins a new wall for a line that fits none. Of two
+centimetres and degrees, and association begins a new plane for a line that fits none. Of two
 surfaces with the same orientation, one behind the other, a laser sees only the front one:
 observations of the same stretch within the thickness of a wall are therefore one wall. Adjacent
 surfaces (the front of a cupboard, a door that is ajar) remain separate walls.
+
+In the graph each piece remains a landmark of its own: what one plane cannot represent would
+displace the keyframes. Results contain whole walls.
 """
 
 from __future__ import annotations
@@ -17,14 +20,15 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
 from tccm_ros.slam.walls.pooled import add_pooled, extend_pooled
 
-MIN_OVERLAP = 0.5
-"""Minimum common fraction of the shorter of two walls for a common stretch."""
+MIN_OVERLAP = 0.3
+"""Minimum common fraction of the shorter of two pieces. The halves of a panel of 3 m that bows by
+5 cm have 0.43 in common (``test/slam/walls/test_association.py``), adjacent surfaces nothing."""
 
 BIN = 0.05
 """Length (m) of a bin along a wall for its observed stretches: a tenth of a line (chosen)."""
 
 MIN_COSINE = 0.94
-"""Minimum cosine of the angle (20 deg) between the lines of one wall: as `MAX_DPHI` of
+"""Minimum cosine of the angle (20 deg) between the pieces of one wall: as `MAX_DPHI` of
 association."""
 
 
@@ -37,25 +41,26 @@ class _Members(NamedTuple):
 
 
 @kernel
-def merge_walls(
-    ends: Float64, wall: Int64, pooled: Any, thickness: float
+def whole_walls(
+    ends: Float64, wall: Int64, planes: Any, thickness: float
 ) -> Int64:  # pragma: no cover - compiled
-    """Merge walls in place; return the wall of each segment.
+    """Return the wall that each plane is a piece of, int64 (W,): the index of its longest piece.
 
-    Each wall absorbs those that are one with it, the longest wall first.
+    Each wall takes the pieces that are one with it, the longest wall first.
 
     Parameters
     ----------
     ends
         float64 (N, 2, 2), segments in map.
     wall
-        int64 (N,), wall of each segment, or -1.
-    pooled
-        Walls of dtype `POOLED`; the mass of a merged wall becomes zero.
+        int64 (N,), plane of each segment, or -1.
+    planes
+        Planes of dtype `POOLED`.
     thickness
-        Maximum rms distance (m) between the lines of two walls over their common stretch.
+        Maximum rms distance (m) between the lines of two pieces over their common stretch.
     """
-    wall, count = wall.copy(), len(pooled)
+    count, pooled = len(planes), planes.copy()
+    whole = np.arange(count)
     members = _Members(np.full(count, -1), np.full(count, -1), np.full(len(wall), -1))
     for i in range(len(wall)):
         if wall[i] >= 0:
@@ -64,21 +69,20 @@ def merge_walls(
     for place in range(count):
         a = order[place]
         later = place + 1
-        while later < count and pooled[a].mass > 0.0:
+        while later < count and whole[a] == a:
             b = order[later]
             later += 1
-            if pooled[b].mass > 0.0 and _are_one(a, b, ends, pooled, members, thickness):
+            if whole[b] == b and _are_one(a, b, ends, pooled, members, thickness):
                 add_pooled(pooled[a], pooled[b])
-                pooled[b].mass = 0.0
                 _append(members, a, members.first[b], members.last[b])
+                whole[whole == b] = a
                 pooled[a].low, pooled[a].high = np.inf, -np.inf
                 i = members.first[a]
                 while i >= 0:
-                    wall[i] = a
                     extend_pooled(pooled[a], ends[i])
                     i = members.after[i]
                 later = place + 1
-    return wall
+    return whole
 
 
 @kernel

@@ -13,7 +13,7 @@ from tccm_ros.slam.signs.presence import (
     FALSE_PROBABILITY,
     HEIGHTS,
     HIDDEN_PASS,
-    MIN_ODDS,
+    MAX_PRESENCE_RATIO,
     PRIOR_LOOKS,
     PRIOR_PROBABILITY,
     Looks,
@@ -110,7 +110,7 @@ def test_the_probability_of_a_reading_is_counted_over_the_other_signs():
 
 def test_misses_after_the_last_reading_tell_that_a_sign_was_taken_away():
     p = np.full(len(HEIGHTS) + 1, 0.5)
-    enough = int(np.ceil(np.log(MIN_ODDS) / np.log(0.5)))
+    enough = int(np.ceil(np.log(MAX_PRESENCE_RATIO) / np.log(0.5)))
     later = [0, 1, *range(100, 100 + enough)]
     assert not is_taken_away(looks([1, 1] + [0] * (enough - 1), later[:-1]), p)
     assert is_taken_away(looks([1, 1] + [0] * enough, later), p)

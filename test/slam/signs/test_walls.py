@@ -10,7 +10,7 @@ NONE = np.zeros(0, np.int64)
 PHI, RHO = np.array([np.pi / 2, -np.pi / 2, 0.0]), np.array([1.0, 1.0, 10.0])
 # Along (-sin phi, cos phi): -x, x and y.
 EXTENT = np.array([[-8.0, 0.0], [0.0, 10.0], [-1.0, 1.0]])
-WALLS = WallTable(NONE, NONE, NONE, PHI, RHO, EXTENT, np.zeros(3))
+WALLS = WallTable(NONE, NONE, NONE, PHI, RHO, EXTENT, np.zeros(3), np.arange(3))
 EYE = np.array([3.0, 0.0, 1.1])
 
 
@@ -44,6 +44,7 @@ def test_a_point_beside_the_end_of_a_wall_is_no_reflection():
 
 
 def test_without_walls_there_is_neither():
-    empty = WallTable(NONE, NONE, NONE, np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
+    nothing = np.zeros(0)
+    empty = WallTable(NONE, NONE, NONE, nothing, nothing, np.zeros((0, 2)), nothing, NONE)
     assert wall_of_sign(EYE, EYE, empty) == -1
     assert not is_behind_wall(EYE + 1.0, EYE[None], empty)

@@ -101,7 +101,7 @@ def two_keyframes(with_corner):
         factors += [WallObservation(keys[k], wall_key(w), a, r, cov) for w, a, r, cov in rows]
     table = WallTable(
         *np.zeros((3, 0), np.int64), np.array([ahead[0], side[0]]), np.array([4.0, 1.5]),
-        np.zeros((2, 2)), np.zeros(2),
+        np.zeros((2, 2)), np.zeros(2), np.arange(2),
     )  # fmt: skip
     if with_corner:
         points = [np.array([4.0, 1.5]) - pose[:2] for pose in truth]
@@ -147,7 +147,7 @@ def test_a_wall_goes_through_the_corner_that_it_ends_in():
     ]
     table = WallTable(
         *np.zeros((3, 0), np.int64), np.array([0.0, np.pi / 2]), np.array([4.5, 1.5]),
-        np.zeros((2, 2)), np.zeros(2),
+        np.zeros((2, 2)), np.zeros(2), np.arange(2),
     )  # fmt: skip
     seen = [np.array([4.0, 1.5])]
     corners = corner_factors([Corner(0, 1, [0], seen)], table, [key], Config())
@@ -183,7 +183,7 @@ def test_a_wall_has_one_endpoint_at_each_end():
     # y = 1 from x = -2 to 2; x = 1.5 and x = 2 meet it.
     table = WallTable(
         *np.zeros((3, 0), np.int64), np.array([half_pi, 0.0, 0.0]), np.array([1.0, 1.5, 2.0]),
-        np.array([[-2.0, 2.0], [0.0, 1.0], [0.0, 1.0]]), np.zeros(3),
+        np.array([[-2.0, 2.0], [0.0, 1.0], [0.0, 1.0]]), np.zeros(3), np.arange(3),
     )  # fmt: skip
     seen = [np.array([1.5, 1.0])], [np.array([2.0, 1.0])]
     corners = [Corner(0, 1, [0], seen[0]), Corner(0, 2, [0], seen[1])]

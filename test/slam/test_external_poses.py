@@ -69,7 +69,7 @@ def test_poses_that_contradict_the_rest_for_a_while_count_little():
 def test_where_it_begins_late_odometry_leads_back_to_the_start():
     late = drive(lambda k: truth(k) if k >= 100 else None)
     assert errors(late).max() < 0.05
-    assert not late.waits_to_be_told
+    assert not late.waits_for_external_pose
 
 
 def test_a_robot_that_stands_has_the_median_of_what_is_told():
@@ -89,8 +89,8 @@ def test_the_live_pose_is_what_was_told_last():
 
 
 def test_without_a_word_the_robot_is_nowhere():
-    assert drive(lambda k: None).waits_to_be_told
-    assert not WallSlam(read_config(None, [])).waits_to_be_told
+    assert drive(lambda k: None).waits_for_external_pose
+    assert not WallSlam(read_config(None, [])).waits_for_external_pose
 
 
 def test_yaw_is_compared_over_the_wrap():

@@ -26,10 +26,10 @@ class MapOdomTrack:
     def __len__(self) -> int:
         return len(self._samples)
 
-    def add(self, told: MapOdom) -> None:
+    def add(self, sample: MapOdom) -> None:
         """Add a transform, in any order."""
-        x, y, yaw = planar(told.T_map_odom).tolist()
-        insort(self._samples, (told.stamp_ns, (x, y, yaw)))
+        x, y, yaw = planar(sample.T_map_odom).tolist()
+        insort(self._samples, (sample.stamp_ns, (x, y, yaw)))
 
     def newest(self) -> Float64:
         """Return the newest transform, planar pose (3,)."""
@@ -64,14 +64,14 @@ class MapOdomTrack:
         """
         cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
         begins = [self._count_before(k.scan.stamp_ns) for k in keyframes]
-        told = {}
+        external = {}
         for keyframe, begin, end in zip(keyframes, begins, [*begins[1:], len(self._samples)]):
             held = self._samples[max(begin - 1, 0) if end <= begin else begin : end]
             if held:
                 poses = compose2(np.array([pose for _, pose in held]), keyframe.scan.odom)
                 poses[:, 2] = poses[-1, 2] + wrap_angle(poses[:, 2] - poses[-1, 2])
-                told[keyframe.id] = np.median(poses, axis=0), cov
-        return told
+                external[keyframe.id] = np.median(poses, axis=0), cov
+        return external
 
 
 def reweigh(chain: Chain) -> None:
@@ -84,20 +84,20 @@ def reweigh(chain: Chain) -> None:
     Parameters
     ----------
     chain
-        Chain whose `told` covariances are updated.
+        Chain whose `external_poses` covariances are updated.
     """
-    told = {k: chain.told[k] for k in sorted(chain.told)}
-    if not told:
+    external = {k: chain.external_poses[k] for k in sorted(chain.external_poses)}
+    if not external:
         return
-    kept = np.array(list(told))
+    kept = np.array(list(external))
     poses = np.array([keyframe.pose for keyframe in chain.keyframes])
-    expected = np.array([pose for pose, _ in told.values()])
+    expected = np.array([pose for pose, _ in external.values()])
     for _ in range(ROUNDS):
         poses = chain.graph(poses, {0}).optimise().planar_poses(chain.keys)
         error = poses[kept] - expected
         error[:, 2] = wrap_angle(error[:, 2])
-        variances = np.array([np.diag(cov) for _, cov in told.values()])
+        variances = np.array([np.diag(cov) for _, cov in external.values()])
         weights = (1.0 + (error**2 / variances).sum(1) / error.shape[1]) ** -2
-        chain.told = {
-            k: (pose, cov / weight) for (k, (pose, cov)), weight in zip(told.items(), weights)
+        chain.external_poses = {
+            k: (pose, cov / weight) for (k, (pose, cov)), weight in zip(external.items(), weights)
         }

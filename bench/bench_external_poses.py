@@ -1,7 +1,7 @@
 """Surfaces on the poses of another program: recordings with map -> odom on /tf.
 
-    python bench/bench_told_poses.py bags/flat
-    python bench/bench_told_poses.py bags/flat --sigma 0.03 1.0 --jump 0.3
+    python bench/bench_external_poses.py bags/flat
+    python bench/bench_external_poses.py bags/flat --sigma 0.03 1.0 --jump 0.3
 
 The other program is made of the truth: map -> odom at 10 Hz, each with noise of its own (m, deg).
 With a jump, the poses of 10 s in the middle of the drive are moved by that distance. The recording

@@ -139,8 +139,8 @@ def write_delta(
             write(stream, _entity(name), value, ground)
     if delta.get("pose"):
         x, y, yaw = delta["pose"]
-        turn = rr.RotationAxisAngle([0, 0, 1], radians=yaw)
-        stream.log(BASE, rr.Transform3D(translation=[x, y, ground], rotation_axis_angle=turn))
+        rotation = rr.RotationAxisAngle([0, 0, 1], radians=yaw)
+        stream.log(BASE, rr.Transform3D(translation=[x, y, ground], rotation_axis_angle=rotation))
     for text in delta.get("events", ()):
         stream.log("events", rr.TextLog(text))
 

@@ -111,11 +111,11 @@ def test_a_server_that_ends_and_comes_again_gets_everything(tmp_path, sent):
     show(stream, 5.0, MAP, [0.0, 0.0, 0.0])
     assert sent.acquire(timeout=120.0)
     server.close()
-    server, turn = RerunServer(port, tmp_path / "b.rrd"), 0
+    server, count = RerunServer(port, tmp_path / "b.rrd"), 0
     while not (tmp_path / "b.rrd").exists() or (tmp_path / "b.rrd").stat().st_size < 5000:
-        turn += 1
-        assert turn < 200
-        show(stream, 6.0 + turn, MAP, [0.1 * turn, 0.0, 0.0])
+        count += 1
+        assert count < 200
+        show(stream, 6.0 + count, MAP, [0.1 * count, 0.0, 0.0])
         assert sent.acquire(timeout=120.0)
     stream.close()
     server.close()

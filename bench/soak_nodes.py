@@ -1,11 +1,13 @@
 """A drive in real time through the nodes as processes: pauses, drops, memory, live = offline.
 
     tccm simulate flat DIR --set laps=2 --set always=true --set cycle_period=3.1
-    python bench/soak_nodes.py DIR [--rate 1] [--remap NAME:=TOPIC]...
+    python bench/soak_nodes.py DIR [--rate 1] [--remap NAME:=TOPIC]... [--no-replay]
 
 Plays a bag into tccm_node and slam_node and prints each node's longest step, the longest pause of
 `/pose`, what was dropped, the time of two saves in the midst of the drive and of one at the end,
-the memory of each process, and whether the saved files are those of a replay.
+the memory of each process and, once a minute, of the nodes and the processes that they started
+together (PSS: what several have in common is divided among them), and whether the saved files are
+those of a replay.
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ SAVES = (0.4, 0.7)
 """Fractions of the drive after which a map is saved."""
 
 WAIT_S = 600.0
+MEMORY_PERIOD_S = 60.0
 
 
 class Watch(Node):
@@ -124,17 +127,40 @@ def memory_mb(pid: int) -> tuple[float, float]:
     )
 
 
+def pss_mb(pid: int) -> float:
+    """Return the memory of a process, MB; what n processes have in common counts as an n-th."""
+    try:
+        rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
+    except OSError:
+        return 0.0
+    kilobytes = next(line.split()[1] for line in rollup.splitlines() if line.startswith("Pss:"))
+    return int(kilobytes) * 1.024e-3
+
+
+def print_pss(minutes: float, processes: dict[str, subprocess.Popen[bytes]]) -> None:
+    """Print the PSS of nodes, of the processes that they started, and of all together."""
+    pids = {name: process.pid for name, process in processes.items()}
+    children = {f"children of {name}": children_of(pid) for name, pid in pids.items()}
+    each = {name: pss_mb(pid) for name, pid in pids.items()}
+    each |= {name: sum(map(pss_mb, found)) for name, found in children.items() if found}
+    parts = ", ".join(f"{name} {mb:.0f}" for name, mb in each.items())
+    print(f"PSS after {minutes:.1f} min: {sum(each.values()):.0f} MB ({parts})", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rate", type=float, default=1.0)
     parser.add_argument("--remap", action="append", default=[], metavar="NAME:=TOPIC")
+    parser.add_argument("--no-replay", action="store_true", help="compare no files")
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", "98")
     with tempfile.TemporaryDirectory() as folder:
         live, offline = Path(folder) / "live", Path(folder) / "offline"
         drive(arguments.bag, arguments.rate, live, arguments.remap)
+        if arguments.no_replay:
+            return
         replay(arguments.bag, offline, Config(), pictures=False, remap=arguments.remap)
         for name in EQUAL:
             is_equal = (live / name).read_bytes() == (offline / name).read_bytes()
@@ -155,10 +181,19 @@ def drive(bag: Path, rate: float, folder: Path, remap: Sequence[str]) -> None:
         watch.spin_until(lambda: watch.poses, "the first pose")
         duration_s = duration(bag) / rate
         begin = watch.poses[0][0]
-        for fraction in SAVES:
-            watch.spin_until(lambda f=fraction: time.monotonic() > begin + f * duration_s, "a save")
-            print("save: {:.2f} s, {}".format(*watch.save("surface_slam")), flush=True)
-        watch.spin_until(lambda: player.poll() is not None, "the end of the bag")
+        due_s, memory_s = [begin + fraction * duration_s for fraction in SAVES], begin
+        while player.poll() is None:
+            next_s = min([memory_s, *due_s])
+            watch.spin_until(
+                lambda s=next_s: player.poll() is not None or time.monotonic() > s, "the player"
+            )
+            now_s = time.monotonic()
+            if now_s > memory_s:
+                print_pss((now_s - begin) / 60.0, processes)
+                memory_s += MEMORY_PERIOD_S
+            if due_s and now_s > due_s[0]:
+                due_s.pop(0)
+                print("save: {:.2f} s, {}".format(*watch.save("surface_slam")), flush=True)
         print(f"longest pause of /pose: {watch.pause():.3f} s")
         watch.save("tccm")
         watch.reports.clear()
@@ -169,6 +204,7 @@ def drive(bag: Path, rate: float, folder: Path, remap: Sequence[str]) -> None:
             print(f"save: {save_s:.2f} s, {said}")
         before = dict(watch.reports)
         watch.spin_until(lambda: watch.reports["tccm"] is not before["tccm"], "diagnostics")
+        print_pss((time.monotonic() - begin) / 60.0, processes)
         for name, process in processes.items():
             values = watch.reports[name]
             print(name, {k: v for k, v in values.items() if not k.startswith("received")})

@@ -56,6 +56,9 @@ HITS_DISTANCE = 0.4
 """Hits within this horizontal distance of a surface are kept, m; the grid keeps some up to twice as
 far. Chosen: an open door of a cupboard."""
 
+CLOSE = 0.1
+"""Minimum distance of a sensor from a hit, m: the range limit of close sensors."""
+
 HITS_FROM, HITS_TO = 0.15, 2.2
 """Range of heights of hits above z = 0 of the base, m. Chosen: the workspace of arms."""
 
@@ -268,11 +271,24 @@ def hits_near(cycle: TiltCycleData, surfaces: SurfaceCloud, T_odom_base: Float64
     of = np.floor(points[:, :2] / HITS_DISTANCE).astype(np.int64) - corner + 1
     inside = ((of >= 0) & (of < near.shape)).all(axis=1)
     points = points[inside][near[tuple(of[inside].T)]]
-    return _cubes(points)
+    assert surfaces.viewpoint is not None, "a message with points has one"
+    return _cubes(points, surfaces.viewpoint.astype(np.float64))
 
 
-def _cubes(points: Float64) -> Float32:
-    """Return the middle x and y and the lowest and highest z of points (N, 3) in each cube."""
+def _cubes(points: Float64, viewpoint: Float64) -> Float32:
+    """Return the middle x and y and the lowest and highest z of the points in each cube.
+
+    Errors of ranges move points along their beams. On a vertical face the heights at which the
+    beams cross the middle of the points are nearer to each other than those of the points, and are
+    taken instead.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 3), m.
+    viewpoint
+        float64 (3,), position of the sensor in the same frame, m.
+    """
     if not len(points):
         return np.zeros((0, 4), np.float32)
     cubes = np.floor(points / HITS_CUBE).astype(np.int64) + (1 << 19)
@@ -282,7 +298,14 @@ def _cubes(points: Float64) -> Float32:
     sums = np.add.reduceat(points[order, :2], first)
     count = np.diff(np.append(first, len(order)))
     z = points[order, 2]
-    low, high = np.minimum.reduceat(z, first), np.maximum.reduceat(z, first)
+    ranges = np.hypot(*(points[order, :2] - viewpoint[:2]).T)
+    middle = np.add.reduceat(ranges, first) / count
+    on_face = z + (z - viewpoint[2]) * (np.repeat(middle, count) / np.maximum(ranges, CLOSE) - 1.0)
+    ends = np.array(
+        [[f.reduceat(heights, first) for f in (np.minimum, np.maximum)] for heights in (z, on_face)]
+    )
+    is_face = np.ptp(ends[1], axis=0) < np.ptp(ends[0], axis=0)
+    low, high = np.where(is_face, ends[1], ends[0])
     return np.column_stack([sums / count[:, None], low, high]).astype(np.float32)
 
 

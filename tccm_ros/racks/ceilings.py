@@ -48,6 +48,10 @@ LOWEST = 0.1
 """Quantile of the lowest points of the cubes' columns that gives the lower edge of a front: in each
 column the last scan line is at another height above it. Chosen: one in ten may be a mixed pixel."""
 
+FROM_SENSOR = 0.3
+"""Minimum distance of a sensor from the plane of a face that its beams cross, m; chosen: nearer
+ones look along the face."""
+
 CUBE = 0.04
 """`mapping.surface_message.HITS_CUBE`, m."""
 
@@ -95,7 +99,7 @@ class BoardAbove:
 
 
 def ceilings(
-    size: Float64, boards: Sequence[BoardAbove], ends: Float64, half: Float64, is_from_below: Bool
+    size: Float64, boards: Sequence[BoardAbove], ends: Float64, half: Float64, origins: Float64
 ) -> Iterator[Ceiling]:
     """Yield the ceilings over the parts of a board, the lowest first.
 
@@ -107,15 +111,16 @@ def ceilings(
         Boards above it.
     ends, half
         float64 (M, 3) and (M,), middles of hits in the frame of the board, and half their heights.
-    is_from_below
-        bool (M,), whether the sensor that measured a hit was below it.
+    origins
+        float64 (M, 3), position of the sensor that measured each hit, in the frame of the board.
     """
+    is_from_below = origins[:, 2] < ends[:, 2]
     left: shapely.Geometry = shapely.box(*(-0.5 * size), *(0.5 * size))
     for board in sorted(boards, key=lambda b: (b.top, b.index)):
         part = _widest(left.intersection(board.outline))
         if not part.is_empty:
             low, high = np.reshape(part.bounds, (2, 2))
-            height, state = _lower_side(low, high, board.top, ends, half, is_from_below)
+            height, state = _lower_side(low, high, board.top, ends, half, origins)
             if MIN_HEIGHT <= height <= MAX_HEIGHT:
                 yield Ceiling(low, high, height, state, board.index)
             left = left.difference(board.outline)
@@ -132,12 +137,13 @@ def _widest(area: shapely.Geometry) -> shapely.Geometry:
 
 
 def _lower_side(
-    low: Float64, high: Float64, top: float, ends: Float64, half: Float64, is_from_below: Bool
+    low: Float64, high: Float64, top: float, ends: Float64, half: Float64, origins: Float64
 ) -> tuple[float, FaceState]:
     """Return height, m, and state of the underside of a board above.
 
     It is measured by hits from below, else by the lower edge of the board's fronts, else unknown.
     """
+    is_from_below = origins[:, 2] < ends[:, 2]
     inner = ((ends[:, :2] > low + INNER) & (ends[:, :2] < high - INNER)).all(axis=1)
     z = ends[:, 2]
     below = (z < top - FLAT / 4.0) & (z > top - 2.0 * MAX_BOARD)
@@ -149,16 +155,37 @@ def _lower_side(
     for axis in range(2):
         for edge in (low[axis], high[axis]):
             on = outer & below & (np.abs(ends[:, axis] - edge) <= EDGE)
+            if not on.any():
+                continue
             cells = np.floor(ends[on, 1 - axis] / CUBE).astype(np.int64)
             of, which = np.unique(cells, return_inverse=True)
             lowest = np.full(len(of), np.inf)
-            np.minimum.at(lowest, which, (z - half)[on])
+            np.minimum.at(lowest, which, _on_face(ends[on], half[on], origins[on], axis))
             lowest = lowest[lowest > top - 1.5 * MAX_BOARD]
             if len(lowest) >= MIN_FRONT_CELLS:
                 fronts.append((len(lowest), float(np.quantile(lowest, LOWEST))))
     if fronts:
         return max(fronts)[1], FaceState.MEASURED
     return top - MAX_BOARD, FaceState.UNKNOWN
+
+
+def _on_face(ends: Float64, half: Float64, origins: Float64, axis: int) -> Float64:
+    """Return the heights at which the lowest beams of hits cross the face that they are on, m.
+
+    Errors of ranges move a hit along its beam, and so up or down. Where the beam crosses the median
+    plane of the hits it is as exact as its direction.
+
+    Parameters
+    ----------
+    ends, half, origins
+        Hits of one face, as for `ceilings`.
+    axis
+        Axis of the face's normal, 0 or 1.
+    """
+    x, start = ends[:, axis], origins[:, axis]
+    low = ends[:, 2] - half
+    away = np.where(np.abs(x - start) > FROM_SENSOR, x - start, np.inf)
+    return np.asarray(low + (low - origins[:, 2]) * (np.median(x) - x) / away)
 
 
 def _unnamed(

@@ -45,6 +45,13 @@ SAME_FRONT = 0.1
 """Maximum difference of the open fractions of candidate fronts; the one most towards the sensors is
 the front. Chosen: a tenth of the cells."""
 
+COMMON_FRONT = 0.8
+"""Minimum common fraction of the extents of two boards along the front of a rack. Chosen: boards on
+the same posts agree within the errors of their edges, and a seat below a table does not."""
+
+MAX_SETBACK = 0.1
+"""Maximum distance of the front edges of such boards, m; chosen: a base is deeper by as much."""
+
 
 def find_compartments(
     surfaces: Sequence[Surface], views: Sequence[SeenView]
@@ -122,8 +129,30 @@ def _over(
     for ceiling in _ceilings(board, stack, hits):
         other = None if ceiling.above < 0 else stack[ceiling.above].id
         found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
-        if found is not None:
+        if found is None:
+            continue
+        upper = _outline(stack[ceiling.above]) if other is not None else found.outline
+        walls = found.left, found.right, found.back
+        if FaceState.MEASURED in walls or _have_common_front(_outline(board), upper, found):
             yield found
+
+
+def _have_common_front(
+    board: shapely.Geometry, above: shapely.Geometry, found: Compartment
+) -> bool:
+    """Return whether a board and its ceiling, seen from above in map, have a common front edge.
+
+    Without a wall between them this distinguishes the boards of a rack on posts from a table with
+    a seat below it.
+    """
+    T = inverse(found.T_map_front)
+    (a, b), (c, d) = T[:2, :2]
+    bounds = np.array(
+        [affine_transform(part, [a, b, c, d, *T[:2, 3]]).bounds for part in (board, above)]
+    )
+    (front, low), high = bounds[:, :2].T, bounds[:, 3]
+    common = (high.min() - low.max()) / (high.max() - low.min())
+    return bool(common >= COMMON_FRONT and np.ptp(front) <= MAX_SETBACK)
 
 
 def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[Ceiling]:
@@ -135,9 +164,8 @@ def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[
         for k, other in enumerate(stack)
         if other.height > board.height
     ]
-    ends = transform(T_board, hits.ends)
-    is_from_below = hits.origins[:, 2] < hits.ends[:, 2]
-    yield from ceilings(size, above, ends, hits.half, is_from_below)
+    ends, origins = transform(T_board, hits.ends), transform(T_board, hits.origins)
+    yield from ceilings(size, above, ends, hits.half, origins)
 
 
 def _frame(surface: Surface) -> tuple[Float64, Float64]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.surfaces.patch_planes import PatchPlanes
@@ -75,7 +75,7 @@ def adjust_planes(
         float64 (V, 3, 3), prior covariances of (z, roll, pitch) of the views.
     """
     used = np.ones(len(surface), np.bool_)
-    limits = chi2.ppf(1.0 - SIGNIFICANCE, np.arange(1, 4))
+    limits = chdtri(np.arange(1, 4), SIGNIFICANCE)
     while True:
         system = _System(planes, jacobians, surface, cov_z_roll_pitch, used)
         square, freedom = system.residuals()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import inverse, transform
+from tccm_ros.geometry import inverse, pose_from_rpy, transform
 from tccm_ros.racks.insertions import APPROACH, Hand, InsertionSpace
 from tccm_ros.replay.run import run_bag
 from tccm_sim.engine import Simulation
@@ -19,6 +19,7 @@ from tccm_sim.recording import record
 from tccm_sim.rooms import box_room
 from tccm_sim.scene import Scene
 from tccm_sim.truth import map_from_world
+from tccm_sim.world import with_options
 
 SENSORS = {
     "laser": {},
@@ -100,6 +101,20 @@ def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
     )
     options = Options(**SENSORS[sensor], **settings)
     return Rack(_world(scene, front, yaw, seed, rng, options), spaces, options)
+
+
+def seat_below_table(sensor: str = "laser") -> Rack:
+    """Return a table with a seat half below it, which is no rack."""
+    rng, scene = np.random.default_rng(0), Scene()
+    box_room(scene, (0.0, ROOM[0]), (0.0, ROOM[1]))
+    front, options = np.array([ROOM[0] / 2, 2.6]), Options(**SENSORS[sensor])
+    place = _Place(scene, front, pi / 2, 1.1, 0.8)
+    place.box("table", (0.0, 0.8), (-0.55, 0.55), (0.70, 0.73), surface="table")
+    place.box("seat", (-0.1, 0.32), (-0.35, 0.08), (0.42, 0.45), surface="seat")
+    for u in (-0.52, 0.52):
+        for v in (0.03, 0.77):
+            place.box("leg", (v - 0.02, v + 0.02), (u - 0.02, u + 0.02), (0.0, 0.70))
+    return Rack(_world(scene, front, pi / 2, 0, rng, options), (), options)
 
 
 class _Place:
@@ -204,7 +219,8 @@ def insertions(rack, outcome, T_map_world, count, seed):
     """
     rng = np.random.default_rng(seed)
     frozen, tally = rack.world.scene.freeze(), np.zeros(4, int)
-    eyes = _eyes(outcome, T_map_world)
+    rig = with_options(rack.world.rig, rack.options)
+    eyes = _eyes(rig, outcome, T_map_world)
     for found in outcome.solution.compartments:
         true = same_space(found, rack.spaces, T_map_world)
         if true is None:
@@ -220,7 +236,9 @@ def insertions(rack, outcome, T_map_world, count, seed):
                 continue
             room = _swept(rng, middle, size, hand, CLEARANCE, 2000)
             room = transform(true.T_world_front, room)
-            is_free = not inside(frozen.solids, room).any() and _visible(frozen, eyes, room[:60])
+            is_free = not inside(frozen.solids, room).any() and _visible(
+                frozen, rig, eyes, room[:60]
+            )
             at = transform(inverse(T_world_found) @ true.T_world_front, [[*middle, 0.0]])[0, :2]
             grown = size + np.array([2.0, 2.0, 1.0]) * CLEARANCE
             wide = Hand(hand.width + 2 * CLEARANCE, hand.height + CLEARANCE)
@@ -255,12 +273,17 @@ def _is_offered(space, middle, size, hand):
     return depth >= x + 0.5 * size[0]
 
 
-def _eyes(outcome, T_map_world):
-    """Return the sensor positions of the views with most hits, in the world."""
+def _eyes(rig, outcome, T_map_world):
+    """Return the sensor poses of the views with most hits, in the world.
+
+    Their rotation is that of the lidar; where there is none, that of the base.
+    """
     views, poses = outcome.slam.map.views, outcome.solution.view_poses.T_map_view
     seen = [(-len(v.hits), k) for k, v in enumerate(views) if v.viewpoint is not None]
+    mounts = [joint for joint in rig.joints if rig.lidar and joint.child == rig.lidar_frame]
+    turned = mounts[0].rpy if mounts else (0.0, 0.0, 0.0)
     return [
-        transform(inverse(T_map_world) @ poses[k], views[k].viewpoint[None])[0]
+        inverse(T_map_world) @ poses[k] @ pose_from_rpy([*views[k].viewpoint.tolist(), *turned])
         for _, k in sorted(seen)[:MAX_EYES]
     ]
 
@@ -282,12 +305,18 @@ def inside(solids, points, grown=0.0):
     return found
 
 
-def _visible(frozen, eyes, points):
+def _visible(frozen, rig, eyes, points):
+    """Return whether nearly all points are visible: not occluded, and between a lidar's rings."""
     seen = np.zeros(len(points), bool)
-    for eye in eyes:
+    for T_world_sensor in eyes:
+        eye = T_world_sensor[:3, 3]
         way = points - eye
         ranges = np.linalg.norm(way, axis=1)
         origins = np.repeat(eye[None], len(points), axis=0)
         hits, _ = frozen.cast(origins, way / ranges[:, None], np.zeros(len(points)))
-        seen |= hits > ranges
+        inside = hits > ranges
+        if rig.lidar:
+            elevation = np.arcsin(way @ T_world_sensor[:3, 2] / ranges)
+            inside &= np.abs(elevation) <= max(rig.lidar.elevations)
+        seen |= inside
     return seen.mean() >= VISIBLE

@@ -1,4 +1,7 @@
-"""What the processes of a robot need not load: gtsam and what rests on it take 40 MB of each."""
+"""What the processes of a robot need not load.
+
+gtsam and what rests on it take 40 MB of each, scipy.stats 20 MB.
+"""
 
 import subprocess
 import sys
@@ -20,3 +23,17 @@ def test_only_the_process_that_solves_loads_the_graph(node, solves):
     code = LOADED.format(node=node)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(solves)
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "tccm_ros.nodes.tccm_node",
+        "tccm_ros.nodes.slam_node",
+        "tccm_ros.nodes.solver.process",
+    ],
+)
+def test_no_process_loads_the_distributions_of_scipy(module):
+    code = f"import sys, {module}; print('scipy.stats' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -9,26 +9,42 @@ from tccm_ros.racks.compartment import FaceState
 
 SIZE = np.array([1.0, 0.4])
 BOARD = shapely.box(-0.5, -0.2, 0.5, 0.2)
-NOTHING = np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool)
+NOTHING = np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3))
+
+
+def seen_from(x, y, z, count):
+    """Return the position of the sensor for each of several hits."""
+    return np.repeat([[x, y, z]], count, axis=0)
 
 
 def lower_side(z, x=(-0.5, 0.5), y=(-0.2, 0.2)):
     """Return hits of beams from below on a lower side."""
     grid = np.array([[a, b, z] for a in np.arange(*x, 0.05) for b in np.arange(*y, 0.05)])
-    return grid, np.full(len(grid), 0.002), np.ones(len(grid), bool)
+    return grid, np.full(len(grid), 0.002), seen_from(0.0, -1.5, 0.1, len(grid))
 
 
 def front(top, thickness):
     """Return hits of beams from above on the front of a board, one for each cube along it."""
     x = np.arange(-0.48, 0.5, 0.04)
     ends = np.column_stack([x, np.full(len(x), -0.2), np.full(len(x), top - 0.5 * thickness)])
-    return ends, np.full(len(x), 0.5 * thickness), np.zeros(len(x), bool)
+    return ends, np.full(len(x), 0.5 * thickness), seen_from(0.0, -1.5, 1.2, len(x))
 
 
 def test_the_front_of_a_board_above_tells_its_lower_side():
     (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], *front(0.35, 0.02))
     assert (found.above, found.state) == (7, FaceState.MEASURED)
     assert found.height == pytest.approx(0.33)
+
+
+def test_errors_of_ranges_do_not_lower_a_lower_side():
+    """Hits that are behind or before the front are as far below or above it on their beams."""
+    ends, half, origins = front(0.35, 0.02)
+    away = ends - origins
+    errors = np.tile([-0.006, 0.0, 0.006], len(ends))[: len(ends), None]
+    moved = ends + errors * away / np.linalg.norm(away, axis=1)[:, None]
+    assert np.ptp(moved[:, 2]) > 0.006
+    (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], moved, half, origins)
+    assert found.height == pytest.approx(0.33, abs=0.001)
 
 
 def test_a_lower_side_that_was_not_measured_is_unknown_and_taken_to_be_low():
@@ -53,11 +69,12 @@ def test_slivers_beside_a_board_above_are_no_parts():
 
 
 def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below():
-    ends, half, is_from_below = lower_side(0.5)
-    (found,) = ceilings(SIZE, [], ends, half, is_from_below)
+    ends, half, origins = lower_side(0.5)
+    (found,) = ceilings(SIZE, [], ends, half, origins)
     assert (found.above, found.state) == (-1, FaceState.MEASURED)
     assert found.height == pytest.approx(0.5)
-    assert list(ceilings(SIZE, [], ends, half, ~is_from_below)) == []
+    from_above = seen_from(0.0, -1.5, 1.1, len(ends))
+    assert list(ceilings(SIZE, [], ends, half, from_above)) == []
 
 
 def test_a_small_lower_side_is_none():

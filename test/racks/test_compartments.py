@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_racks import cuts, insertions, inside, mapped, random_rack, same_space
+from random_racks import (
+    cuts,
+    insertions,
+    inside,
+    mapped,
+    random_rack,
+    same_space,
+    seat_below_table,
+)
 from slam_run import drive, new_slam
 
 from tccm_ros.geometry import transform
@@ -148,6 +156,13 @@ def test_boards_and_panels_of_the_planning_scene_are_where_solids_are(rack):
             local = np.abs(transform(np.linalg.inv(shape.T_map_box), points))
             near |= (local <= 0.5 * shape.size + LENGTH).all(axis=1)
         assert near.all(), solid.name
+
+
+def test_a_seat_below_a_table_is_no_compartment(tmp_path):
+    outcome, _ = mapped(seat_below_table(), 0, tmp_path)
+    heights = np.array([s.height for s in outcome.solution.surfaces])
+    assert [np.abs(heights - z).min() < HEIGHT for z in (0.45, 0.73)] == [True, True]
+    assert outcome.solution.compartments == ()
 
 
 def test_the_stages_of_a_map_that_fails_at_its_racks_go_on_without_them(monkeypatch):

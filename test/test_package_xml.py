@@ -22,7 +22,8 @@ from tccm_sim.bundled import DEMO
 ROOT = Path(__file__).resolve().parents[1]
 
 OPTIONAL = {
-    "control_msgs", "moveit_msgs", "object_recognition_msgs", "tccm_interfaces", "vision_msgs",
+    "control_msgs", "moveit_msgs", "nav2_msgs", "object_recognition_msgs", "tccm_interfaces",
+    "vision_msgs",
 }  # fmt: skip
 """Without these everything else works, so that they are no dependencies."""
 

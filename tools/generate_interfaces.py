@@ -46,7 +46,7 @@ find_package(rosidl_default_generators REQUIRED)
 foreach(package {depends})
   find_package(${{package}} REQUIRED)
 endforeach()
-file(GLOB definitions RELATIVE ${{CMAKE_CURRENT_SOURCE_DIR}} msg/*.msg action/*.action)
+file(GLOB definitions RELATIVE ${{CMAKE_CURRENT_SOURCE_DIR}} msg/*.msg srv/*.srv action/*.action)
 rosidl_generate_interfaces(${{PROJECT_NAME}} ${{definitions}} DEPENDENCIES {depends})
 ament_package()
 """

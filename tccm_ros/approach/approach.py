@@ -13,6 +13,7 @@ from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
 from tccm_ros.approach.locating import Located, is_elsewhere, locate, top_points
 from tccm_ros.approach.losses import loss_of
+from tccm_ros.approach.navigator import Navigator
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.approach.settings import Goal, Robot, Surroundings
@@ -61,6 +62,10 @@ MISSES = 3
 UNSEEN_M = 0.6
 """Maximum distance driven on odometry alone, without a measured edge, m: 2 % of error are 12 mm."""
 
+NAVIGATE_M = 1.0
+"""A navigator is asked for staging poses further away than this, m: four times the goal tolerance
+of Nav2's SimpleGoalChecker (0.25 m), so that the rest is driven here."""
+
 BACK_M = np.arange(0.0, 1.01, 0.1)
 """Distances of reversing that are tried where the base starts in a narrow place, m."""
 
@@ -72,6 +77,8 @@ class Approach:
     ----------
     robot, goal, around
         The base, the goal, and the map.
+    navigator
+        Drives the base near a distant staging pose. None: the approach drives all the way.
 
     Attributes
     ----------
@@ -85,8 +92,15 @@ class Approach:
         The measured edge, in odom; None before the first measurement.
     """
 
-    def __init__(self, robot: Robot, goal: Goal, around: Surroundings):
+    def __init__(
+        self,
+        robot: Robot,
+        goal: Goal,
+        around: Surroundings,
+        navigator: Navigator | None = None,
+    ):
         self._robot, self._goal, self._around = robot, goal, around
+        self._navigator = navigator
         self._driver = Driver(robot)
         self.phase = Phase.LOOKING
         self.outcome: Outcome | None = None
@@ -107,8 +121,11 @@ class Approach:
         self._measured_at: Float64 | None = None
         self._avoided = np.zeros((0, 2))
 
-    def step(self, senses: Senses) -> Speeds:
-        """Return the velocity command of this step; zero once `outcome` is set."""
+    def step(self, senses: Senses) -> Speeds | None:
+        """Return the velocity command of this step; zero once `outcome` is set.
+
+        None while the navigator drives: then nothing may be sent.
+        """
         lost = loss_of(senses)
         if lost is not None:
             return self._end(senses, *lost)
@@ -138,6 +155,8 @@ class Approach:
 
     def _end(self, senses: Senses, reason: Reason, message: str) -> Speeds:
         """Set the outcome from the newest estimates; return the zero command."""
+        if self._navigator is not None:
+            self._navigator.cancel()
         gap = yaw_error = sigma = distance = math.nan
         surface, has_moved = None, False
         if self.edge is not None:
@@ -265,27 +284,31 @@ class Approach:
 
     def _after_look(self, senses: Senses) -> Speeds:
         assert self.target is not None
-        if self._is_arrived and not _is_off(
-            self.target.pose, self._planned, ANEW_M, ANEW_RAD, self.target.is_round
-        ):
+        if _is_off(self.target.pose, self._planned, ANEW_M, ANEW_RAD, self.target.is_round):
+            return self._plan(senses)
+        if self._is_arrived:
             self._begin_closing()
-            return self._driver.stop(senses)
-        return self._plan(senses)
+        elif self._legs is not None:
+            self._legs = self._legs.moved(self._correct())
+            self.phase = Phase.STAGING
+        else:
+            return self._plan(senses)
+        return self._driver.stop(senses)
 
-    def _begin_closing(self) -> None:
-        """Begin the straight motion to the edge, from the surface's newest estimate."""
+    def _correct(self) -> Float64:
+        """Move the planned place with the surface; return the motion (3,)."""
         assert self.target is not None
         assert self._standing is not None
         assert self._planned is not None
         motion = compose2(self.target.pose, inverse2(self._planned.pose))
         if self.target.is_round:
             motion = np.array([*(self.target.middle - self._planned.middle), 0.0])
-        old = self._standing
-        self._standing = StandingPose(
-            compose2(motion, old.pose), compose2(motion, old.staging),
-            transform2(motion, old.edge[None])[0], old.distance,
-        )  # fmt: skip
-        self._planned = self.target
+        self._standing, self._planned = self._standing.moved(motion), self.target
+        return motion
+
+    def _begin_closing(self) -> None:
+        """Begin the straight motion to the edge, from the surface's newest estimate."""
+        self._correct()
         self.edge, self._misses, self._measured_at = None, 0, None
         found = self._measure()
         if found is not None:
@@ -321,21 +344,25 @@ class Approach:
         )  # fmt: skip
         if not poses:
             return self._end(senses, Reason.NO_PLACE, self._why_no_place(spot is not None))
-        found = self._way(compose2(map_odom, senses.pose), poses, around)
+        pose = compose2(map_odom, senses.pose)
+        found = self._way(pose, poses, around)
+        standing = poses[0] if found is None else found[0]
+        is_far = float(np.hypot(*(standing.staging - pose)[:2])) > NAVIGATE_M
+        if self._navigator is not None and is_far:
+            self._navigator.start(standing.staging)
+            return self._begin_staging(senses, standing, None)
         if found is None:
             return self._end(
                 senses, Reason.BLOCKED, "no free way leads to any place at the surface"
             )
-        standing, legs = found
-        odom_map = inverse2(map_odom)
-        self._standing = StandingPose(
-            compose2(odom_map, standing.pose), compose2(odom_map, standing.staging),
-            transform2(odom_map, standing.edge[None])[0], standing.distance,
-        )  # fmt: skip
-        legs.ends = [transform2(odom_map, end[None])[0] for end in legs.ends]
-        if legs.backing is not None:
-            legs.backing = compose2(odom_map, legs.backing)
-        legs.yaw = float(self._standing.staging[2])
+        return self._begin_staging(senses, *found)
+
+    def _begin_staging(
+        self, senses: Senses, standing: StandingPose, legs: LegDrive | None
+    ) -> Speeds:
+        """Begin the drive to a staging pose, both in map; without legs, the navigator drives."""
+        self._standing = standing.moved(self._odom_map)
+        legs = None if legs is None else legs.moved(self._odom_map)
         self._legs, self._planned, self.edge = legs, self.target, None
         self.phase, self._is_arrived = Phase.STAGING, False
         return self._driver.stop(senses)
@@ -372,8 +399,9 @@ class Approach:
             senses, self.target, self._robot.margin, self._goal.gap, self._robot.height
         )
 
-    def _stage(self, senses: Senses, is_new: bool) -> Speeds:
-        assert self._legs is not None
+    def _stage(self, senses: Senses, is_new: bool) -> Speeds | None:
+        if self._legs is None:
+            return self._stage_by_navigator(senses, is_new)
         if is_new and self._is_elsewhere():
             return self._begin_look(senses)
         wanted = self._legs.wanted(self._driver.pose(senses), self._robot)
@@ -381,6 +409,18 @@ class Approach:
             return self._begin_look(senses, is_arrived=True)
         speeds = self._driver.move(wanted, senses, self._obstacles(senses))
         return self._plan_around(senses) if self._is_blocked(senses) else speeds
+
+    def _stage_by_navigator(self, senses: Senses, is_new: bool) -> Speeds | None:
+        """Wait until the navigator has ended, then look again: the rest is driven here."""
+        assert self._navigator is not None
+        if self._navigator.is_active:
+            if is_new and self._is_elsewhere():
+                self._navigator.cancel()
+            return None
+        if self._navigator.failure:
+            message = f"no way to a place at the surface: {self._navigator.failure}"
+            return self._end(senses, Reason.BLOCKED, message)
+        return self._begin_look(senses)
 
     def _begin_look(self, senses: Senses, *, is_arrived: bool = False) -> Speeds:
         self.phase, self._since_s, self._seen_cycles = Phase.LOOKING, senses.now_s, 0

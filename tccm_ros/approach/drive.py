@@ -12,7 +12,7 @@ from tccm_ros.approach.senses import Senses
 from tccm_ros.approach.settings import Robot
 from tccm_ros.approach.speeds import CommandHistory, Speeds, along_line, rotate_to
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import between2, compose2, wrap_angle
+from tccm_ros.geometry import between2, compose2, transform2, wrap_angle
 
 PERIOD_S = 0.05
 """Period of the control loop, s (20 Hz)."""
@@ -93,6 +93,12 @@ class LegDrive:
     yaw: float
     backing: Float64 | None = None
     _leg: Float64 | None = None
+
+    def moved(self, motion: Float64) -> LegDrive:
+        """Return the remaining legs after a rigid motion (3,)."""
+        backing = None if self.backing is None else compose2(motion, self.backing)
+        ends = [transform2(motion, end[None])[0] for end in self.ends]
+        return LegDrive(ends, self.yaw + float(motion[2]), backing)
 
     def wanted(self, pose: Float64, robot: Robot) -> Speeds | None:
         """Return the wanted velocities at a pose (3,) of the base; None at the end."""

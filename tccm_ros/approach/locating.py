@@ -104,6 +104,8 @@ def is_elsewhere(points: Float64, sensor: Float64, target: Target) -> bool:
 def locate(points: Float64, sensor: Float64, target: Target) -> Located | None:
     """Return the located surface; None where its points are too few or no rigid motion fits.
 
+    Of several poses that fit, it is the nearest to the expected one.
+
     Parameters
     ----------
     points
@@ -119,12 +121,14 @@ def locate(points: Float64, sensor: Float64, target: Target) -> Located | None:
     edge = _facing(thin, sensor)
     starts = [np.zeros(3)]
     if not _is_fit(edge, thin, target):
-        starts = [_start(yaw, thin, target) for yaw in YAWS[: 1 if target.is_round else None]]
-    fits = [_fit(start, edge, thin, target) for start in starts]
-    _, motion = min(fits, key=lambda fit: fit[0])
-    moved = target.moved(motion)
-    if not _is_fit(edge, thin, moved):
+        starts += [_start(yaw, thin, target) for yaw in YAWS[: 1 if target.is_round else None]]
+    motions = [_fit(start, edge, thin, target) for start in starts]
+    motions = [m for m in motions if _is_fit(edge, thin, target.moved(m))]
+    if not motions:
         return None
+    # Where only a part is visible, several poses fit.
+    motion = min(motions, key=lambda m: _displacement(target, m))
+    moved = target.moved(motion)
     around = moved.polygon.buffer(CELL_M)
     return Located(moved, motion, points[shapely.contains_xy(around, *points.T)])
 
@@ -167,8 +171,13 @@ def _start(yaw: float, points: Float64, target: Target) -> Float64:
     return np.array([*(points.mean(axis=0) - rotated), yaw])
 
 
-def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> tuple[float, Float64]:
-    """Return cost and motion (3,) of the fit: edge points on the outline, no point outside it."""
+def _displacement(target: Target, motion: Float64) -> float:
+    """Return the mean displacement of a target's corners by a motion (3,), m."""
+    return float(np.hypot(*(target.moved(motion).outline - target.outline).T).mean())
+
+
+def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> Float64:
+    """Return the motion (3,) of the fit: edge points on the outline, no point outside it."""
     polygon = target.polygon
     line = polygon.boundary
     middle = np.asarray(polygon.centroid.coords)[0]
@@ -192,4 +201,4 @@ def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> tupl
     shift, yaw = found.x[:2], float(found.x[2])
     c, s = np.cos(yaw), np.sin(yaw)
     t = middle + shift - np.array([c * middle[0] - s * middle[1], s * middle[0] + c * middle[1]])
-    return float(found.cost), np.array([*t, yaw])
+    return np.array([*t, yaw])

@@ -12,6 +12,7 @@ from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
+from tccm_ros.geometry import compose2, transform2
 
 SIDE_RAD = np.pi / 4.0
 """Normals within this angle of a side's direction belong to it: four sides cover the outline."""
@@ -44,6 +45,15 @@ class StandingPose:
     staging: Float64
     edge: Float64
     distance: float
+
+    def moved(self, motion: Float64) -> StandingPose:
+        """Return the poses after a rigid motion (3,), which moves a point p to motion * p."""
+        return StandingPose(
+            compose2(motion, self.pose),
+            compose2(motion, self.staging),
+            transform2(motion, self.edge[None])[0],
+            self.distance,
+        )
 
 
 def standing_poses(

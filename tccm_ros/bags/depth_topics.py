@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MessageError
 from tccm_ros.records.building import frame_name
 from tccm_ros.sensors.cloud_messages import CLOUD_READER
-from tccm_ros.sensors.compressed_depth import is_depth_format
+from tccm_ros.sensors.compressed_depth import PLUGIN, is_depth_format
 from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, uncompressed
 from tccm_ros.sensors.depth_messages import (
     CAMERA_INFO_READER,
@@ -26,6 +27,9 @@ IMAGE, PACKED = IMAGE_READER.message_type, COMPRESSED_READER.message_type
 INFO, CLOUD = CAMERA_INFO_READER.message_type, CLOUD_READER.message_type
 READERS = {r.message_type: r for r in (IMAGE_READER, COMPRESSED_READER, CLOUD_READER)}
 """Readers by message type."""
+
+_NUMBERS = re.compile(r"(\d+[USF]C1)?")
+"""Encodings of one number a pixel, of which those of depths are some; none where it is empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +57,7 @@ def depth_topics(reader: BagReader) -> list[DepthTopic]:
     found = []
     for topic, message in first_messages(reader, IMAGE, PACKED):
         is_compressed = topic.msgtype == PACKED
-        if is_compressed and is_depth_format(str(message.format)):
+        if is_compressed and is_depth_format(str(message.format), message.data):
             size = None
         elif not is_compressed and str(message.encoding) in DEPTH_ENCODINGS:
             size = int(message.width), int(message.height)
@@ -124,15 +128,19 @@ def unreadable_topics(reader: BagReader, named: set[str]) -> list[str]:
     reader
         The bag.
     named
-        Topics that the configuration or the user names as depth images; other images are ignored.
+        Topics that the configuration or the user names as depth images; other images are ignored
+        if their encoding has colours.
     """
     notes = []
     for topic, message in first_messages(reader, IMAGE, PACKED, CLOUD):
         if topic.msgtype == PACKED:
             text = str(message.format)
-            is_depth = text.startswith(("16UC1", "32FC1")) and not is_depth_format(text)
+            seems = text.startswith(("16UC1", "32FC1")) or topic.name.endswith(PLUGIN)
+            is_depth = seems and not is_depth_format(text, message.data)
+        elif topic.msgtype == IMAGE:
+            is_depth = topic.name in named or _NUMBERS.fullmatch(str(message.encoding)) is not None
         else:
-            is_depth = topic.msgtype == CLOUD or topic.name in named
+            is_depth = True
         if is_depth:
             try:
                 READERS[topic.msgtype].of_message(message)

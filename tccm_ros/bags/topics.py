@@ -201,7 +201,7 @@ def picture_topics(reader: BagReader) -> list[str]:
                 plain.append(topic.name)
         else:
             text = str(message.format)
-            if not is_depth_format(text) and ("jpeg" in text or "png" in text):
+            if not is_depth_format(text, message.data) and ("jpeg" in text or "png" in text):
                 compressed.append(topic.name)
     return plain + [name for name in compressed if name.removesuffix("/compressed") not in plain]
 

@@ -45,6 +45,11 @@ class Approach(Group):
     names: str = param(
         "tccm_map/named_poses.yaml", "file of named spots, read at each use (~/resolve_name)"
     )
+    navigator: str = param(
+        "navigate_to_pose",
+        "action of Nav2's navigator, which drives near the surface where it is there; empty: never",
+        read_only=True,
+    )
     stamped: bool = param(
         False, "send geometry_msgs/TwistStamped on cmd_vel, not Twist", read_only=True
     )

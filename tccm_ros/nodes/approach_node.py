@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.clock import Clock, ClockType
@@ -25,6 +25,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from tccm_ros.approach.approach import Approach
+from tccm_ros.approach.detection import Detection
 from tccm_ros.approach.drive import PERIOD_S
 from tccm_ros.approach.names import NamedSpot
 from tccm_ros.approach.outcome import Outcome, Reason
@@ -48,6 +49,7 @@ from tccm_ros.nodes.base_senses import BaseSenses
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.map_records import MapSurface
+from tccm_ros.nodes.nav2_navigator import Nav2Navigator
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.refusals import Refusals
@@ -58,6 +60,9 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 
 ZEROS = 2
 """Number of zero commands at the end of a goal: a best-effort subscriber may lose one."""
+
+MAX_ZEROS = 100
+"""Maximum number of zero commands while Nav2 ends its drive, 5 s. Chosen."""
 
 ANSWER_S = 5.0
 """Timeout of requests to the map's node, s. Chosen."""
@@ -83,20 +88,28 @@ class Drive:
     tell
         Publishes feedback.
     steps, zeros
-        Numbers of commands sent, and of zero commands after the outcome.
+        Numbers of steps, and of zero commands after the outcome.
+    told_s
+        Stamp of the newest published detection, s.
     """
 
-    machine: Approach | Retreat
+    machine: Approach | Retreat | Detection
     robot: Robot
     done: Future
     is_unwanted: Callable[[], bool]
     tell: Callable[[Senses], None]
     steps: int = 0
     zeros: int = 0
+    told_s: float = -math.inf
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether the goal moves the base."""
+        return not isinstance(self.machine, Detection)
 
 
 class ApproachNode(Node):
-    """Offers ~/approach_surface, ~/retreat, ~/resolve_name and ~/set_name.
+    """Offers ~/approach_surface, ~/retreat, ~/resolve_name, ~/set_name and ~/detected_dock_pose.
 
     Parameters
     ----------
@@ -127,6 +140,8 @@ class ApproachNode(Node):
         self.create_subscription(GridMessage, "map", self._take_grid, latched())
         kind = TwistStamped if self.config.approach.stamped else Twist
         self._commands = self.create_publisher(kind, "cmd_vel", 1)
+        self._dock_poses = self.create_publisher(PoseStamped, "~/detected_dock_pose", 1)
+        self._navigator = self._find_navigator()
         self._lock = threading.Lock()
         self._drive: Drive | None = None
         self._is_taken = self._is_ending = False
@@ -155,6 +170,14 @@ class ApproachNode(Node):
         self.senses.start()
         self.get_logger().info("ready; the base moves while a goal runs, and never without")
 
+    def _find_navigator(self) -> Nav2Navigator | None:
+        """Return the client of Nav2's navigator; None without nav2_msgs or its name."""
+        name = self.config.approach.navigator
+        if name:
+            with suppress(ImportError):
+                return Nav2Navigator(self, self._types, name, self.config.frames.map_name)
+        return None
+
     def _start_loop(self) -> None:
         """Start the timer of the control loop: on the node's clock in simulated time, else on a
         steady clock.
@@ -171,15 +194,16 @@ class ApproachNode(Node):
         """Stop the base when the process is interrupted; called in another thread."""
         self._is_ending = True
         with suppress(Exception):
-            self._send(STOP)
+            self._stop(self._drive)
 
     def close(self) -> None:
         """Stop the base and the subscriptions."""
-        was_driving = self._drive is not None
+        drive = self._drive
         self._is_ending = True
         self.senses.close()
-        if was_driving:
-            self._send(STOP)
+        self._stop(drive)
+        if self._navigator is not None:
+            self._navigator.close()
         for server in self._servers:
             server.destroy()
 
@@ -192,7 +216,7 @@ class ApproachNode(Node):
         try:
             outcome = self._drive_on(drive)
         except Exception as error:
-            self._send(STOP)
+            self._stop(drive)
             self.get_logger().error(f"stopped: {one_line(error)}")
             outcome = Outcome(Reason.BLOCKED, f"stopped, as a step failed: {one_line(error)}")
         if outcome is not None:
@@ -205,22 +229,54 @@ class ApproachNode(Node):
         """Send the command of this step; return the outcome once `ZEROS` zero commands are sent."""
         machine = drive.machine
         if machine.outcome is not None:
-            self._send(STOP)
-            drive.zeros += 1
-            return machine.outcome if drive.zeros >= ZEROS else None
+            return self._finish_drive(drive, machine.outcome)
         senses = self.senses.newest(self.get_clock().now().nanoseconds, drive.robot.footprint)
         if senses is None:
-            self._send(STOP)
+            self._stop(drive)
             return Outcome(Reason.LOST_POSE, "no odometry has come")
         if self._is_ending or drive.is_unwanted():
             speeds = machine.cancel(senses)
         else:
             speeds = machine.step(senses)
-        self._send(speeds)
+        if speeds is not None:
+            self._send(speeds)
+        if isinstance(machine, Detection):
+            self._tell_dock(drive, machine)
         drive.steps += 1
         if drive.steps % FEEDBACK_STEPS == 1:
             drive.tell(senses)
         return None
+
+    def _finish_drive(self, drive: Drive, outcome: Outcome) -> Outcome | None:
+        """Send zero until the base has been told and Nav2 has ended; return the outcome then."""
+        if not drive.is_driving:
+            return outcome
+        self._send(STOP)
+        drive.zeros += 1
+        is_stopping = self._navigator is not None and self._navigator.is_active
+        is_over = drive.zeros >= (MAX_ZEROS if is_stopping else ZEROS)
+        return outcome if is_over else None
+
+    def _stop(self, drive: Drive | None) -> None:
+        """Stop the base and Nav2 at once, unless the goal does not move the base."""
+        if drive is None or not drive.is_driving:
+            return
+        if self._navigator is not None:
+            self._navigator.cancel()
+        self._send(STOP)
+
+    def _tell_dock(self, drive: Drive, detection: Detection) -> None:
+        """Publish the pose of the base at the surface, once for each tilt cycle that shows it."""
+        if detection.pose is None or detection.stamp_s <= drive.told_s:
+            return
+        drive.told_s = detection.stamp_s
+        message = PoseStamped()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            round(detection.stamp_s * 1e9), 1_000_000_000
+        )
+        message.header.frame_id = self.senses.odom_frame
+        message.pose = pose_message(self._types, spatial(self.senses.in_odom(detection.pose)))
+        self._dock_poses.publish(message)
 
     def _send(self, speeds: Speeds) -> None:
         twist = Twist()
@@ -330,7 +386,7 @@ class ApproachNode(Node):
         result.surface_pose.position.x = result.surface_pose.position.y = math.nan
         result.surface_pose.position.z = math.nan
 
-        async def prepare() -> tuple[Approach, Any]:
+        async def prepare() -> tuple[Approach | Detection, Any]:
             request = handle.request
             named = self._names.spot(request.name) if request.name else None
             if named is not None:
@@ -340,7 +396,12 @@ class ApproachNode(Node):
             if named is not None:
                 self._take_spot(request, named, surface)
             robot, goal, around = self._plan(request, surface)
-            return Approach(robot, goal, around), robot
+            if request.detect_only:
+                return Detection(robot, goal, around), robot
+            navigator = self._navigator
+            if navigator is not None and not navigator.is_ready:
+                navigator = None
+            return Approach(robot, goal, around, navigator), robot
 
         def tell(machine: Any, senses: Senses) -> None:
             gap = machine.gap(senses.pose)

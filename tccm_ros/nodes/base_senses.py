@@ -196,6 +196,15 @@ class BaseSenses:
             self._placed = localisation, compose2(planar(localisation.T_map_base), inverse2(pose))
         return self._placed[1], ""
 
+    @property
+    def odom_frame(self) -> str:
+        """Name of the odometry frame."""
+        return self._robot.motion.odom_frame
+
+    def in_odom(self, pose: Float64) -> Float64:
+        """Return a pose float64 (3,) of `Senses` in the odometry frame as others know it."""
+        return compose2(inverse2(planar(self._robot.motion.odometry.T_near_odom)), pose)
+
     def newest(self, now_ns: int, footprint: Footprint) -> Senses | None:
         """Return the newest measurements; None before the first odometry.
 

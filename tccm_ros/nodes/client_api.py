@@ -9,6 +9,7 @@ from rclpy.task import Future
 
 from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
+from tccm_ros.nodes.keepout import VectorShapes
 from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.label_service import offer_labels
 from tccm_ros.nodes.live_pose import LivePosePublisher
@@ -56,6 +57,7 @@ class ClientApi:
         self._received: dict[int, Scene] = {}
         self._events = SurfaceEvents(node, node.types)
         self._boxes = CollisionObjects(node, node.types)
+        self._shapes = VectorShapes(node, node.types)
         self._surfaces: SurfaceServices | None = None
         self._view_action: ViewAction | None = None
         if has_interfaces():
@@ -88,6 +90,7 @@ class ClientApi:
         for event in self._events.note(scene, self._node.config.objects.agreeing_views):
             self._node.get_logger().info(str(event))
         self._boxes.publish(scene)
+        self._shapes.send(scene)
         self._live.show_surfaces(scene)
 
     def forget(self, *, is_map_loaded: bool) -> None:

@@ -17,6 +17,7 @@ from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
+from tccm_ros.nodes.keepout import tell_keepout_info
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.localisation import BY_START, LocalisationPublisher
 from tccm_ros.nodes.map_session import MapSession
@@ -30,6 +31,7 @@ from tccm_ros.nodes.solution_saver import SolutionSaver, Wanted
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
+    KEEPOUT_TOPIC,
     Messages,
     Placed,
     Solved,
@@ -94,7 +96,7 @@ class SlamNode(SensorNode):
             partial(self.refuse, "saving"),
         )
         self._is_external = self.config.localisation.is_external
-        topics = offered(SOLUTION_TOPICS)
+        topics = {**offered(SOLUTION_TOPICS), KEEPOUT_TOPIC: GRID}
         if self._is_external:  # the external localisation owns the grid and initialpose
             self.localisation.note_search(NOT_TOLD, BY_START)
         else:
@@ -103,6 +105,7 @@ class SlamNode(SensorNode):
         self._outputs = SolutionOutputs(
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
+        tell_keepout_info(self, f"~/{KEEPOUT_TOPIC}")
         self._client_api = ClientApi(
             self, self.live, self.begin_named_save, self.load_named, self.begin_correction
         )

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tccm_ros.records import Surface
-from tccm_ros.slam.occupancy import OccupancyGrid
+from tccm_ros.slam.occupancy import RESOLUTION_M, OccupancyGrid
 from tccm_ros.surfaces.base_poses import cells_under
 
 MAX_HEIGHT_M = 1.8
@@ -19,14 +19,15 @@ MAX_HEIGHT_M = 1.8
 
 
 def keepout_mask(
-    grid: OccupancyGrid, surfaces: Sequence[Surface], floor_z: float | None
+    grid: OccupancyGrid | None, surfaces: Sequence[Surface], floor_z: float | None
 ) -> OccupancyGrid:
     """Return a mask of the cells below surfaces.
 
     Parameters
     ----------
     grid
-        Grid with the resolution, origin and size of the mask.
+        Grid with the resolution, origin and size of the mask; None for the smallest around the
+        surfaces.
     surfaces
         Surfaces in map.
     floor_z
@@ -37,6 +38,23 @@ def keepout_mask(
     OccupancyGrid
         100 below a surface other than the floor, 0 elsewhere; no cell is unknown.
     """
-    low = [s for s in surfaces if s.height - (floor_z or 0.0) <= MAX_HEIGHT_M]
+    low = obstructing(surfaces, floor_z)
+    grid = _grid_around(low) if grid is None else grid
     cells = np.where(cells_under(low, grid), 100, 0).astype(np.int8)
     return OccupancyGrid(cells, grid.resolution, grid.origin)
+
+
+def obstructing(surfaces: Sequence[Surface], floor_z: float | None) -> list[Surface]:
+    """Return the surfaces other than the floor up to `MAX_HEIGHT_M` over it."""
+    return [
+        s for s in surfaces if s.label != "floor" and s.height - (floor_z or 0.0) <= MAX_HEIGHT_M
+    ]
+
+
+def _grid_around(surfaces: Sequence[Surface]) -> OccupancyGrid:
+    """Return the smallest grid around surfaces; one cell without any."""
+    points = [s.boundary[:, :2] for s in surfaces] or [np.zeros((1, 2))]
+    corners = np.concatenate(points)
+    origin = np.floor(corners.min(axis=0) / RESOLUTION_M) * RESOLUTION_M
+    size = np.floor((corners.max(axis=0) - origin) / RESOLUTION_M).astype(int) + 1
+    return OccupancyGrid(np.zeros(tuple(size[::-1].tolist()), np.int8), RESOLUTION_M, origin)

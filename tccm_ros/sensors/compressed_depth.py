@@ -36,17 +36,29 @@ PLUGIN = "compressedDepth"
 """Name of compressed depth images in image_transport's topics and formats."""
 
 
-def is_depth_format(text: str) -> bool:
-    """Return whether the images of a format are depth images.
+def is_depth_format(text: str, data: Any = b"") -> bool:
+    """Return whether compressed images are depth images.
 
     These are compressedDepth, and the 16-bit PNG that the picture plugin makes of depths in mm.
+
+    Parameters
+    ----------
+    text, data
+        Format and data of a sensor_msgs/CompressedImage: drivers that write PNG alone as the format
+        are known by the data.
     """
     encoding, _, how = (part.strip() for part in text.partition(";"))
-    return PLUGIN in how or _is_plain_png(encoding, how)
+    return PLUGIN in how or _is_plain_png(encoding, how) or _is_16_bit_png(encoding, data)
 
 
 def _is_plain_png(encoding: str, how: str) -> bool:
     return encoding == "16UC1" and "png" in how and PLUGIN not in how
+
+
+def _is_16_bit_png(encoding: str, data: Any) -> bool:
+    """Return whether data begin as a grey PNG image of 16 bits, which is not called a picture."""
+    head = bytes(data[:26])
+    return encoding != "mono16" and head[:8] == b"\x89PNG\r\n\x1a\n" and head[24:] == b"\x10\x00"
 
 
 def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
@@ -69,7 +81,7 @@ def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
         For another format, and for truncated or inconsistent data.
     """
     encoding, _, how = (part.strip() for part in text.partition(";"))
-    if _is_plain_png(encoding, how):
+    if _is_plain_png(encoding, how) or _is_16_bit_png(encoding, data):
         return _read_png(bytes(data))
     if PLUGIN not in how or encoding not in ("16UC1", "32FC1"):
         raise MessageError(

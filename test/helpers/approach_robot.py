@@ -42,7 +42,21 @@ def stamp(t: float) -> Time:
 
 
 class ApproachRobot:
-    """Publishes the measurements of the base and its map; obeys cmd_vel."""
+    """Publishes the measurements of the base and its map; obeys cmd_vel.
+
+    Attributes
+    ----------
+    commands
+        Commands received.
+    nav2
+        Stand-in of Nav2's navigator, which drives the base while it has a goal; None without one.
+    is_watched
+        Whether no commands are expected: a step then ends when approach_node has heard of it.
+    other_commands
+        Numbers of commands received in the steps in which Nav2 drove.
+    has_heard
+        Returns whether approach_node has received the odometry of a stamp, ns.
+    """
 
     def __init__(self, ros, flat: Flat, seed: int = 0):
         self.ros, self.flat = ros, flat
@@ -51,6 +65,10 @@ class ApproachRobot:
         self.map_node = ros.add(Node("surface_slam", context=ros.another_context()))
         self.node = ros.add(Node("bot", context=ros.another_context()))
         self.commands: list[Speeds] = []
+        self.nav2 = None
+        self.is_watched = False
+        self.other_commands: list[int] = []
+        self.has_heard = lambda stamp_ns: False
         self._history: list = []
         self._sent_cycle = None
         reliable = QoSProfile(depth=200)
@@ -173,10 +191,17 @@ class ApproachRobot:
             self._send_place()
         self._send_cycle()
         self._clock.publish(Clock(clock=stamp(base.t)))
+        is_other = self.nav2 is not None and self.nav2.is_driving
         end = time.monotonic() + WAIT_S
         while len(self.commands) == count and time.monotonic() < end:
+            if (is_other or self.is_watched) and self.has_heard(ns(base.t)):
+                break
             self.ros.executor.spin_once(timeout_sec=0.005)
-        base.tick(self.commands[-1] if self.commands else Speeds())
+        if is_other and self.nav2.is_driving:
+            self.other_commands.append(len(self.commands) - count)
+            base.tick(self.nav2.speeds())
+        else:
+            base.tick(self.commands[-1] if self.commands else Speeds())
 
     def drive_until(self, is_over, seconds: float = 200.0) -> None:
         """Advance the time until `is_over` returns true, or fail after `seconds`, base clock."""

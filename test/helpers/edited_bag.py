@@ -1,8 +1,11 @@
 """Copies of a recording with edited messages, as in bags of other robots and drivers."""
 
+import io
+
 import numpy as np
 from depth_room import EYE_HEIGHT, PITCH, START_NS, F, H, W, base_at, pan_at
 from message_families import TYPESTORE
+from PIL import Image
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.writer import BagWriter
@@ -90,6 +93,14 @@ def big_endian_with_padding(topic, message):
 
 def called_mono16(topic, message):
     return [(topic, IMAGE, image_of(message, bytes(message.data), encoding="mono16"))]
+
+
+def as_png(topic, message):
+    stream = io.BytesIO()
+    Image.fromarray(depths_mm(message)).save(stream, "PNG")
+    data = np.frombuffer(stream.getvalue(), np.uint8)
+    packed = TYPESTORE.make(PACKED, header=message.header, format="png", data=data)
+    return [(f"{topic}/compressed", PACKED, packed)]
 
 
 def quantised(topic, message):

@@ -19,6 +19,7 @@ RECORDINGS = {
     "depths in m with nan": eb.of_camera(eb.in_metres),
     "big-endian, lines with padding": eb.of_camera(eb.big_endian_with_padding),
     "encoding mono16": eb.of_camera(eb.called_mono16),
+    "16-bit PNG that is called PNG alone": eb.of_camera(eb.as_png),
     "compressedDepth, quantised": eb.of_camera(eb.quantised),
     "rectified, K and D of the raw image": eb.rectified,
     "calibration on a topic elsewhere": eb.info_elsewhere,
@@ -143,6 +144,13 @@ def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
 
     notes = "\n".join(bag_info(eb.edited(source, tmp_path / "grey", eb.of_camera(grey))).notes)
     assert "/depth/image_rect_raw: image has encoding 'mono8'" in notes
+
+    def signed(topic, message):
+        image = eb.image_of(message, bytes(message.data), encoding="16SC1")
+        return [("/elsewhere/depth", eb.IMAGE, image)]
+
+    notes = "\n".join(bag_info(eb.edited(source, tmp_path / "signed", eb.of_camera(signed))).notes)
+    assert "/elsewhere/depth: image has encoding '16SC1'" in notes
 
 
 def test_a_tilt_joint_of_the_wrong_sign_is_named_as_a_reason_for_an_empty_map(tmp_path):

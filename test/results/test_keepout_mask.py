@@ -42,3 +42,10 @@ def test_cells_are_kept_out_of_under_a_table_and_nowhere_else(tmp_path):
 def test_what_is_above_the_robot_is_free(tmp_path):
     assert not keepout_mask(GRID, [LAMP], 0.2).cells.any()
     assert keepout_mask(GRID, [LAMP], 0.4).cells.any()
+
+
+def test_without_a_grid_the_mask_covers_the_furniture():
+    mask = keepout_mask(None, [FLOOR, TABLE, LAMP], 0.2)
+    assert (mask.cells == 100).sum() * mask.resolution**2 > 0.9 * Polygon(TABLE.boundary).area
+    assert mask.cells.shape == (23, 21)
+    assert keepout_mask(None, [FLOOR], 0.2).cells.tolist() == [[0]]

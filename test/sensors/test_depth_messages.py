@@ -239,6 +239,8 @@ def test_a_png_of_16_bits_is_depth_with_and_without_the_header_of_the_plugin():
         np.testing.assert_array_equal(read_compressed_depth(text, stream.getvalue()), numbers)
     for text in ("16UC1; jpeg compressed ", "rgb8; png compressed bgr8", "mono16; png compressed"):
         assert not is_depth_format(text)
+    assert is_depth_format("png", stream.getvalue())
+    assert not is_depth_format("mono16; png compressed", stream.getvalue())
 
 
 def test_points_without_a_return_may_have_any_time():

@@ -23,6 +23,9 @@ from tccm_ros.surfaces.labels import SurfaceLabel
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """Grid for navigation, latched; saved as map.pgm and map.yaml."""
 
+KEEPOUT_TOPIC = "keepout_mask"
+"""Mask of what is under furniture, for Nav2's costmap filters; saved as keepout.pgm and .yaml."""
+
 HEADER = struct.Struct("<Q")
 """Header of each batch of events: its size, bytes."""
 

@@ -30,6 +30,7 @@ from tccm_ros.nodes.map_files import map_files, pack_files
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
+    KEEPOUT_TOPIC,
     Began,
     Begin,
     Failed,
@@ -43,12 +44,13 @@ from tccm_ros.nodes.solver.channel import (
     read_events,
 )
 from tccm_ros.nodes.solver.scene_channel import pack_scene
+from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.results.labels_file import with_labels
 from tccm_ros.results.map_file import MapContent, load_map
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
 from tccm_ros.slam.live_estimate import NO_WALLS
-from tccm_ros.slam.occupancy import RESOLUTION_M
+from tccm_ros.slam.occupancy import RESOLUTION_M, OccupancyGrid
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
@@ -185,6 +187,7 @@ class SolverProcess:
     def _messages(self, solution: SurfaceSolution, map_name: str) -> dict[str, TopicMessage]:
         due = [*self._builder.of(solution, solution.stamp_ns, map_name)]
         due.append(TopicMessage(GRID_TOPIC, GRID, lambda: self._grid(solution)))
+        due.append(TopicMessage(KEEPOUT_TOPIC, GRID, lambda: self._keepout(solution)))
         return {message.topic: message for message in due}
 
     def _serialised(self, topics: Collection[str], stages: OptionalStages) -> dict[str, bytes]:
@@ -198,12 +201,20 @@ class SolverProcess:
 
     def _grid(self, solution: SurfaceSolution) -> Any:
         """Return the grid as a nav_msgs/OccupancyGrid; empty without a level laser."""
-        grid = solution.grid
-        cells, size, origin = np.zeros((0, 0), np.int8), RESOLUTION_M, np.eye(4)
-        if grid is not None:
-            cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
+        empty = OccupancyGrid(np.zeros((0, 0), np.int8), RESOLUTION_M, np.zeros(2))
+        return self._grid_message(solution, solution.grid or empty)
+
+    def _keepout(self, solution: SurfaceSolution) -> Any:
+        mask = keepout_mask(solution.grid, solution.surfaces, solution.floor_z)
+        return self._grid_message(solution, mask)
+
+    def _grid_message(self, solution: SurfaceSolution, grid: OccupancyGrid) -> Any:
+        origin = np.eye(4)
+        origin[:2, 3] = grid.origin
         frame = self._slam.config.frames.map_name
-        return grid_message(self._types, solution.stamp_ns, frame, cells, size, origin)
+        return grid_message(
+            self._types, solution.stamp_ns, frame, grid.cells, grid.resolution, origin
+        )
 
 
 def _read_map(begin: Begin) -> SavedMap:

@@ -75,7 +75,7 @@ $(TOOLS): $(STAMP) requirements-test.txt
 DEFINITIONS := tccm_ros/ros/public_definitions
 $(TESTING): $(TOOLS) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
 	@$(PIP) -e '.[ros,signs]'
-	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs test/interfaces/definitions/nav2_msgs
+	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs octomap_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs test/interfaces/definitions/nav2_msgs
 	@touch $(TESTING)
 
 $(VENV)/.wheels: setup.py pyproject.toml

@@ -1,22 +1,38 @@
-"""collision_object: surfaces and objects for MoveIt, if moveit_msgs is installed.
+"""planning_scene and collision_object: the map for MoveIt, if moveit_msgs is installed.
 
-MoveIt's planning scene monitor subscribes to that topic. Objects that have left the map are
-removed.
+MoveIt's planning scene monitor subscribes to both topics. planning_scene has the changes of each
+solution, collision_object all its shapes. ~/set_scene_object takes objects out of both.
 """
 
 from __future__ import annotations
 
+from threading import Lock
+from typing import Any
+
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from tccm_ros.errors import TccmError, one_line
+from tccm_ros.nodes.interfaces import has_interfaces, service_class
 from tccm_ros.nodes.ros_types import is_installed, message_class
-from tccm_ros.ros.collision_messages import COLLISION_OBJECT, collision_messages, collision_shapes
+from tccm_ros.ros.collision_messages import (
+    COLLISION_OBJECT,
+    PLANNING_SCENE,
+    collision_messages,
+    planning_scene_message,
+)
 from tccm_ros.ros.types import MessageTypes
+from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene import Scene
+from tccm_ros.surfaces.told_scene import Changes, ObjectState, ToldScene
 
 COLLISION_PROFILE = QoSProfile(depth=500, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """A late subscriber receives the newest 500 messages in order. Each solution sends all surfaces and
 objects, so these include the newest map."""
+
+CHANGES_PROFILE = QoSProfile(depth=100)
+"""Reliable and volatile: an old change means nothing to a late subscriber, who receives all shapes
+with the next solution."""
 
 
 class CollisionObjects:
@@ -30,23 +46,69 @@ class CollisionObjects:
 
     def __init__(self, node: Node, types: MessageTypes):
         self._types, self._context = types, node.context
+        self._lock, self._scene = Lock(), ToldScene()
+        self._stamp_ns, self._frame_id = 0, ""
         self._shown: frozenset[str] = frozenset()
-        self._publisher = None
+        self._listeners = 0
+        self._objects = self._changes = None
         if is_installed(COLLISION_OBJECT):
-            self._publisher = node.create_publisher(
+            self._objects = node.create_publisher(
                 message_class(COLLISION_OBJECT), "collision_object", COLLISION_PROFILE
             )
+        if is_installed(PLANNING_SCENE):
+            self._changes = node.create_publisher(
+                message_class(PLANNING_SCENE), "planning_scene", CHANGES_PROFILE
+            )
+            if has_interfaces():
+                kind = service_class("SetSceneObject")
+                node.create_service(kind, "~/set_scene_object", self._set_state)
 
     def publish(self, scene: Scene) -> None:
         """Publish all surfaces except the floor and all objects, unless the node is ending."""
-        if self._publisher is None or not self._context.ok():
+        if (self._objects is None and self._changes is None) or not self._context.ok():
             return
-        shapes = collision_shapes(
-            [known.surface for known in scene.surfaces], scene.objects, scene.compartments
-        )
-        gone = self._shown - shapes.keys()
+        surfaces = [known.surface for known in scene.surfaces]
+        shapes = scene_shapes(surfaces, scene.objects, scene.compartments)
+        with self._lock:
+            self._stamp_ns, self._frame_id = scene.stamp_ns, scene.frame_id
+            self._publish_changes(self._scene.update(shapes))
+            self._publish_objects()
+
+    def _publish_objects(self) -> None:
+        """Publish each shape of the world, and the removal of those that were in it before."""
+        if self._objects is None:
+            return
+        shapes = self._scene.shapes
+        gone, self._shown = self._shown - shapes.keys(), frozenset(shapes)
         for message in collision_messages(
-            self._types, scene.stamp_ns, scene.frame_id, shapes, gone
+            self._types, self._stamp_ns, self._frame_id, shapes, gone
         ):
-            self._publisher.publish(message)
-        self._shown = frozenset(shapes)
+            self._objects.publish(message)
+
+    def _publish_changes(self, changes: Changes) -> None:
+        """Publish changes; everything if there is a new subscriber."""
+        if self._changes is None:
+            return
+        listeners = self._changes.get_subscription_count()
+        if listeners > self._listeners:
+            everything = self._scene.repeat()
+            put_down = [item for item in changes.held if item.shape is None]
+            changes = Changes(everything.diff, (*put_down, *everything.held))
+        self._listeners = listeners
+        if changes:
+            self._changes.publish(
+                planning_scene_message(self._types, self._stamp_ns, self._frame_id, changes)
+            )
+
+    def _set_state(self, request: Any, response: Any) -> Any:
+        """Answer ~/set_scene_object."""
+        links = request.link_name, tuple(request.touch_links)
+        try:
+            with self._lock:
+                changes = self._scene.set_state(request.object_id, request.state, *links)
+                self._publish_changes(changes)
+            state = ObjectState(request.state).name.lower().replace("_", " ")
+            response.success, response.message = True, f"object {request.object_id} is {state}"
+        except TccmError as error:
+            response.success, response.message = False, one_line(error)
+        return response

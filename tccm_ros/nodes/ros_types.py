@@ -30,7 +30,7 @@ def is_installed(msgtype: str) -> bool:
     """Return whether the class of a type such as ``sensor_msgs/msg/LaserScan`` is installed."""
     try:
         message_class(msgtype)
-    except ImportError:
+    except (ImportError, AttributeError):  # AttributeError: a version without the type
         return False
     return True
 

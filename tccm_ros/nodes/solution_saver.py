@@ -22,6 +22,10 @@ from tccm_ros.nodes.worker import Worker, promise
 PATIENCE_S = 1.2
 """A save waits so long for the solution with all that has come; then it takes the newest."""
 
+MAX_PATIENCE_S = 10.0
+"""Maximum time that a save waits. ``bench/soak_nodes.py``: on a machine with seven times more work
+than cores, where a solution took 230 s, a save waited for 470 s without this."""
+
 LOOK_AT_END_S = 0.1
 """Between two looks whether the last solution is still waited for."""
 
@@ -57,6 +61,14 @@ class Session(NamedTuple):
     resets: int
     keyframes: int
     waits_for_scan: bool
+
+
+def patience_s(duration_s: float) -> float:
+    """Return how long a save waits, s, where the last solution took `duration_s`.
+
+    Another one may be under way, which is as long.
+    """
+    return min(PATIENCE_S + 2.0 * duration_s, MAX_PATIENCE_S)
 
 
 class SolutionSaver:
@@ -126,9 +138,8 @@ class SolutionSaver:
 
         def save() -> str:
             newest = self._solver.newest if self._has_solution else None
-            # Another one may be under way, which is as long.
-            patience_s = None if newest is None else PATIENCE_S + 2.0 * newest.duration_s
-            self._solver.wait(asked[0].number, patience_s)
+            wait_s = None if newest is None else patience_s(newest.duration_s)
+            self._solver.wait(asked[0].number, wait_s)
             said = self._save(folder, asked[0], is_asked=True, may_replace=is_named)
             if is_named:
                 self._on_named(folder.name)

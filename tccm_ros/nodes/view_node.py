@@ -1,6 +1,7 @@
 """view_node: the live page, in a process of its own so that it does not delay scans.
 
-It reads the map as every client does, by `SurfaceMapClient`, and serves it to browsers.
+It reads the map as every client does, by `SurfaceMapClient`, and serves it to browsers and to a
+running Rerun viewer.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import asyncio
 import queue
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -24,6 +25,10 @@ from tccm_ros.extras import check_extra
 from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.run import run
+from tccm_ros.view.live_state import LiveState
+
+if TYPE_CHECKING:
+    from tccm_ros.view.rerun_stream import RerunStream
 
 EVENTS_DEPTH = 100
 """Queue depth of ~/events."""
@@ -34,6 +39,7 @@ LOOK_S = 0.5
 PARAMETERS = {
     "view.host": ("127.0.0.1", "address to listen at; any other lets the network see the map"),
     "view.port": (8095, "port to listen at; 0 takes a free one"),
+    "view.rerun": ("", "address of a Rerun viewer, rerun+http://HOST:PORT/proxy; empty for none"),
     "map_node": ("surface_slam", "node that has the map"),
     "approach_node": ("approach", "node that knows the names of spots"),
 }
@@ -78,7 +84,7 @@ class ViewNode(Node):
         from tccm_ros.nodes.map_client import SurfaceMapClient
         from tccm_ros.view.live_page import LivePage
 
-        host, port, name, approach_name = (
+        host, port, viewer, name, approach_name = (
             self.declare_parameter(key, default, ParameterDescriptor(description=meaning)).value
             for key, (default, meaning) in PARAMETERS.items()
         )
@@ -92,9 +98,10 @@ class ViewNode(Node):
         self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._wake = self.create_guard_condition(self._answer_questions)
         self.page = LivePage(self._ask, frozenset(self._questions), host, port)
+        self._rerun = _rerun_stream(viewer)
         self._client = SurfaceMapClient(self, name, approach_name=approach_name)
         self._map_frame = "map"
-        self._client.on_event(lambda e: self.page.update(lambda s: s.add_event(event_text(e))))
+        self._client.on_event(lambda e: self._update(lambda s: s.add_event(event_text(e))))
         for kind, topic, take, qos in (
             (_surface_map(), f"{name}/surface_map", self._take_map, latched()),
             (Path, f"{name}/path", self._take_path, latched()),
@@ -108,19 +115,32 @@ class ViewNode(Node):
     def close(self) -> None:
         """End the server and notify its pages."""
         self.page.close()
+        if self._rerun is not None:
+            self._rerun.close()
         self._client.close()
+
+    def _update(self, change: Callable[[LiveState], object]) -> None:
+        """Change what the page and the viewer show."""
+        self.page.update(change)
+        if self._rerun is not None:
+            self._rerun.update(change)
 
     # --- subscriptions ---
 
     def _take_map(self, message: Any) -> None:
+        from tccm_ros.nodes.map_records import nanoseconds
+
         found = self._entities_of(message)
         self._map_frame = message.header.frame_id
 
-        def change(state: Any) -> None:
+        stamp_ns = nanoseconds(message.header.stamp)
+
+        def change(state: LiveState) -> None:
             path = state.entities.get("path")
             state.entities = {**found, **({} if path is None else {"path": path})}
+            state.stamp_ns = max(state.stamp_ns, stamp_ns)
 
-        self.page.update(change)
+        self._update(change)
 
     def _take_path(self, message: Any) -> None:
         from tccm_ros.view.live_state import path_entity
@@ -128,27 +148,32 @@ class ViewNode(Node):
         xy = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses])
         if len(xy):
             path = path_entity(xy)
-            self.page.update(lambda state: state.entities.update(path=path))
+            self._update(lambda state: state.entities.update(path=path))
 
     def _take_pose(self, message: Any) -> None:
         from tccm_ros.nodes.live_entities import planar
+        from tccm_ros.nodes.map_records import nanoseconds
 
-        pose = planar(message.pose.pose)
-        self.page.update(lambda state: setattr(state, "pose", pose))
+        pose, stamp_ns = planar(message.pose.pose), nanoseconds(message.header.stamp)
+
+        def change(state: LiveState) -> None:
+            state.pose, state.stamp_ns = pose, max(state.stamp_ns, stamp_ns)
+
+        self._update(change)
 
     def _take_diagnostics(self, message: Any) -> None:
         found = {s.name: f"{LEVELS.get(s.level, '?')}: {s.message}" for s in message.status}
 
-        def change(state: Any) -> None:
+        def change(state: LiveState) -> None:
             state.status = {**state.status, "nodes": {**state.status.get("nodes", {}), **found}}
 
-        self.page.update(change)
+        self._update(change)
 
     def _look(self) -> None:
         ready, known = self._client.has_services, self._client.localisation
         text = "no pose yet" if known is None else f"{known.state} {known.reason}".strip()
         answer = {"ready": ready, "localisation": text, "can_name": self._client.can_approach}
-        self.page.update(lambda state: setattr(state, "status", {**state.status, **answer}))
+        self._update(lambda state: setattr(state, "status", {**state.status, **answer}))
 
     # --- requests of pages ---
 
@@ -232,6 +257,22 @@ class ViewNode(Node):
         if not isinstance(name, str):
             raise QuestionError("name is no text")
         return self._client.save_named_map(name), lambda m: {"message": f"saved as {m.name}"}
+
+
+def _rerun_stream(url: str) -> RerunStream | None:
+    """Return the connection to a viewer; None without an address.
+
+    Raises
+    ------
+    MissingExtraError, ConfigError
+        Without rerun-sdk, and for another kind of address.
+    """
+    if not url:
+        return None
+    check_extra("view", "rerun")
+    from tccm_ros.view.rerun_stream import RerunStream
+
+    return RerunStream(url)
 
 
 def _surface_map() -> type:

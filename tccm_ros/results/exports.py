@@ -120,7 +120,9 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "surfaces.geojson": lambda: _json(
             feature_collection(solution.surfaces, slam.walls, map_frame)
         ),
-        "surfaces.scene": lambda: scene_text(solution.surfaces, solution.compartments).encode(),
+        "surfaces.scene": lambda: scene_text(
+            solution.surfaces, solution.compartments, solution.objects
+        ).encode(),
     }
     made = {name: stages.run(name, export) for name, export in exports.items()}
     return _encoded(models) | files | {k: data for k, data in made.items() if data is not None}

@@ -11,20 +11,25 @@ from tccm_ros.geometry import quaternion
 from tccm_ros.racks.compartment import Compartment
 from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
-from tccm_ros.surfaces.planning_shapes import Box, structure_shapes
+from tccm_ros.surfaces.planning_shapes import Box, scene_shapes
+from tccm_ros.surfaces.scene_objects import SceneObject
 
 TITLE = "tccm_ros"
 """Name of the scene."""
 
 
-def scene_text(surfaces: Iterable[Surface], compartments: Sequence[Compartment] = ()) -> str:
-    """Return surfaces and racks (`structure_shapes`) as a MoveIt planning scene (``.scene``).
+def scene_text(
+    surfaces: Iterable[Surface],
+    compartments: Sequence[Compartment] = (),
+    objects: Iterable[SceneObject] = (),
+) -> str:
+    """Return surfaces, racks and objects (`scene_shapes`) as a MoveIt planning scene (``.scene``).
 
     The format is the older of two, which all versions of MoveIt read: for each object its shapes,
     for each shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
     lines = [TITLE]
-    for name, shape in structure_shapes(surfaces, compartments).items():
+    for name, shape in scene_shapes(surfaces, objects, compartments).items():
         lines += [f"* {name}", "1"]
         T = np.eye(4)
         if isinstance(shape, Box):

@@ -35,7 +35,6 @@ from tccm_ros.records import TransformSample
 from tccm_ros.ros.collision_messages import (
     COLLISION_OBJECT,
     collision_messages,
-    collision_shapes,
 )
 from tccm_ros.ros.output_messages import grid_message, pose_covariance_message
 from tccm_ros.ros.surface_messages import (
@@ -55,6 +54,7 @@ from tccm_ros.ros.topic_messages import (
 from tccm_ros.ros.writing import transform_message, transforms_message
 from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.surfaces.changes import Change
+from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene import frames_of_surfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -312,7 +312,7 @@ class ResultBag:
         message = localisation_message(self._bag.types, stamp_ns, self._map_frame, solution)
         self._bag.write(LOCALISATION_TOPIC, LOCALISATION, stamp_ns, message)
         self._write_grid(stamp_ns)
-        shapes = collision_shapes(solution.surfaces, solution.objects, solution.compartments)
+        shapes = scene_shapes(solution.surfaces, solution.objects, solution.compartments)
         for message in collision_messages(self._bag.types, stamp_ns, self._map_frame, shapes):
             self._bag.write(COLLISION_TOPIC, COLLISION_OBJECT, stamp_ns, message)
 

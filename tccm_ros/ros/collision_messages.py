@@ -1,52 +1,31 @@
-"""Surfaces and the objects on them as moveit_msgs/CollisionObject.
+"""Planning scenes as moveit_msgs/CollisionObject and moveit_msgs/PlanningScene.
 
 A surface is a thin slab below its plane: a box, or a mesh if a box would block a much larger area
-than the surface (`surface_shape`). An object is its bounding box.
+than the surface (`surface_shape`). An object is its bounding box. The pose of a box is that of its
+collision object, so that a MOVE needs no shape.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
-from tccm_ros.racks.compartment import Compartment
-from tccm_ros.records import Surface
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
-from tccm_ros.surfaces.planning_shapes import Box, Mesh, structure_shapes
-from tccm_ros.surfaces.scene import object_pose
-from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.surfaces.planning_shapes import Box, Mesh
+from tccm_ros.surfaces.scene_diff import Shapes
+from tccm_ros.surfaces.told_scene import Changes
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 
-ITEM_PREFIX = "tccm_object_"
-"""Prefix of an object's id; the prefixes of surfaces and racks are in `planning_shapes`."""
+PLANNING_SCENE = "moveit_msgs/msg/PlanningScene"
 
-ADD, REMOVE = 0, 1
+ADD, REMOVE, MOVE = 0, 1, 3
 """Operations of moveit_msgs/CollisionObject; ADD replaces an object of the same id."""
 
 SOLID_BOX = 1
 """BOX of shape_msgs/SolidPrimitive."""
-
-Shapes = Mapping[str, Box | Mesh]
-"""Shapes in map by the name of the collision object."""
-
-
-def collision_shapes(
-    surfaces: Iterable[Surface],
-    objects: Iterable[SceneObject],
-    compartments: Sequence[Compartment] = (),
-) -> Shapes:
-    """Return the shapes of surfaces and racks (`structure_shapes`), and of objects on surfaces.
-
-    Parameters
-    ----------
-    surfaces, objects, compartments
-        Contents of a solution, in map.
-    """
-    structure = structure_shapes(surfaces, compartments)
-    return structure | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
 
 
 def collision_messages(
@@ -69,21 +48,80 @@ def collision_messages(
     for name in sorted(gone):
         yield types.make(COLLISION_OBJECT, header=header, id=name, operation=types.octet(REMOVE))
     for name, shape in shapes.items():
-        yield types.make(
+        yield _added(types, header, name, shape)
+
+
+def planning_scene_message(
+    types: MessageTypes,
+    stamp_ns: int,
+    frame_id: str,
+    changes: Changes,
+) -> Any:
+    """Return a moveit_msgs/PlanningScene of changes (``is_diff``).
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    stamp_ns, frame_id
+        Header of the collision objects; the shapes are in that frame.
+    changes
+        Changes around the robot, and objects that it takes or puts down. MoveIt takes an object
+        that it knows out of the world when it is attached, and puts it back when it is detached.
+    """
+    header, diff = header_message(types, stamp_ns, frame_id), changes.diff
+    objects = list(collision_messages(types, stamp_ns, frame_id, diff.add, diff.remove))
+    objects += [
+        types.make(
             COLLISION_OBJECT,
             header=header,
             id=name,
-            operation=types.octet(ADD),
-            **_shape_fields(types, shape),
+            operation=types.octet(MOVE),
+            pose=pose_message(types, box.T_map_box),
         )
+        for name, box in diff.move.items()
+    ]
+    attached = [
+        types.make(
+            "moveit_msgs/msg/AttachedCollisionObject",
+            link_name=item.link,
+            touch_links=list(item.touch_links),
+            object=_added(types, header, item.name, item.shape)
+            if item.shape is not None
+            else types.make(
+                COLLISION_OBJECT, header=header, id=item.name, operation=types.octet(REMOVE)
+            ),
+        )
+        for item in changes.held
+    ]
+    return types.make(
+        PLANNING_SCENE,
+        is_diff=True,
+        robot_state=types.make(
+            "moveit_msgs/msg/RobotState", is_diff=True, attached_collision_objects=attached
+        ),
+        world=types.make("moveit_msgs/msg/PlanningSceneWorld", collision_objects=objects),
+    )
 
 
-def _shape_fields(types: MessageTypes, shape: Box | Mesh) -> dict[str, list[Any]]:
+def _added(types: MessageTypes, header: Any, name: str, shape: Box | Mesh) -> Any:
+    """Return a CollisionObject that adds or replaces a shape."""
+    fields = _shape_fields(types, shape)
+    return types.make(
+        COLLISION_OBJECT, header=header, id=name, operation=types.octet(ADD), **fields
+    )
+
+
+def _shape_fields(types: MessageTypes, shape: Box | Mesh) -> dict[str, Any]:
     """Return the fields of a CollisionObject with a shape and its pose."""
     if isinstance(shape, Box):
         sides = types.array("f8", shape.size)
         solid = types.make("shape_msgs/msg/SolidPrimitive", type=SOLID_BOX, dimensions=sides)
-        return {"primitives": [solid], "primitive_poses": [pose_message(types, shape.T_map_box)]}
+        return {
+            "pose": pose_message(types, shape.T_map_box),
+            "primitives": [solid],
+            "primitive_poses": [pose_message(types, np.eye(4))],
+        }
     mesh = types.make(
         "shape_msgs/msg/Mesh",
         triangles=[

@@ -1,4 +1,4 @@
-"""Collision shapes of surfaces and sides of racks for motion planning: thin boxes or meshes.
+"""Collision shapes of surfaces, sides of racks and objects for motion planning.
 
 `Box` has the content of shape_msgs/SolidPrimitive, `Mesh` that of shape_msgs/Mesh.
 """
@@ -18,12 +18,17 @@ from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.records import Surface
+from tccm_ros.surfaces.scene import object_pose
+from tccm_ros.surfaces.scene_objects import SceneObject
 
 OBJECT_PREFIX = "tccm_surface_"
 """Prefix of the names of collision objects, so that those of other programs are kept."""
 
 PANEL_PREFIX = "tccm_rack_"
 """Prefix of the names of panels of racks."""
+
+ITEM_PREFIX = "tccm_object_"
+"""Prefix of the names of objects."""
 
 THICKNESS = 0.02
 """Thickness of a surface whose lower side was not measured, downwards, m; chosen: a thin board, as
@@ -120,6 +125,22 @@ def structure_shapes(
         parts[space.board] += 1
         shapes |= {f"{name}_{face}": box for face, box in _panels(space)}
     return shapes
+
+
+def scene_shapes(
+    surfaces: Iterable[Surface],
+    objects: Iterable[SceneObject],
+    compartments: Sequence[Compartment] = (),
+) -> dict[str, Box | Mesh]:
+    """Return the shapes of surfaces and racks (`structure_shapes`), and the boxes of objects.
+
+    Parameters
+    ----------
+    surfaces, objects, compartments
+        Contents of a solution, in map.
+    """
+    structure = structure_shapes(surfaces, compartments)
+    return structure | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
 
 
 def _panels(space: Compartment) -> Iterator[tuple[str, Box]]:

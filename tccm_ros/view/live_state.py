@@ -42,6 +42,8 @@ class LiveState:
         State of the nodes: JSON values by name.
     events
         The newest events as lines, the oldest first.
+    stamp_ns
+        Stamp of the newest map or pose, ns.
     """
 
     def __init__(self) -> None:
@@ -49,6 +51,8 @@ class LiveState:
         self.pose: list[float] | None = None
         self.status: dict[str, Any] = {}
         self.events: deque[str] = deque(maxlen=MAX_EVENTS)
+        self.stamp_ns = 0
+        self._seen: Entities = {}
         self._sent: dict[str, str] = {}
         self._sent_pose: list[float] | None = None
         self._sent_status = ""
@@ -67,6 +71,11 @@ class LiveState:
             "status": json.loads(self._sent_status or "{}"),
             "events": list(self.events)[: len(self.events) - len(self._new_events)],
         }
+
+    def forget_sent(self) -> None:
+        """Make the next delta contain everything."""
+        self._seen, self._sent, self._sent_pose, self._sent_status = {}, {}, None, ""
+        self._new_events = list(self.events)
 
     def delta(self, budget: int) -> dict[str, Any]:
         """Return the changes since the last delta; empty if there are none.
@@ -87,17 +96,21 @@ class LiveState:
         gone = [name for name in self._sent if name not in self.entities]
         for name in gone:
             del self._sent[name]
+            self._seen.pop(name, None)
         if gone:
             changed["gone"] = gone
         some: Entities = {}
         for name, value in self.entities.items():
+            if value is self._seen.get(name):
+                continue
             text = json.dumps(value)
             if text == self._sent.get(name):
+                self._seen[name] = value
                 continue
             if some and len(text) > budget:
                 break
             budget -= len(text)
-            some[name], self._sent[name] = value, text
+            some[name], self._seen[name], self._sent[name] = value, value, text
         if some:
             changed["set"] = some
         return changed

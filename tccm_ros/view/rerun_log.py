@@ -100,7 +100,7 @@ class RerunLog:
 
     def _points(self, entity: str, points: Float64) -> None:
         near = np.asarray(points, np.float32)
-        self._stream.log(entity, rr.Points3D(near, radii=RADIUS_M, colors=_rgb(palette.VIEW)))
+        self._stream.log(entity, rr.Points3D(near, radii=RADIUS_M, colors=rgb(palette.VIEW)))
 
     def _place_sensor(self, event: Posed) -> None:
         """Log the pose of a sensor on the base if it has changed."""
@@ -159,14 +159,14 @@ class RerunLog:
         for entity, T in ((ODOM, T_map_odom), (BASE, T_odom_base)):
             columns = rr.Transform3D.columns(translation=T[:, :3, 3], mat3x3=T[:, :3, :3])
             self._stream.send_columns(entity, [_times(stamps)], columns)
-        arrow = rr.Arrows3D(vectors=[[AXIS_M, 0.0, 0.0]], colors=_rgb(palette.VIEW), radii=0.03)
+        arrow = rr.Arrows3D(vectors=[[AXIS_M, 0.0, 0.0]], colors=rgb(palette.VIEW), radii=0.03)
         self._stream.log(f"{BASE}/heading", arrow, static=True)
 
     def _log_planes(self, planes: Sequence[PlaneRecord]) -> None:
         known = [plane for plane in planes if len(plane.boundary) > 2]
         lines = rr.LineStrips3D(
-            [_with_first_point(plane.boundary) for plane in known],
-            colors=[_rgb(palette.PALETTE[p.id % len(palette.PALETTE)]) for p in known],
+            [with_first_point(plane.boundary) for plane in known],
+            colors=[rgb(palette.PALETTE[p.id % len(palette.PALETTE)]) for p in known],
             radii=RADIUS_M,
         )
         self._stream.log(f"{ODOM}/planes", lines)
@@ -183,7 +183,7 @@ class RerunLog:
             self._at(stamp_ns)
             boxes = rr.Boxes3D(
                 centers=centers, half_sizes=half.astype(np.float32), fill_mode="solid",
-                colors=_rgb("#9fb3c8"),
+                colors=rgb("#9fb3c8"),
             )  # fmt: skip
             self._stream.log(f"{ODOM}/part_map", boxes)
 
@@ -203,7 +203,7 @@ class RerunLog:
         self._lines("map/path", [path] if len(path) > 1 else [], palette.PATH)
         for stamp_ns, T in zip(solution.view_stamps_ns.tolist(), solution.T_map_views):
             self._at(stamp_ns)
-            views = rr.Points3D([T[:3, 3]], colors=_rgb(palette.VIEW), radii=0.03)
+            views = rr.Points3D([T[:3, 3]], colors=rgb(palette.VIEW), radii=0.03)
             self._stream.log("map/views", views)
 
     def _log_surface(self, surface: Surface, floor: float, color: str) -> None:
@@ -213,18 +213,18 @@ class RerunLog:
         alpha = 60 if surface.label == "floor" else 180
         faces = rr.Mesh3D(
             vertex_positions=mesh.points, triangle_indices=mesh.triangles,
-            vertex_colors=np.tile([*_rgb(color), alpha], (len(mesh.points), 1)),
+            vertex_colors=np.tile([*rgb(color), alpha], (len(mesh.points), 1)),
         )  # fmt: skip
         if len(mesh.triangles):
             self._stream.log(entity, faces)
         T, _ = surface_pose(surface)
         name = f"{surface.label} {surface.id}, {surface.height - floor:.2f} m"
         if surface.label != "floor":
-            label = rr.Points3D([T[:3, 3]], labels=[name], colors=_rgb(color), radii=0.01)
+            label = rr.Points3D([T[:3, 3]], labels=[name], colors=rgb(color), radii=0.01)
             self._stream.log(f"{entity}/name", label)
             self._stream.log("events", rr.TextLog(f"first seen: {name}"))
         outline = rr.LineStrips3D(
-            [_with_first_point(surface.boundary)], colors=_rgb(color), radii=RADIUS_M
+            [with_first_point(surface.boundary)], colors=rgb(color), radii=RADIUS_M
         )
         self._stream.log(f"{entity}/outline", outline)
 
@@ -234,7 +234,7 @@ class RerunLog:
             box = rr.Boxes3D(
                 centers=[item.center], sizes=[item.size],
                 rotation_axis_angles=[rr.RotationAxisAngle([0, 0, 1], radians=item.yaw)],
-                colors=_rgb(palette.OBJECT), labels=[item.class_id or f"object {item.id}"],
+                colors=rgb(palette.OBJECT), labels=[item.class_id or f"object {item.id}"],
                 show_labels=bool(item.class_id),
             )  # fmt: skip
             self._stream.log(f"map/objects/{item.id}", box)
@@ -244,7 +244,7 @@ class RerunLog:
             self._at(min((view.stamp_ns for view in sign.views), default=solution.stamp_ns))
             arrow = rr.Arrows3D(
                 origins=[sign.position], vectors=[0.3 * sign.normal], labels=[sign.text],
-                colors=_rgb(palette.LANDMARK),
+                colors=rgb(palette.LANDMARK),
             )  # fmt: skip
             self._stream.log(f"map/signs/{sign.id}", arrow)
 
@@ -253,7 +253,7 @@ class RerunLog:
         for wall in solution.slam.walls:
             low = np.column_stack([wall.endpoints, np.full(2, floor)])
             high = low + np.array([0.0, 0.0, WALL_HEIGHT_M])
-            faces.append(_with_first_point(np.vstack([low, high[::-1]])))
+            faces.append(with_first_point(np.vstack([low, high[::-1]])))
         self._lines("map/walls", faces, palette.WALL)
 
     def _log_loops(self, solution: SurfaceSolution, floor: float) -> None:
@@ -268,7 +268,7 @@ class RerunLog:
 
     def _lines(self, entity: str, strips: Sequence[Float64], color: str) -> None:
         """Log lines that are visible at all times."""
-        lines = rr.LineStrips3D(strips, colors=_rgb(color), radii=RADIUS_M)
+        lines = rr.LineStrips3D(strips, colors=rgb(color), radii=RADIUS_M)
         self._stream.log(entity, lines, static=True)
 
     def blueprint(self) -> rrb.Blueprint:
@@ -325,11 +325,13 @@ def _transform(T: Float64) -> rr.Transform3D:
     return rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
 
 
-def _with_first_point(ring: Float64) -> Float64:
+def with_first_point(ring: Float64) -> Float64:
+    """Return a ring (N, 3) as a closed line (N + 1, 3)."""
     return np.concatenate([ring, ring[:1]])
 
 
-def _rgb(color: str) -> list[int]:
+def rgb(color: str) -> list[int]:
+    """Return a colour ``#rrggbb`` as three numbers."""
     return [int(color[k : k + 2], 16) for k in (1, 3, 5)]
 
 

@@ -12,7 +12,8 @@ from shapely.geometry import box
 
 from tccm_ros.nodes import collision
 from tccm_ros.nodes.collision import CollisionObjects
-from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.nodes.ros_types import RosidlMessages, is_installed
+from tccm_ros.ros.collision_messages import PLANNING_SCENE
 from tccm_ros.surfaces.scene import KnownSurface, Scene
 from tccm_ros.surfaces.scene_objects import SceneObject
 
@@ -28,7 +29,10 @@ CUP = SceneObject(3, 4, np.array([0.5, 0.4, 0.79]), np.array([0.08, 0.08, 0.1]),
 
 class Publisher:
     def __init__(self):
-        self.messages = []
+        self.messages, self.listeners = [], 1
+
+    def get_subscription_count(self):
+        return self.listeners
 
     def publish(self, message):
         self.messages.append(message)
@@ -40,9 +44,16 @@ def publisher():
 
 
 def objects_of(publisher) -> CollisionObjects:
-    running = SimpleNamespace(ok=lambda: True)
-    node = SimpleNamespace(create_publisher=lambda *_: publisher, context=running)
-    return CollisionObjects(node, TYPES)
+    return CollisionObjects(node_of(collision_object=publisher), TYPES)
+
+
+def node_of(services=None, **publishers):
+    """Return a node with publishers by topic; its services are added to a dict."""
+    return SimpleNamespace(
+        create_publisher=lambda kind, topic, profile: publishers.get(topic, Publisher()),
+        create_service=lambda kind, name, call: (services or {}).update({name: call}),
+        context=SimpleNamespace(ok=lambda: True),
+    )
 
 
 def scene(stamp_ns, *surfaces, objects=()) -> Scene:
@@ -77,6 +88,48 @@ def test_a_late_listener_gets_all(ros):
     for message in late:
         known[message.id] = message.operation
     assert known == {"tccm_surface_4": ADD, "tccm_surface_7": REMOVE}
+
+
+@pytest.mark.skipif(not is_installed(PLANNING_SCENE), reason="moveit_msgs has no PlanningScene")
+def test_a_solution_is_a_diff_of_its_stamp_and_all_of_it_for_a_new_listener():
+    scenes = Publisher()
+    objects = CollisionObjects(node_of(planning_scene=scenes), TYPES)
+    objects.publish(scene(1, FLOOR, TABLE, SHELF, objects=[CUP]))
+    objects.publish(scene(2, FLOOR, TABLE, SHELF, objects=[CUP]))
+    assert len(scenes.messages) == 1, "nothing has changed"
+    objects.publish(scene(3, FLOOR, SHELF))
+    told = [
+        (o.id, o.operation, o.header.stamp.nanosec)
+        for o in scenes.messages[-1].world.collision_objects
+    ]
+    assert told == [("tccm_object_3", REMOVE, 3), ("tccm_surface_4", REMOVE, 3)]
+    scenes.listeners = 2
+    objects.publish(scene(4, FLOOR, SHELF))
+    (shelf,) = scenes.messages[-1].world.collision_objects
+    assert (shelf.id, shelf.operation) == ("tccm_surface_7", ADD)
+
+
+@pytest.mark.skipif(not is_installed(PLANNING_SCENE), reason="moveit_msgs has no PlanningScene")
+def test_a_target_is_attached_by_the_service_and_leaves_both_topics():
+    scenes, whole, services = Publisher(), Publisher(), {"none": None}
+    node = node_of(services, planning_scene=scenes, collision_object=whole)
+    objects = CollisionObjects(node, TYPES)
+    objects.publish(scene(1, TABLE, objects=[CUP]))
+    request = SimpleNamespace(object_id=3, state=2, link_name="gripper", touch_links=["finger"])
+    answer = services["~/set_scene_object"](request, SimpleNamespace())
+    assert (answer.success, answer.message) == (True, "object 3 is attached")
+    (held,) = scenes.messages[-1].robot_state.attached_collision_objects
+    assert (held.object.id, held.link_name, held.touch_links) == (
+        "tccm_object_3",
+        "gripper",
+        ["finger"],
+    )
+    objects.publish(scene(2, TABLE, objects=[CUP]))
+    assert ("tccm_object_3", REMOVE) in [(m.id, m.operation) for m in whole.messages]
+    request.object_id = 9
+    answer = services["~/set_scene_object"](request, SimpleNamespace())
+    assert not answer.success
+    assert "no object 9" in answer.message
 
 
 def test_without_moveit_nothing_is_published(monkeypatch):

@@ -3,14 +3,18 @@
 import http.client
 import json
 import threading
+import time
 
 import pytest
-from live_robot import overrides, recording, slam, tccm
+from live_robot import START_NS, overrides, recording, slam, tccm
 
 from tccm_ros.nodes.interfaces import has_interfaces
 
 pytest.importorskip("aiohttp", reason="aiohttp (the extra 'view') is missing")
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
+
+
+PAGES = 10
 
 
 class Page(threading.Thread):
@@ -19,6 +23,7 @@ class Page(threading.Thread):
     def __init__(self, port):
         super().__init__(daemon=True)
         self.entities, self.events, self.status, self.pose, self.ended = {}, [], {}, None, False
+        self.later_bytes = 0
         self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
         self._connection.request("GET", "/events")
         self._stream = self._connection.getresponse()
@@ -29,6 +34,7 @@ class Page(threading.Thread):
             if not line.startswith(b"data: "):
                 continue
             delta = json.loads(line[6:])
+            self.later_bytes += 0 if delta.get("first") else len(line)
             for name in delta.get("gone", []):
                 del self.entities[name]
             self.entities |= delta.get("set", {})
@@ -111,3 +117,36 @@ def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
     view.close()
     page.join(20)
     assert page.ended
+
+
+def test_ten_pages_and_a_viewer_show_the_same_and_no_scan_is_dropped(ros, tmp_path):
+    """The short form of bench/bench_live_page.py."""
+    pytest.importorskip("datafusion", reason="rerun's dataframes need rerun-sdk[catalog]")
+    from rerun_server import RerunServer, free_port, rows
+
+    from tccm_ros.nodes.view_node import ViewNode
+    from tccm_ros.view.live_page import MAX_RATE
+
+    viewer_port = free_port()
+    server = RerunServer(viewer_port, tmp_path / "live.rrd")
+    tilt_node, node = tccm(ros), slam(ros)
+    settings = {"view.port": 0, "view.rerun": f"rerun+http://127.0.0.1:{viewer_port}/proxy"}
+    view = ros.add(ViewNode(context=ros.another_context(), parameter_overrides=overrides(settings)))
+    pages, begin_s = [Page(view.page.port) for _ in range(PAGES)], time.monotonic()
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    ros.connect(node, view, "/surface_slam/events", "/surface_slam/surface_map", "/pose")
+    ros.robot().play(recording(4), tilt_node, node)
+    ros.spin_until(lambda: all(p.entities.keys() >= {"surface/1", "wall/0"} for p in pages))
+    first = pages[0]
+    ros.spin_until(lambda: all(p.entities == first.entities and p.pose for p in pages))
+    # A second's worth may be saved up before the first of them.
+    limit = MAX_RATE * (time.monotonic() - begin_s + 1.0)
+    assert 0 < max(page.later_bytes for page in pages) <= limit
+    for mapping in (tilt_node, node):
+        assert not mapping.dropped, mapping.dropped
+    view.close()
+    server.close()
+    stamps, [name, *_] = rows(server.store(), "/map/surfaces/1/name", "Points3D:labels")
+    assert name[0].startswith(first.entities["surface/1"]["label"])
+    assert stamps[0] == pytest.approx(START_NS * 1e-9, abs=10.0)
+    assert len(rows(server.store(), "/map/base", "Transform3D:translation")[0])

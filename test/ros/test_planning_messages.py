@@ -10,16 +10,21 @@ from scipy.spatial.transform import Rotation
 from shapely import Polygon, affinity
 from shapely.geometry import box
 
+from tccm_ros.errors import MessageError
 from tccm_ros.nodes.ros_types import is_installed
 from tccm_ros.ros.collision_messages import (
     ADD,
     COLLISION_OBJECT,
+    MOVE,
+    PLANNING_SCENE,
     REMOVE,
     collision_messages,
-    collision_shapes,
+    planning_scene_message,
 )
 from tccm_ros.ros.table_messages import TABLES, tables_message
+from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.surfaces.told_scene import ObjectState, ToldScene
 
 TABLE = surface(box(0.0, 0.0, 1.2, 0.8), height=0.7, number=4)
 FLOOR = surface(box(-3.0, -3.0, 3.0, 3.0), height=0.0, label="floor", number=1)
@@ -34,7 +39,7 @@ def need(types, kind):
 def collision(types, surfaces=(), objects=(), gone=()):
     """Return collision objects as they are read from a bag."""
     need(types, COLLISION_OBJECT)
-    shapes = collision_shapes(surfaces, objects)
+    shapes = scene_shapes(surfaces, objects)
     made = collision_messages(types, 5, "map", shapes, gone)
     return [to_bag_message(types, COLLISION_OBJECT, message) for message in made]
 
@@ -56,7 +61,8 @@ def test_the_top_of_the_box_is_the_surface(types):
     (message,) = collision(types, [TABLE, FLOOR])
     assert (message.id, message.operation) == ("tccm_surface_4", ADD)
     assert (message.header.frame_id, message.header.stamp.nanosec) == ("map", 5)
-    (solid,), (pose,) = message.primitives, message.primitive_poses
+    (solid,), pose = message.primitives, message.pose
+    assert matrix(message.primitive_poses[0]) == pytest.approx(np.eye(4))
     assert sorted(solid.dimensions[:2]) == pytest.approx([0.8, 1.2])
     T = matrix(pose)
     assert T[:3, 3] == pytest.approx([0.6, 0.4, 0.7 - 0.5 * solid.dimensions[2]])
@@ -81,7 +87,8 @@ def test_a_bent_counter_is_a_mesh_that_leaves_the_room_before_it(types):
 def test_an_object_is_its_box_where_it_stands(types):
     (message,) = collision(types, objects=[CUP])
     assert (message.id, message.operation) == ("tccm_object_3", ADD)
-    (solid,), (pose,) = message.primitives, message.primitive_poses
+    (solid,), pose = message.primitives, message.pose
+    assert matrix(message.primitive_poses[0]) == pytest.approx(np.eye(4))
     assert (solid.type, list(solid.dimensions)) == (1, [0.12, 0.08, 0.1])
     T = matrix(pose)
     assert T[:3, 3] == pytest.approx(CUP.center)
@@ -95,6 +102,110 @@ def test_what_is_gone_is_removed_before_anything_is_added(types):
         ("tccm_object_9", REMOVE),
         ("tccm_surface_4", ADD),
     ]
+
+
+class Listener:
+    """A world and a hand that follow the rules of MoveIt's planning scene for diffs."""
+
+    def __init__(self, types):
+        self.types, self.told, self.world, self.hand = types, ToldScene(), {}, {}
+
+    def take(self, changes):
+        need(self.types, PLANNING_SCENE)
+        made = planning_scene_message(self.types, 5, "map", changes)
+        scene = to_bag_message(self.types, PLANNING_SCENE, made)
+        assert (scene.is_diff, scene.robot_state.is_diff) == (True, True), "the rest stays"
+        for attached in scene.robot_state.attached_collision_objects:
+            name = attached.object.id
+            if attached.object.operation == ADD:
+                self.hand[name] = attached.link_name, self.world.pop(name, None)
+            else:
+                self.world[name] = self.hand.pop(name)[1]
+        for item in scene.world.collision_objects:
+            assert item.header.frame_id == "map"
+            if item.operation == ADD:
+                assert len(item.primitives) == len(item.primitive_poses)
+                sizes = [tuple(solid.dimensions) for solid in item.primitives]
+                self.world[item.id] = (*matrix(item.pose)[:3, 3], *sizes)
+            elif item.operation == MOVE:
+                assert not len(item.primitives)
+                self.world[item.id] = (*matrix(item.pose)[:3, 3], *self.world[item.id][3:])
+            else:
+                del self.world[item.id]
+        return [(item.id, item.operation) for item in scene.world.collision_objects]
+
+    def solve(self, surfaces, objects):
+        return self.take(self.told.update(scene_shapes(surfaces, objects)))
+
+
+@pytest.fixture
+def listener(types):
+    return Listener(types)
+
+
+def moved(item, x):
+    return replace(item, center=item.center + np.array([x, 0.0, 0.0]))
+
+
+def test_what_is_new_has_moved_or_has_left_is_a_diff_and_nothing_else_is(listener):
+    added = listener.solve([TABLE, FLOOR], [CUP])
+    assert sorted(added) == [("tccm_object_3", ADD), ("tccm_surface_4", ADD)]
+    assert listener.solve([TABLE, FLOOR], [moved(CUP, 0.001)]) == []
+    assert listener.solve([TABLE, FLOOR], [moved(CUP, 0.1)]) == [("tccm_object_3", MOVE)]
+    assert listener.world["tccm_object_3"][0] == pytest.approx(0.6)
+    wider = replace(moved(CUP, 0.1), size=CUP.size + 0.01)
+    assert listener.solve([TABLE, FLOOR], [wider]) == [("tccm_object_3", ADD)]
+    assert listener.solve([TABLE, FLOOR], []) == [("tccm_object_3", REMOVE)]
+    assert list(listener.world) == ["tccm_surface_4"]
+
+
+def test_changes_too_small_to_tell_do_not_add_up(listener):
+    for k in range(20):
+        listener.solve([TABLE], [moved(CUP, 0.001 * k)])
+    assert listener.world["tccm_object_3"][0] == pytest.approx(CUP.center[0] + 0.019, abs=0.0021)
+
+
+def test_a_target_is_left_out_and_shown_again(listener):
+    listener.solve([TABLE], [CUP])
+    listener.take(listener.told.set_state(3, ObjectState.LEFT_OUT))
+    assert list(listener.world) == ["tccm_surface_4"]
+    assert listener.solve([TABLE], [moved(CUP, 0.1)]) == [], "it stays left out"
+    listener.take(listener.told.set_state(3, ObjectState.SHOWN))
+    assert listener.world["tccm_object_3"][0] == pytest.approx(0.6)
+
+
+def test_a_target_is_attached_and_put_down_where_the_hand_is(listener):
+    listener.solve([TABLE], [CUP])
+    listener.take(listener.told.set_state(3, ObjectState.ATTACHED, "gripper", ("finger",)))
+    assert listener.hand["tccm_object_3"][0] == "gripper"
+    assert list(listener.world) == ["tccm_surface_4"]
+    assert listener.solve([TABLE], []) == [], "it is not on the table, but in the hand"
+    assert listener.take(listener.told.set_state(3, ObjectState.SHOWN)) == []
+    assert not listener.hand
+    assert "tccm_object_3" in listener.world, "it stays where the hand was"
+    new = replace(moved(CUP, 0.4), id=8)
+    told = listener.solve([TABLE], [new])
+    assert told == [("tccm_object_3", REMOVE), ("tccm_object_8", ADD)]
+
+
+def test_a_new_listener_is_told_all_and_what_the_robot_holds(listener, types):
+    listener.solve([TABLE], [CUP, replace(moved(CUP, 0.4), id=8)])
+    listener.take(listener.told.set_state(3, ObjectState.ATTACHED, "gripper"))
+    late = Listener(types)
+    late.take(listener.told.repeat())
+    assert set(late.world) == {"tccm_surface_4", "tccm_object_8"}
+    assert set(late.hand) == {"tccm_object_3"}
+
+
+def test_an_unknown_object_or_link_is_one_sentence():
+    told = ToldScene()
+    told.update(scene_shapes([TABLE], [CUP]))
+    with pytest.raises(MessageError, match="no object 7"):
+        told.set_state(7, ObjectState.LEFT_OUT)
+    with pytest.raises(MessageError, match="link_name is empty"):
+        told.set_state(3, ObjectState.ATTACHED)
+    with pytest.raises(MessageError, match="state is 9"):
+        told.set_state(3, 9)
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, -70.0])

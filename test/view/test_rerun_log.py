@@ -1,9 +1,12 @@
 """An .rrd of a replay, read back by rerun's own dataframes."""
 
+import io
 import json
 
+import depth_room
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from tccm_ros.cli import app
@@ -13,6 +16,8 @@ from tccm_ros.results.trajectory import read_tum
 
 rr_chunk = pytest.importorskip("rerun.chunk", reason="rerun-sdk (the extra 'view') is missing")
 pytest.importorskip("datafusion", reason="rerun's dataframes need rerun-sdk[catalog]")
+
+from rerun_server import rows  # noqa: E402
 
 from tccm_ros.view import rerun_viewer  # noqa: E402
 from tccm_ros.view.rerun_log import rerun_file  # noqa: E402
@@ -34,18 +39,6 @@ def replayed(tmp_path_factory):
 @pytest.fixture(scope="module")
 def store(replayed):
     return rr_chunk.RrdReader(replayed[1]).stream().collect()
-
-
-def rows(store, entity, component, index="stamp"):
-    """Return the stamps, s, and values of a component of an entity."""
-    table = store.reader(index=index, contents=entity).to_arrow_table()
-    [name] = [n for n in table.column_names if n.endswith(component)]
-    values = [row for row in table.column(name).to_pylist()]
-    if index is None:
-        return values
-    stamps = table.column(index).cast("int64").to_numpy() * 1e-9
-    kept = [k for k, value in enumerate(values) if value is not None]
-    return stamps[kept], [values[k] for k in kept]
 
 
 def transforms(store, entity):
@@ -113,8 +106,93 @@ def test_scans_lie_on_the_walls_at_their_stamps(replayed, store):
         assert np.median(distances) < 0.05
 
 
-def test_the_file_has_a_blueprint(replayed):
-    assert len(rr_chunk.RrdReader(replayed[1]).blueprints()) == 1
+def test_the_blueprint_shows_the_map_the_newest_cycle_and_events(replayed):
+    assert views(replayed[1]) == {"Map", "Newest tilt cycle", "Events"}
+
+
+def views(file):
+    """Return the names of the views of the only blueprint."""
+    reader = rr_chunk.RrdReader(file)
+    [blueprint] = reader.blueprints()
+    shown = [c for c in reader.stream(store=blueprint).to_chunks() if "/view/" in c.entity_path]
+    tables = [c.to_record_batch() for c in shown]
+    column = "ViewBlueprint:display_name"
+    return {
+        name
+        for table in tables
+        if column in table.schema.names
+        for [name] in table.column(column).to_pylist()
+    }
+
+
+def test_files_of_a_second_of_a_drive_stay_small(replayed):
+    """At most 60 MB for the 108 s of bags/flat; the walkthrough is measured by the same lasers."""
+    seconds = len(read_tum(replayed[0] / "trajectory.tum").stamps) / 10.0  # scans at 10 Hz
+    assert replayed[1].stat().st_size < 60e6 / 108.0 * seconds
+
+
+@pytest.fixture(scope="module")
+def depth_store(tmp_path_factory):
+    """The .rrd of a head camera and a lidar over a table, their bag's poses being exact."""
+    folder = tmp_path_factory.mktemp("depth")
+    depth_room.write_recording(folder / "bag")
+    words = ["--out", str(folder / "out"), "--no-pictures", "-q", "--rerun", str(folder / "a.rrd")]
+    done = CliRunner().invoke(app, ["replay", str(folder / "bag"), *words])
+    assert done.exit_code == 0, done.output
+    assert views(folder / "a.rrd") == {
+        "Map", "Newest tilt cycle", "Events", "depth/image_rect_raw"
+    }  # fmt: skip
+    return rr_chunk.RrdReader(folder / "a.rrd").stream().collect()
+
+
+def last_at(stamps, stamp):
+    """Return the index of the newest of some stamps at another."""
+    return np.searchsorted(stamps, stamp + 1e-6) - 1
+
+
+def in_map(store, entity, stamp, points):
+    """Return points (N, 3) of a frame on the base in map."""
+    T = np.eye(4)
+    for frame in ("/map/odom", "/map/odom/base", entity):
+        stamps, poses = transforms(store, frame)
+        T = T @ poses[last_at(stamps, stamp)]
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def assert_on_table_or_floor(points):
+    """Assert that points below the eye are on the table top or the floor: both are exact."""
+    heights = points[:, 2]
+    is_table = np.abs(heights - depth_room.TOP) < 0.01
+    assert is_table.mean() > 0.1
+    (x0, x1), (y0, y1) = depth_room.TABLE
+    x, y, _ = points[is_table].T
+    assert (x0 - 0.02 < x).all() and (x < x1 + 0.02).all()  # noqa: PT018
+    assert (y0 - 0.02 < y).all() and (y < y1 + 0.02).all()  # noqa: PT018
+    assert (is_table | (np.abs(heights) < 0.02)).mean() > 0.9
+
+
+def test_depth_images_with_their_camera_show_the_table_at_their_stamps(depth_store):
+    camera = "/map/odom/base/depth/image_rect_raw"
+    stamps, blobs = rows(depth_store, f"{camera}/depth", "EncodedDepthImage:blob")
+    expected = depth_room.START_NS * 1e-9 + np.arange(0.1, 4.0, 0.2)
+    assert set(np.round(stamps, 3)) <= set(np.round(expected, 3))
+    assert len(stamps) > 10
+    [K] = rows(depth_store, camera, "Pinhole:image_from_camera", index=None)[0]
+    K = np.reshape(K, (3, 3)).T
+    for k in (0, len(stamps) // 2, len(stamps) - 1):
+        depth = np.array(Image.open(io.BytesIO(bytes(np.ravel(blobs[k]).tolist())))) * 1e-3
+        rows_, columns = np.nonzero(depth)
+        rays = np.stack([columns, rows_, np.ones(len(rows_))], axis=1) @ np.linalg.inv(K).T
+        seen = rays * depth[rows_, columns, None]
+        assert_on_table_or_floor(in_map(depth_store, camera, stamps[k], seen))
+
+
+def test_clouds_of_a_lidar_show_the_table_at_their_stamps(depth_store):
+    stamps, clouds = rows(depth_store, "/map/odom/base/points", "Points3D:positions")
+    assert len(stamps) > 10
+    for k in (0, len(stamps) // 2, len(stamps) - 1):
+        points = in_map(depth_store, "/map/odom/base/points", stamps[k], np.array(clouds[k]))
+        assert (np.abs(points[:, 2] - depth_room.TOP) < 0.01).any()
 
 
 def test_a_saved_map_is_written_without_its_recording(replayed, tmp_path, monkeypatch):

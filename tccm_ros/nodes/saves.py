@@ -31,15 +31,40 @@ class Saves:
         except TccmError as error:
             self._log(error)
 
-    def at_end(self, save: Callable[[], str], ending: Ending) -> None:
-        """Save at the end of the process; any error but an empty map is recorded as a failure."""
-        try:
-            ending.saved[self._name] = save()
-            ending.failed.pop(self._name, None)
-        except MapError as error:
-            self._log(error)
-        except Exception as error:
-            ending.failed[self._name] = one_line(error)
+    def at_end(
+        self,
+        save: Callable[[], str],
+        ending: Ending,
+        run: Callable[[Callable[[], None]], None] = lambda job: job(),
+    ) -> None:
+        """Save at the end of the process; any error but an empty map is recorded as a failure.
+
+        Until it is done, it is recorded as one as well, unless an earlier save is there: the
+        process may exit before.
+
+        Parameters
+        ----------
+        save
+            Returns a sentence about the saved files.
+        ending
+            Record of the saves.
+        run
+            Runs the save and waits for it, for example in another thread.
+        """
+        if self._name not in ending.saved:
+            ending.failed[self._name] = "the save did not finish"
+
+        def attempt() -> None:
+            try:
+                ending.saved[self._name] = save()
+                ending.failed.pop(self._name, None)
+            except MapError as error:
+                ending.failed.pop(self._name, None)
+                self._log(error)
+            except Exception as error:
+                ending.failed[self._name] = one_line(error)
+
+        run(attempt)
 
     def _log(self, error: Exception) -> None:
         reason = one_line(error)

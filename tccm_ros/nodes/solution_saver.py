@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
+import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -27,7 +30,7 @@ MAX_PATIENCE_S = 10.0
 than cores, where a solution took 230 s, a save waited for 470 s without this."""
 
 LOOK_AT_END_S = 0.1
-"""Between two looks whether the last solution is still waited for."""
+"""Interval of checks whether the wait for a solution is over, s. Chosen: below `PATIENCE_S`."""
 
 
 class Wanted(NamedTuple):
@@ -100,6 +103,7 @@ class SolutionSaver:
         self._on_named = on_named
         self._keeper = MapKeeper()
         self._worker = Worker("saver", on_error)
+        self._is_ending = threading.Event()
 
     def close(self) -> None:
         """Finish the queued saves and end the thread."""
@@ -138,8 +142,11 @@ class SolutionSaver:
 
         def save() -> str:
             newest = self._solver.newest if self._has_solution else None
-            wait_s = None if newest is None else patience_s(newest.duration_s)
-            self._solver.wait(asked[0].number, wait_s)
+            wait_s = math.inf if newest is None else patience_s(newest.duration_s)
+            end_s = time.monotonic() + wait_s
+            self._wait(
+                asked[0].number, lambda: self._is_ending.is_set() or time.monotonic() > end_s
+            )
             said = self._save(folder, asked[0], is_asked=True, may_replace=is_named)
             if is_named:
                 self._on_named(folder.name)
@@ -164,14 +171,19 @@ class SolutionSaver:
             self.save_at_end(folder, wanted, ending)
 
     def save_at_end(self, folder: Path, wanted: Wanted, ending: Ending) -> None:
-        """Save the newest solution as the process ends."""
+        """Save the newest solution as the process ends; saves that wait for another one go on."""
+        self._is_ending.set()
         save = partial(self._save, folder, wanted, is_asked=False, is_last=True)
-        self._worker.wait(lambda: self._saves.at_end(save, ending))
+        self._saves.at_end(save, ending, self._worker.wait)
 
     def wait(self, number: int, ending: Ending) -> bool:
         """Wait for a solution until the process has to end; return whether it has come."""
+        return self._wait(number, lambda: ending.is_over)
+
+    def _wait(self, number: int, is_over: Callable[[], bool]) -> bool:
+        """Wait for a solution; return whether it came before `is_over`."""
         while not self._solver.wait(number, LOOK_AT_END_S):
-            if ending.is_over:
+            if is_over():
                 return False
         return True
 

@@ -188,7 +188,7 @@ class TccmNode(SensorNode):
         """Write cuboids.npz including the open tilt cycle, which takes little time."""
         self.robot.flush()
         self.worker.wait(self.end_input, lambda: ending.is_over)
-        self.worker.wait(lambda: self.saves.at_end(lambda: self._write(is_asked=False), ending))
+        self.saves.at_end(lambda: self._write(is_asked=False), ending, self.worker.wait)
 
     def _publish_planes(self, found: CyclePlanes) -> None:
         self._outputs.publish([self._message_builder.planes(found)])

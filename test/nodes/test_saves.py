@@ -45,6 +45,15 @@ def test_an_empty_map_at_the_end_is_no_failure(saves, lines):
     assert (ending.status, ending.saved, lines) == (0, {}, ["not saved: nothing mapped"])
 
 
+def test_a_save_at_the_end_that_has_not_finished_is_a_failure_unless_there_is_an_earlier_one(saves):
+    ending = Ending()
+    saves.at_end(lambda: "map", ending, run=lambda job: None)
+    assert (ending.status, ending.failed) == (1, {"slam": "the save did not finish"})
+    saves.at_end(lambda: "map", ending)
+    saves.at_end(lambda: "newer map", ending, run=lambda job: None)
+    assert (ending.status, ending.saved) == (0, {"slam": "map"})
+
+
 def test_a_failed_save_at_the_end_is_a_failure_until_one_works(saves):
     ending = Ending()
     saves.at_end(failing(OutputError("disk full")), ending)

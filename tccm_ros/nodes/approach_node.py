@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from rclpy.task import Future
 from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.detection import Detection
 from tccm_ros.approach.drive import PERIOD_S
+from tccm_ros.approach.losses import loss_of
 from tccm_ros.approach.names import NamedSpot
 from tccm_ros.approach.outcome import Outcome, Reason
 from tccm_ros.approach.retreat import Retreat
@@ -60,6 +62,10 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 
 ZEROS = 2
 """Number of zero commands at the end of a goal: a best-effort subscriber may lose one."""
+
+CATCH_UP_S = 0.3
+"""Time after a step longer than the period, s, in which the messages that came meanwhile are read
+and the base stands: no input counts as lost yet. As `losses.POSE_S`."""
 
 MAX_ZEROS = 100
 """Maximum number of zero commands while Nav2 ends its drive, 5 s. Chosen."""
@@ -145,6 +151,7 @@ class ApproachNode(Node):
         self._lock = threading.Lock()
         self._drive: Drive | None = None
         self._is_taken = self._is_ending = False
+        self._reading_until_s = -math.inf
         self.senses = BaseSenses(
             self, self.config, lambda: self._client.localisation, self._refusals.note
         )
@@ -213,12 +220,16 @@ class ApproachNode(Node):
         drive = self._drive
         if drive is None:
             return
+        start_s = time.monotonic()
         try:
             outcome = self._drive_on(drive)
         except Exception as error:
             self._stop(drive)
             self.get_logger().error(f"stopped: {one_line(error)}")
             outcome = Outcome(Reason.BLOCKED, f"stopped, as a step failed: {one_line(error)}")
+        end_s = time.monotonic()
+        if end_s - start_s > PERIOD_S:
+            self._reading_until_s = end_s + CATCH_UP_S
         if outcome is not None:
             self._drive = None
             drive.done.set_result(outcome)
@@ -236,6 +247,9 @@ class ApproachNode(Node):
             return Outcome(Reason.LOST_POSE, "no odometry has come")
         if self._is_ending or drive.is_unwanted():
             speeds = machine.cancel(senses)
+        elif time.monotonic() < self._reading_until_s and loss_of(senses) is not None:
+            is_by_nav2 = self._navigator is not None and self._navigator.is_active
+            speeds = None if is_by_nav2 else STOP
         else:
             speeds = machine.step(senses)
         if speeds is not None:

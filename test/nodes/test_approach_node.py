@@ -1,6 +1,7 @@
 """approach_node over DDS, with a simulated base and the map of a flat."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from approach_driver import ABORTED, CANCELED, SUCCEEDED
 from approach_world import circle, l_shape, simple_flat
 from live_robot import Listener
 
+from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.outcome import Reason
 from tccm_ros.nodes.interfaces import has_interfaces
 
@@ -76,6 +78,23 @@ def test_a_named_spot_is_found_and_approached_though_its_table_was_moved(ros, dr
     with pytest.raises(QuestionError, match="no spot is called"):
         answer(client.approach(name="home/table"))
     client.close()
+
+
+def test_what_came_during_a_long_plan_is_read_before_an_input_is_lost(drive, monkeypatch):
+    driver = drive(simple_flat())
+    plan = Approach._plan
+
+    def long_plan(self, senses):
+        speeds, until = plan(self, senses), driver.robot.base.t + 1.0
+        end_s = time.monotonic() + 60.0
+        while driver.robot.base.t < until and time.monotonic() < end_s:
+            time.sleep(0.001)
+        return speeds
+
+    monkeypatch.setattr(Approach, "_plan", long_plan)
+    status, result = driver.ask()
+    assert (status, result.reason) == (SUCCEEDED, 0), result.message
+    assert driver.robot.base.contacts == 0
 
 
 def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):

@@ -35,8 +35,8 @@ REASONS = {
     LocalisationState.UNKNOWN: "there has been no level scan yet",
     LocalisationState.TRACKING: "",
     LocalisationState.LOST: (
-        "odometry says that the robot stands, and level scans see through what the map has there: "
-        "it was carried"
+        "level scans contradict the map at the known pose, or match nothing: the robot was "
+        "carried, or odometry is missing"
     ),
 }
 """Reason by state; that of a search depends on the request."""
@@ -178,7 +178,9 @@ class LocalisationPublisher:
         if state in (LocalisationState.LOST, LocalisationState.SEARCHING):
             self._logger.warning(f"{state.name.lower()}: {reason}")
         elif state == LocalisationState.TRACKING:
-            self._logger.info("the place of the robot in the map is known")
+            is_new = self._placed_by == BY_START
+            place = "the map begins where the robot is" if is_new else "found in the map"
+            self._logger.info(f"tracking: {place}")
 
     def _place(self, placed_by: int, stamp_ns: int, tracker: Tracker) -> None:
         self._placed_by, self._placed_ns = placed_by, stamp_ns

@@ -44,7 +44,7 @@ def test_a_pose_that_is_told_is_taken_when_a_scan_fits_and_the_known_one_is_kept
     client = viewer.node.create_client(SetPose, "/surface_slam/set_pose")
     answer = ros.call(client, SetPose.Request(pose=told(0.0, 0.0, 0.0)))
     assert not answer.success
-    assert "nothing is mapped" in answer.message
+    assert "there is no map yet" in answer.message
     robot.play(recording(3, speed=0.3), node)
     ros.spin_until(lambda: states and states[-1].state == Localisation.TRACKING)
     assert states[-1].placed_by == Localisation.PLACED_BY_START

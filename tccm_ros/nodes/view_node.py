@@ -244,7 +244,7 @@ class ViewNode(Node):
 
         surface, name, spot = _identity(values), values["name"], values.get("spot")
         if not isinstance(name, str):
-            raise QuestionError("name is no text")
+            raise QuestionError("name must be a string")
         if spot is not None and not (isinstance(spot, list) and len(spot) == 2):
             raise QuestionError(f"spot is {one_line(ValueError(spot))}; expected (x, y), m")
         spot = None if spot is None else [float(value) for value in spot]
@@ -255,7 +255,7 @@ class ViewNode(Node):
     def _save(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         name = values["name"]
         if not isinstance(name, str):
-            raise QuestionError("name is no text")
+            raise QuestionError("name must be a string")
         return self._client.save_named_map(name), lambda m: {"message": f"saved as {m.name}"}
 
 

@@ -46,12 +46,12 @@ def test_without_entries_there_are_no_names(tmp_path, text):
         ("a: {ids: [-1]}\n", "a: ids has -1"),
         ("a: {ids: [true]}\n", "a: ids has True"),
         ("a: {ids: 3}\n", "a: "),
-        ("a: {spot: [0, 0]}\n", "a: no surface is said"),
+        ("a: {spot: [0, 0]}\n", "a: no surface is selected"),
         ("a: {ids: [1], spot: [0, .nan]}\n", "a: nan is no number"),
         ("a: {ids: [1], spot: [0, 0, 0]}\n", "a: spot is"),
         ("a: {ids: [1], spot: [0, 11]}\n", "a: 11 is no number of at most 10"),
         ("a: {ids: [1], side: .inf}\n", "a: inf is no number"),
-        ("a: {labels: [3]}\n", "a: 3 is no text"),
+        ("a: {labels: [3]}\n", "a: 3 is not a string"),
     ],
 )
 def test_a_mistake_is_told_with_its_name(tmp_path, text, why):

@@ -92,7 +92,7 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     client = SurfaceMapClient(own)
     ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
     ros.spin_until(lambda: client.has_services)
-    with pytest.raises(QuestionError, match="nothing is mapped yet"):
+    with pytest.raises(QuestionError, match="there is no map yet"):
         answered(ros, client.set_pose(np.eye(4)))
     robot.play(recording(4), tilt_node, node)
     ros.spin_until(lambda: client.is_ready and client.can_check_boxes and client.localisation)

@@ -174,7 +174,7 @@ def test_two_presses_of_ctrl_c_under_launch_lose_nothing(ros, tmp_path):
         wait.unlink()
         output, _ = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 0, output
-    assert "left out: what came last, asked again to stop" in output
+    assert "left out: the newest records, asked again to stop" in output
     assert f"saved {tmp_path / 'map'}: solution" in output
     assert read_content(tmp_path / "map" / "map.mcap").keyframes
 
@@ -214,7 +214,7 @@ def test_a_solution_that_takes_long_is_left_out_at_the_end_and_that_is_said(ros,
         node.send_signal(signal.SIGINT)
         output, _ = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 0, output
-    assert "left out: what came last, not done within 5 s" in output
+    assert "left out: the newest records, not done within 5 s" in output
     assert "s of records are not in it" in output
     assert read_content(tmp_path / "map" / "map.mcap").keyframes
 

@@ -104,7 +104,7 @@ def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
         ("rename", {"label": "table"}, "surface_id is missing"),
         ("placements", {"surface_id": 1, "size": [1, 2]}, "expected (length, width, height)"),
         ("placements", {"surface_id": 1, "size": ["x", 1, 1]}, "could not convert"),
-        ("name", {"surface_id": 1, "name": 3}, "name is no text"),
+        ("name", {"surface_id": 1, "name": 3}, "name must be a string"),
         ("name", {"surface_id": 1, "name": "a", "spot": [1]}, "expected (x, y)"),
         ("name", {"surface_id": 1, "name": "a", "spot": ["x", 1]}, "could not convert"),
         ("name", {"surface_id": 1, "name": "a"}, "nobody answers"),

@@ -87,7 +87,7 @@ class Live {
 
   marks() {
     const made = [];
-    if (this.spot) made.push({ text: '+', at: this.spot, color: WORLD_COLORS.view });
+    if (this.spot && !this.found) made.push({ text: '+', at: this.spot, color: WORLD_COLORS.view });
     if (this.found) made.push({ text: 'put it here', at: this.found, color: WORLD_COLORS.object });
     return made;
   }

@@ -244,7 +244,7 @@ def test_signs_of_what_is_no_picture_is_an_error_of_one_line(capsys, monkeypatch
     status, out, err = run(capsys, monkeypatch, "signs", tmp_path / "notes.txt")
     assert (status, out) == (1, "")
     assert err.count("\n") == 1
-    assert "notes.txt: no picture" in err
+    assert "notes.txt: not a readable image" in err
 
 
 def test_signs_without_the_extra_says_what_to_install(capsys, monkeypatch, tmp_path):

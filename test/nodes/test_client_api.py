@@ -43,6 +43,7 @@ class Offering:
             resolve_topic_name=lambda name: name.replace("~", "/surface_slam"),
             create_service=self._serve,
             create_publisher=self._publisher,
+            create_client=lambda kind, name: SimpleNamespace(service_is_ready=lambda: False),
             get_logger=lambda: logger,
         )
         self.shown = []
@@ -55,7 +56,10 @@ class Offering:
         self.services[name] = answer
 
     def _publisher(self, kind, name, qos):
-        return SimpleNamespace(publish=lambda message: self.published.update([name]))
+        return SimpleNamespace(
+            publish=lambda message: self.published.update([name]),
+            get_subscription_count=lambda: 0,
+        )
 
     def receive(self, number, *surfaces):
         scene = Scene(number, "map", 0.0, (), None, tuple(map(known, surfaces)), number, number - 1)
@@ -119,7 +123,8 @@ def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(of
 def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):
     monkeypatch.setattr(client_api, "has_interfaces", lambda: False)
     monkeypatch.setattr(client_api, "missing_interfaces", lambda: MISSING)
-    monkeypatch.setattr("tccm_ros.nodes.surface_events.has_interfaces", lambda: False)
+    for module in ("surface_events", "collision"):
+        monkeypatch.setattr(f"tccm_ros.nodes.{module}.has_interfaces", lambda: False)
     offering = Offering(monkeypatch)
     offering.receive(2, TABLE)
     offering.client_api.show(2)

@@ -20,6 +20,7 @@ from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.sensors import depth_image, laser_scan, point_cloud
 
 OF_A_MOMENT = {
+    "/planning_scene",
     "/diagnostics",
     "/parameter_events",
     "/pose",

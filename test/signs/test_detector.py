@@ -189,7 +189,7 @@ def test_photographs_of_two_buildings_are_read(prefix, number):
 
 def test_files_that_are_no_pictures_are_named(tmp_path):
     (tmp_path / "notes.jpg").write_text("no picture")
-    with pytest.raises(PictureError, match=r"notes\.jpg: no picture"):
+    with pytest.raises(PictureError, match=r"notes\.jpg: not a readable image"):
         read_picture(tmp_path / "notes.jpg")
     with pytest.raises(PictureError, match=r"none\.png: no such file"):
         read_picture(tmp_path / "none.png")

@@ -77,6 +77,31 @@ class WallTable:
         _, first, group = np.unique(self.whole, return_index=True, return_inverse=True)
         return np.asarray(np.argsort(np.argsort(first))[group], np.int64)
 
+    def joined(self) -> WallTable:
+        """Return the table with one row per whole wall.
+
+        It has the line of the piece with the most observations, the extent of all pieces and the
+        largest roughness.
+        """
+        number = self.whole_numbers()
+        count = int(number.max(initial=-1)) + 1
+        seen = np.bincount(self.wall[self.wall >= 0], minlength=len(self))
+        rows = np.array([max(np.flatnonzero(number == w), key=seen.item) for w in range(count)])
+        rows = rows.astype(np.int64)
+        normal = np.stack([np.cos(self.phi), np.sin(self.phi)], axis=1)
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        ends = (self.rho[:, None] * normal)[:, None] + self.extent[:, :, None] * tangent[:, None]
+        extent, roughness = self.extent[rows], self.roughness[rows]
+        for w, row in enumerate(rows):
+            along = ends[number == w] @ tangent[row]
+            extent[w] = along.min(), along.max()
+            roughness[w] = self.roughness[number == w].max()
+        wall = np.where(self.wall >= 0, np.append(number, -1)[self.wall], -1)
+        return WallTable(
+            self.keyframe, self.line, wall, self.phi[rows], self.rho[rows], extent, roughness,
+            np.arange(count),
+        )  # fmt: skip
+
     def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
         """Return the table with new walls for its observations (-1: none).
 
@@ -207,7 +232,9 @@ def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> W
     association = WallAssociation(config)
     association.add(0, poses, lines)
     table = replace(association.table(), whole=association.whole(config.walls.thickness))
-    return table.keep(association.wall, min_confirmations(config, len(poses)))
+    if not config.matching.enabled:
+        table = table.joined()  # walls alone connect distant keyframes
+    return table.keep(table.wall, min_confirmations(config, len(poses)))
 
 
 class _Segments(NamedTuple):

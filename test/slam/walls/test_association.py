@@ -106,6 +106,20 @@ def test_a_wall_of_any_bow_is_one_wall(bow, length, seed, error):
     assert table.roughness.max() < 2.0 * expected + 0.01
 
 
+def test_without_matching_the_pieces_of_a_wall_are_one_plane():
+    t = np.linspace(-1.0, 1.0, 240)
+    panel = np.column_stack([3.0 + 0.08 * (1.0 - t * t), 2.5 * t])
+    poses, lines = drive_past(panel, 0.005, 0, (0.01, 0.01))
+    pieces = associate_walls(poses, lines, Config())
+    assert len(pieces) > 1
+    alone = Config.model_validate({"matching": {"enabled": False}})
+    table = associate_walls(poses, lines, alone)
+    assert len(table) == 1
+    assert (table.wall >= 0).sum() >= (pieces.wall >= 0).sum()
+    assert np.ptp(table.extent[0]) == pytest.approx(5.0, abs=0.35)
+    assert table.roughness[0] == pieces.roughness.max()
+
+
 @pytest.mark.parametrize("offset", [0.07, 0.1, -0.08])
 def test_the_front_of_a_cupboard_stays_a_wall_of_its_own(offset):
     """It is before the middle of the wall: what is seen of the wall goes on beside it."""

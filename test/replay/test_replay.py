@@ -95,10 +95,10 @@ def test_the_planning_scene_holds_all_but_the_floor(flat):
     names = [line[2:] for line in text.splitlines() if line.startswith("* ")]
     tops = [f"tccm_surface_{s['id']}" for s in surfaces if s["label"] != "floor"]
     objects = json.loads((flat / "objects.json").read_text())["objects"]
-    things = [f"tccm_object_{entry['id']}" for entry in objects]
-    assert things
+    boxes = [f"tccm_object_{entry['id']}" for entry in objects]
+    assert boxes
     others = [name for name in names if not name.startswith("tccm_rack_")]
-    assert sorted(others) == sorted([*tops, *things])
+    assert sorted(others) == sorted([*tops, *boxes])
     # Panels of racks: the measured sides, backs and lower sides of their compartments.
     racks = json.loads((flat / "racks.json").read_text())
     boards = {str(c["board"]) for c in racks["compartments"]}

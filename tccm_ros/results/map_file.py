@@ -286,7 +286,7 @@ def _check(path: Path, metadata: Mapping[str, str], archive: bytes) -> None:
         raise MapError(f"{path}: version {version}, but this tccm_ros reads {VERSION}; update it")
     if int(version) < VERSION:
         raise MapError(
-            f"{path}: version {version}, saved by tccm_ros 0.1, which this one does not read; "
+            f"{path}: version {version}, saved before tccm_ros 0.1.0 and not readable; "
             "replay its recordings again"
         )
     if hashlib.sha256(archive).hexdigest() != metadata.get(CHECKSUM):

@@ -210,7 +210,7 @@ def test_a_map_of_an_earlier_release_is_a_clear_error(run, saved, monkeypatch, v
     monkeypatch.setattr("tccm_ros.results.map_file.VERSION", version)
     save_map(saved, slam.saved(solution), solution)
     monkeypatch.undo()
-    with pytest.raises(MapError, match=rf"version {version}, saved by tccm_ros 0.1.*replay"):
+    with pytest.raises(MapError, match=rf"version {version}, saved before tccm_ros 0.1.*replay"):
         load_map(saved)
 
 

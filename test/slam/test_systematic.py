@@ -1,5 +1,7 @@
 """The error that all steps of odometry share, against solutions of displaced steps and samples."""
 
+from functools import cache
+
 import numpy as np
 import plan
 import pytest
@@ -185,16 +187,18 @@ def bowed(walls, bow, panel=3.0):
     return np.concatenate(segments)
 
 
-@pytest.mark.parametrize(
-    ("bow", "offset", "smallest"),
-    [(0.01, 0.005, 0.5), (0.02, 0.005, 0.25), (0.02, -0.005, 0.25)],
-)
-def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offset, smallest):
-    """Normalised errors squared of all keyframes, per degree of freedom, over two drives.
+BOWED = [(0.01, 0.005), (0.02, 0.005), (0.02, -0.005)]
+"""How far walls bow, and the error of ranges, m."""
 
-    Lines of a wall that bows err alike, and count as independent noise in the unit variance:
-    covariances are conservative. With one landmark for all pieces of a wall the error was 8 mm.
-    """
+CONSERVATIVE = pytest.mark.xfail(
+    strict=True, reason="lines of a wall that bows by 2 cm err alike, and count as noise: 0.33"
+)
+
+
+@cache
+def in_a_room_that_bows(bow, offset):
+    """Return the normalised error squared of keyframes, and the largest rms, of two drives."""
+    rms = []
     blocks = [plan.box(-1.0, -3.0, 0.0, -2.4), plan.box(3.3, 0.0, 4.0, 1.0)]
     room = bowed(np.concatenate([plan.box(-4.0, -3.0, 4.0, 3.0), *blocks]), bow)
     lap = [(-2.0, -1.2), (2.0, -1.2), (2.0, 1.2), (-2.0, 1.2), (-2.0, -1.2)]
@@ -209,5 +213,24 @@ def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offse
         at = np.searchsorted(run.stamps_ns, [k.stamp_ns for k in solution.keyframes])
         errors = between2(run.truth[at], np.stack([k.pose for k in solution.keyframes]))
         found.append(nees(errors[1:], solution.cov_keyframes[1:]).mean())
-        assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.0045
-    assert smallest < np.mean(found) < 2.0
+        rms.append(np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))))
+    return float(np.mean(found)), max(rms)
+
+
+@pytest.mark.parametrize(
+    ("bow", "offset"),
+    [
+        BOWED[0],
+        pytest.param(*BOWED[1], marks=CONSERVATIVE),
+        pytest.param(*BOWED[2], marks=CONSERVATIVE),
+    ],
+)
+def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offset):
+    """Normalised errors squared of all keyframes, per degree of freedom, over two drives."""
+    assert 0.5 < in_a_room_that_bows(bow, offset)[0] < 2.0
+
+
+@pytest.mark.parametrize(("bow", "offset"), BOWED)
+def test_bowed_walls_and_biased_ranges_displace_no_keyframe(bow, offset):
+    """With one landmark for all pieces of a wall the error was 8 mm."""
+    assert in_a_room_that_bows(bow, offset)[1] < 0.0045

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from shapely import Polygon
-from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
+from tccm_ros.surfaces.displacement import outline_in_map
 from tccm_ros.surfaces.merging import Members, NumberedPatch, clouds_in_map
 from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.outline import covered_area
@@ -171,12 +171,9 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
     Sparse scan lines of several views interleave, so that their points are also outlined together:
     they cover more than those of each view alone.
     """
-    parts = []
-    for member in members:
-        T = T_map_view[member.view]
-        shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
-        matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
-        parts.append(affine_transform(member.patch.outline, matrix))
+    parts = [
+        outline_in_map(m.patch.outline, float(m.patch.mean[2]), T_map_view[m.view]) for m in members
+    ]
     union = shapely.union_all(parts, grid_size=GRID)
     sparse = [m for m in members if not 0.0 < m.patch.spacing < distance]
     if len(sparse) > 1 and union.area < LARGE_AREA:

@@ -273,9 +273,7 @@ class SurfaceSlam:
         self.odom_frame = record.frame_id or self.odom_frame
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
 
-    def _take_view(
-        self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals
-    ) -> None:
+    def _take_view(self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals) -> None:
         self.counts[counted] += 1
         if self.walls.is_lost:
             self.counts["views while lost"] += 1

@@ -12,7 +12,7 @@ from typing import Any
 
 from tccm_ros.atomic import output_file
 from tccm_ros.report.array_pack import ArrayPack
-from tccm_ros.report.page import viewer_asset, viewer_page, viewer_script
+from tccm_ros.report.page import MAP_LAYERS, viewer_asset, viewer_page, viewer_script
 from tccm_ros.report.pictures import Pictures, draw_pictures
 from tccm_ros.report.scene import build_scene
 from tccm_ros.report.tables import (
@@ -32,22 +32,12 @@ TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"
 TIMING_END = "<!-- end of timing -->"
 """Marks around the only section in which reports of the same input may differ."""
 
-LAYERS = {
-    "surfaces": ("surfaces", True),
-    "boundaries": ("boundaries", True),
-    "labels": ("labels", True),
-    "objects": ("objects on surfaces", True),
-    "free": ("free places", False),
-    "racks": ("compartments of racks", False),
-    "floor_objects": ("objects on the floor", False),
-    "walls": ("walls", True),
-    "signs": ("door signs", True),
+LAYERS = MAP_LAYERS | {
     "path": ("path, 3D views", True),
     "cuboids": ("cuboids", True),
     "planes": ("planes, horizontal", True),
     "other_planes": ("planes, other", False),
     "cores": ("center cores", False),
-    "floor": ("floor", True),
 }
 """Name on the page and initial visibility, by layer."""
 

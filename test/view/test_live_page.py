@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from chromium import Browser
 
-from tccm_ros.errors import OutputError, QuestionError
+from tccm_ros.errors import OutputError, RequestError
 from tccm_ros.view.live_state import path_entity, surface_entity
 
 pytest.importorskip("aiohttp", reason="aiohttp (the extra 'view') is missing")
@@ -70,7 +70,7 @@ class Robot:
             return {"message": "surface 3 was 'table'"}
         if name == "placements":
             return {"placements": [{"position": [0.5, 0.4, 0.7], "clearance": 0.2}], "message": ""}
-        raise QuestionError("a map of this name is there: say overwrite")
+        raise RequestError("a map of this name is there: say overwrite")
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tccm_ros.atomic import shared_lock
-from tccm_ros.errors import QuestionError
+from tccm_ros.errors import RequestError
 from tccm_ros.geometry import planar
 from tccm_ros.replay.unfinished_maps import is_running, newest_map
 from tccm_ros.report.array_pack import PlainArrays
@@ -87,4 +87,4 @@ def entities_of_results(results: Results) -> Entities:
 
 
 async def _refuse(name: str, values: Mapping[str, Any]) -> Any:
-    raise QuestionError("a running replay answers no questions")
+    raise RequestError("a running replay answers no questions")

@@ -1,4 +1,4 @@
-"""The planning scene of a flat against its true solids, by an arm that a collision library checks."""
+"""The planning scene of a flat against its true solids, by a sampled arm in a collision library."""
 
 from pathlib import Path
 

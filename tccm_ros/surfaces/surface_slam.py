@@ -18,6 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.racks.compartment import Compartment, SeenView
 from tccm_ros.racks.compartments import find_compartments
+from tccm_ros.racks.unseen_space import UnseenSpace, unseen_spaces
 from tccm_ros.records import (
     Event,
     LabelCorrection,
@@ -127,6 +128,8 @@ class SurfaceSolution:
         does not provide them.
     compartments
         Compartments of racks, by rack and height.
+    unseen
+        Unseen space below surfaces; empty without `surfaces.unseen_space`.
     """
 
     slam: Solution
@@ -149,6 +152,7 @@ class SurfaceSolution:
     stages: OptionalStages = field(default_factory=OptionalStages)
     attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     compartments: tuple[Compartment, ...] = ()
+    unseen: tuple[UnseenSpace, ...] = ()
 
     @property
     def T_map_base(self) -> Float64:
@@ -333,7 +337,8 @@ class SurfaceSlam:
         is_final
             Whether the graph is solved as a batch at any size.
         with_racks
-            Whether compartments of racks are found, which takes a tenth of a second for each.
+            Whether compartments of racks and unseen space are found; each compartment takes a tenth
+            of a second.
         stages
             Runs the optional stages that depend on the map.
         """
@@ -361,10 +366,13 @@ class SurfaceSlam:
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
         )
         objects = scene_objects(surfaces, tracked.tracks)
-        compartments = None
+        compartments = unseen = None
         if with_racks:
             seen = seen_views(surface_map.views, view_poses.T_map_view)
             compartments = stages.run("racks", lambda: find_compartments(surfaces, seen))
+            floor_z = mapped.floor_z or 0.0
+            if self.config.surfaces.unseen_space:
+                unseen = stages.run("unseen", lambda: unseen_spaces(surfaces, seen, floor_z))
         place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
@@ -388,6 +396,7 @@ class SurfaceSlam:
             stages,
             slam.attitude_at(stamps) if len(slam.attitudes) else slam.attitudes,
             compartments or (),
+            unseen or (),
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:

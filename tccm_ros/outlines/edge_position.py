@@ -93,7 +93,7 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
         Position across of a wall that bounds the edge, m; None: no wall is near.
     """
     count = round(HALF_RANGE / STEP)
-    across = STEP * np.arange(-count, count + 1)
+    across: Float64 = STEP * np.arange(-count, count + 1, dtype=np.float64)
     score = samples.weight @ _log_likelihoods(across - samples.last[:, None], samples)
     score = score + _log_wall(across, wall)
     density = np.exp(score - score.max())

@@ -18,7 +18,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
-from tccm_ros.outlines.shape_models import SPACING, OutlineSamples
+from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
 from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
@@ -172,7 +172,21 @@ class EdgeSampler:
         seen = np.zeros(count, bool)
         for view in self._inverses:
             seen |= self._looks_past(view, points, outward)[0]
-        return OutlineSamples(points, outward, sigma, sampling, seen)
+        return OutlineSamples(points, outward, sigma, sampling, seen, self._looked_through())
+
+    def _looked_through(self) -> Float64:
+        """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""
+        outline = Polygon(self.surface.polygon.exterior)
+        x_min, y_min, x_max, y_max = outline.bounds
+        axes = np.arange(x_min, x_max, PROBE), np.arange(y_min, y_max, PROBE)
+        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
+        wide = outline.buffer(BEYOND[0])
+        points = points[~shapely.contains_xy(wide, points[:, 0], points[:, 1])]
+        through = np.zeros(len(points), bool)
+        for view, T_view_map in self._inverses.items():
+            local = transform(T_view_map, self.surface.lift(points))
+            through |= self.views[view].free.contains(local, CLEAR)
+        return points[through]
 
     def edge_samples(self, edge: Edge) -> EdgeSamples:
         """Return the last points of each view before an edge; the edge is at 0 across."""

@@ -103,7 +103,7 @@ def finished(out):
     return {path.name.partition("-")[0]: path for path in out.glob("recordings/[!.]*")}
 
 
-def check_whole(out, single, count):
+def assert_whole(out, single, count):
     """Assert that each recording has the results of a single replay, and nothing else is there."""
     found = finished(out)
     assert set(found) == {f"robot_{k}" for k in range(count)}
@@ -122,7 +122,7 @@ def test_two_workers_over_tcp_write_what_a_single_replay_writes(scheduler, bags,
     summary = json.loads(text)
     assert process.returncode == 1
     assert (summary["done"], summary["unchanged"], summary["failed"]) == (4, 0, 5)
-    check_whole(out, single, 4)
+    assert_whole(out, single, 4)
     failures = [json.loads(path.read_text()) for path in (out / "failures").iterdir()]
     assert {f["source"] for f in failures} == {str(path) for path in bad.iterdir()}
     assert all(f["reason"] for f in failures)
@@ -137,16 +137,16 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(scheduler, bags, single,
             text, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, text
     assert "4 replayed, 0 unchanged, 0 failed" in text
-    check_whole(out, single, 4)
+    assert_whole(out, single, 4)
 
 
-def go_on(bags, out, single):
+def assert_the_next_run_completes(bags, out, single):
     """Assert that the next run does what is missing, and that alone."""
     done = len(finished(out))
     assert 0 < done < 4
     summary = run_fleet([str(bags)], out, Config(), pictures=False)
     assert summary.counts == {Outcome.DONE: 4 - done, Outcome.UNCHANGED: done}
-    check_whole(out, single, 4)
+    assert_whole(out, single, 4)
 
 
 def is_midway(out):
@@ -159,7 +159,7 @@ def test_a_run_that_is_killed_is_gone_on_with(bags, single, tmp_path):
         wait_until(lambda: is_midway(out), "the second recording")
         process.kill()
         process.wait()
-    go_on(bags, out, single)
+    assert_the_next_run_completes(bags, out, single)
 
 
 def test_a_client_that_is_killed_leaves_scheduler_and_workers_to_the_next(
@@ -176,7 +176,7 @@ def test_a_client_that_is_killed_leaves_scheduler_and_workers_to_the_next(
         assert working.poll() is None
     assert process.returncode == 0, text
     assert ", 0 failed" in text
-    check_whole(out, single, 4)
+    assert_whole(out, single, 4)
 
 
 def test_a_scheduler_that_is_killed_ends_the_run_with_a_word(bags, single, tmp_path):
@@ -191,7 +191,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_word(bags, single, tmp_p
     assert process.returncode == 1, text
     assert "the scheduler ended; run the same command again" in text
     assert "Traceback" not in text
-    go_on(bags, out, single)
+    assert_the_next_run_completes(bags, out, single)
 
 
 def test_an_interrupt_stops_cleanly(bags, single, tmp_path):

@@ -11,6 +11,7 @@ from string import Template
 from typing import Any
 
 from tccm_ros.atomic import output_file
+from tccm_ros.report.array_pack import ArrayPack
 from tccm_ros.report.page import MAP_LAYERS, viewer_asset, viewer_page, viewer_script
 from tccm_ros.report.pictures import Pictures, draw_pictures
 from tccm_ros.report.scene import build_scene
@@ -87,7 +88,8 @@ def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path
 
 def report_html(results: Results, pictures: Pictures) -> str:
     """Return the page; the same results give the same text."""
-    scene, pack = build_scene(results)
+    pack = ArrayPack()
+    scene = build_scene(results, pack)
     return viewer_page(
         "Surface map",
         f"<style>\n{viewer_asset('page.css')}\n</style>",

@@ -19,6 +19,7 @@ MAP_LAYERS = {
     "racks": ("compartments of racks", False),
     "floor_objects": ("objects on the floor", False),
     "walls": ("walls", True),
+    "signs": ("door signs", True),
     "path": ("path", True),
     "floor": ("floor", True),
 }

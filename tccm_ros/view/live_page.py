@@ -242,12 +242,6 @@ def _refusal(status: int, why: str) -> web.Response:
 
 def _page_texts() -> dict[str, tuple[str, str]]:
     """Return content type and text of the served files, by name."""
-    colors = {
-        "wall": palette.WALL,
-        "path": palette.PATH,
-        "view": palette.VIEW,
-        "object": palette.OBJECT,
-    }
     page = viewer_page(
         "Live map",
         '<link rel="stylesheet" href="live.css">',
@@ -257,7 +251,8 @@ def _page_texts() -> dict[str, tuple[str, str]]:
         sections=_asset("sections.html"),
         scripts='<script src="live.js"></script>',
     )
-    script = f"const WORLD_COLORS = {json.dumps(colors)};\n{viewer_script()}\n{_asset('live.js')}"
+    colors = f"const WORLD_COLORS = {json.dumps(palette.WORLD)};"
+    script = f"{colors}\n{viewer_script()}\n{_asset('live.js')}"
     return {
         "": ("text/html", page),
         "live.js": ("text/javascript", f"(() => {{\n'use strict';\n{script}\n}})();\n"),

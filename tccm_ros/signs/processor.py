@@ -191,15 +191,15 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
         uint8 (H, W) or (H, W, 3), pixels of the picture.
     """
     quarters = quarter_rotations(posed.T_base_sensor[0])
-    upright = np.ascontiguousarray(np.rot90(pixels, quarters))
+    rotated = np.ascontiguousarray(np.rot90(pixels, quarters))
     # The middle of a number that is cut off at the border is unknown.
-    size = upright.shape[1], upright.shape[0]
-    found = [sign for sign in detector.search(upright).signs if _is_whole(sign, size)]
+    size = rotated.shape[1], rotated.shape[0]
+    found = [sign for sign in detector.search(rotated).signs if _is_whole(sign, size)]
     if not found:
         return []
     signs = [_in_picture(sign, quarters, posed.image.size) for sign in found]
     measured = map(
-        partial(_measurement, posed), signs, _rays(posed, signs), _patches(upright, found)
+        partial(_measurement, posed), signs, _rays(posed, signs), _patches(rotated, found)
     )
     return [sign for sign in measured if np.isfinite(sign.bearing).all()]
 

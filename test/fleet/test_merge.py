@@ -39,7 +39,7 @@ def maps(session_files, tmp_path_factory):
 @pytest.fixture(scope="module")
 def workers():
     """A worker in this process, which has loaded its kernels."""
-    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, processes=False, dashboard_address="127.0.0.1:0") as cluster:
         yield Workers(scheduler=cluster.scheduler_address)
 
 

@@ -38,7 +38,7 @@ GENERATORS = {
     "jazzy": (*COMMON, "python-cmake-module"),
     "kilted": (*COMMON, "ament-cmake-ros-core"),
 }
-"""Packages of the generators, by ROS distribution; on the package index as ros-DISTRIBUTION-NAME."""
+"""Generators, by ROS distribution; on the package index as ros-DISTRIBUTION-NAME."""
 
 CMAKE = """\
 cmake_minimum_required(VERSION 3.16)

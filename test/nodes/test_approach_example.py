@@ -21,7 +21,7 @@ MOVE = (0.2, 0.2, 0.3)
 NEAR_M = 0.3
 """The table is moved once the base is as near to the counter."""
 
-REACH_M = 0.9
+MAX_DISTANCE_M = 0.9
 
 
 def gap(driver, top) -> float:
@@ -37,7 +37,7 @@ def test_a_mug_is_fetched_though_the_table_is_moved_meanwhile(drive, tmp_path):
         shapely.box(-3.0, -3.0, 3.0, 3.0), table, table, [counter], [counter],
         start=np.array([-1.0, -1.0, -1.5]),
     )  # fmt: skip
-    driver = drive(flat, approach__names=str(names), approach__reach=REACH_M)
+    driver = drive(flat, approach__names=str(names), approach__reach=MAX_DISTANCE_M)
     gaps, stood = [], []
 
     def is_over():
@@ -64,6 +64,6 @@ def test_a_mug_is_fetched_though_the_table_is_moved_meanwhile(drive, tmp_path):
     assert abs(np.degrees(nearest[2])) < 1.5
     for (told, distance), true in zip(measured, (min(gaps), nearest[0])):
         assert told == pytest.approx(true, abs=0.01)
-        assert distance <= REACH_M + 0.01
+        assert distance <= MAX_DISTANCE_M + 0.01
     assert driver.robot.base.contacts == 0
     assert driver.stands()

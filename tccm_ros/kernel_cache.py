@@ -143,8 +143,8 @@ def _release_module(library: Any, serialized: tuple[str, str, Any]) -> None:
     if kind == "object":
         _, bitcode = content
         library._shared_module.close()
-        library._shared_module = None
-        library._get_module_for_linking = lambda: parse_bitcode(bitcode)
+        linked = {"_shared_module": None, "_get_module_for_linking": lambda: parse_bitcode(bitcode)}
+        vars(library).update(linked)
 
 
 def source_digest(function: FunctionType) -> str:

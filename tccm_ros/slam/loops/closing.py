@@ -22,7 +22,7 @@ from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.consistency import consistent_with
 from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loops.path_lengths import PathLengths
-from tccm_ros.slam.loops.place_evidence import PlaceEvidence
+from tccm_ros.slam.loops.place_confirmation import PlaceConfirmation
 from tccm_ros.slam.loops.search import PATCH_HALF, LoopSearch, is_same_place
 from tccm_ros.slam.loops.submaps import Patch, make_patch
 from tccm_ros.slam.matching.level_scan import LevelScan
@@ -128,7 +128,7 @@ class LoopCloser:
         self._guessed = -1
         self._expected: Float64 | None = None
         self._searched_ns = -SEARCH_PERIOD_NS
-        self._evidence: dict[int, PlaceEvidence] = {}
+        self._confirmations: dict[int, PlaceConfirmation] = {}
 
     def note_guess(self, guess: PoseGuess) -> None:
         """Relocalise the session that begins with the next keyframe around a user-supplied pose."""
@@ -342,7 +342,7 @@ class LoopCloser:
     def _place(
         self, k: int, patch: Patch, scan: LevelScan, tracked: TrackedPose | None = None
     ) -> None:
-        """Search the whole map for a patch; accept the place once the evidence suffices.
+        """Search the whole map for a patch; accept the place once it is confirmed.
 
         Parameters
         ----------
@@ -367,8 +367,8 @@ class LoopCloser:
             self.waits_for = AMBIGUOUS if found is not None and found.is_ambiguous else NOWHERE
         if found is not None and found.reason:
             self.rejected.append(found)
-        evidence = self._evidence.setdefault(session, PlaceEvidence())
-        accepted = evidence.add(found, agreement, self.poses, self._lengths.driven)
+        confirmation = self._confirmations.setdefault(session, PlaceConfirmation())
+        accepted = confirmation.add(found, agreement, self.poses, self._lengths.driven)
         if accepted:
             self._accept(accepted)
         if session in self._localised:

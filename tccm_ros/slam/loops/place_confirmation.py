@@ -1,4 +1,4 @@
-"""Evidence for a place in a saved map: consecutive searches of the whole map that agree.
+"""Confirmation of a place in a saved map: successive searches of the whole map that agree.
 
 A room of the same form elsewhere matches most of a scan, but the scan sees through its other walls,
 and it matches only until the robot leaves the room.
@@ -26,14 +26,14 @@ most 1.3 m in a map of other rooms, 3.8 to 19.5 m in a real arena with moved fur
 
 
 @dataclass(slots=True)
-class PlaceEvidence:
-    """Evidence for the place of one session.
+class PlaceConfirmation:
+    """Confirmation of the place of one session.
 
     Attributes
     ----------
     is_ambiguous
         Whether a search with `CERTAIN_AGREEMENT` had several results: the map has places that one
-        scan cannot distinguish, so that twice the evidence is needed.
+        scan cannot distinguish, so that twice the confirmation is needed.
     """
 
     is_ambiguous: bool = False

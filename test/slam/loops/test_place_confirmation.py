@@ -1,4 +1,4 @@
-"""How much evidence places a robot in a saved map."""
+"""Which searches place a robot in a saved map."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2
 from tccm_ros.slam.loops.matching import LoopReason, Proposal
-from tccm_ros.slam.loops.place_evidence import CERTAIN_AGREEMENT, CONFIRMED_M, PlaceEvidence
+from tccm_ros.slam.loops.place_confirmation import CERTAIN_AGREEMENT, CONFIRMED_M, PlaceConfirmation
 from tccm_ros.slam.wall_slam import WallSlam
 
 COV = np.diag([0.02**2, 0.02**2, 0.006**2])
@@ -31,9 +31,9 @@ def place(b, shift=SHIFT):
 
 def searches(found):
     """Return the index of the search after which a place is accepted; None if never."""
-    evidence = PlaceEvidence()
+    confirmation = PlaceConfirmation()
     for i, (proposal, agreement) in enumerate(found):
-        if evidence.add(proposal, agreement, POSES, PATH):
+        if confirmation.add(proposal, agreement, POSES, PATH):
             return i
     return None
 
@@ -49,9 +49,9 @@ def test_otherwise_all_searches_along_a_path_must_agree():
 
 
 def test_the_first_and_the_last_agreeing_places_become_loop_closures():
-    evidence, accepted = PlaceEvidence(), []
+    confirmation, accepted = PlaceConfirmation(), []
     for b in range(1, 30):
-        accepted = accepted or evidence.add(place(b), LOW, POSES, PATH)
+        accepted = accepted or confirmation.add(place(b), LOW, POSES, PATH)
     assert accepted[0].b == 1
     assert PATH[accepted[-1].b] - PATH[1] >= CONFIRMED_M
 
@@ -66,18 +66,18 @@ def test_the_first_and_the_last_agreeing_places_become_loop_closures():
     ],
     ids=["nothing", "refused", "ambiguous", "another place"],
 )
-def test_a_search_that_does_not_agree_takes_the_evidence_away(other):
+def test_a_search_that_does_not_agree_begins_anew(other):
     found = [(place(b), LOW) for b in range(1, 30)]
     found[6] = (other, LOW)
     needed = int(np.ceil(CONFIRMED_M / STEP_M))
     assert searches(found) == 7 + needed
 
 
-def test_a_robot_that_rotates_in_place_gathers_no_evidence():
+def test_a_robot_that_rotates_in_place_confirms_nothing():
     assert searches([(place(5), LOW)] * 200) is None
 
 
-def test_where_a_scan_fits_at_several_places_twice_the_evidence_is_needed():
+def test_where_a_scan_fits_at_several_places_twice_as_much_is_needed():
     ambiguous = replace(place(1), reason=LoopReason.TWO_PLACES_IN_MAP)
     sure = [(place(b), 1.0) for b in (2, 3)]
     assert searches([(ambiguous, 1.0), *sure]) == 2

@@ -192,22 +192,6 @@ class SurfaceSlam:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
-        self._handlers: dict[type, Callable[[Any], list[ScanPose]]] = {
-            PosedScan: self._take_scan,
-            Odometry: self._take_odometry,
-            RollPitch: self._take_roll_pitch,
-            MapOdom: self._take_map_odom,
-            LandmarkObservation: self._take_landmark,
-            SignMeasurement: self._take_sign,
-            SearchedPicture: self._take_picture,
-            PoseGuess: self._take_guess,
-            LabelCorrection: self._take_correction,
-            MapReset: self._take_reset,
-            SurfaceCloud: partial(self._take_view, "clouds"),
-            ViewIntervals: partial(self._take_view, "views"),
-            ObjectBoxes: partial(self._take_view, "boxes"),
-            PosedDetections: self._take_detections,
-        }
         # Roles of its streams; None is for events without a role.
         self._roles = {None, *roles_of("slam", config)}
         self.session = 0
@@ -224,6 +208,22 @@ class SurfaceSlam:
             if self._saved_walls
             else WallSlam(self.config, _label_lines)
         )
+        self._handlers: dict[type, Callable[[Any], ScanPose | None]] = {
+            PosedScan: self._take_scan,
+            Odometry: self._take_odometry,
+            RollPitch: self.walls.add_roll_pitch,
+            MapOdom: self.walls.add_map_odom,
+            LandmarkObservation: self.walls.add_landmark,
+            SignMeasurement: self._take_sign,
+            SearchedPicture: self.walls.add_picture,
+            PoseGuess: self.walls.add_guess,
+            LabelCorrection: self._take_correction,
+            MapReset: self._take_reset,
+            SurfaceCloud: partial(self._take_view, "clouds"),
+            ViewIntervals: partial(self._take_view, "views"),
+            ObjectBoxes: partial(self._take_view, "boxes"),
+            PosedDetections: self._take_detections,
+        }
         self.map = self._empty_map(self.session)
         self._registration = Registration(self.config, self.map.carver, self.map.remainders)
         for saved in self.saved_views:
@@ -255,80 +255,52 @@ class SurfaceSlam:
         """
         if not self.takes(event):
             return []
-        poses = self._handlers[type(event)](event)
+        pose = self._handlers[type(event)](event)
         self._newest_ns = max(self._newest_ns, getattr(event, "stamp_ns", 0))
-        return poses
+        return [] if pose is None else [pose]
 
-    def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
+    def _take_scan(self, posed: PosedScan) -> ScanPose:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
-        return [self.walls.add_scan(posed)]
+        return self.walls.add_scan(posed)
 
-    def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
-        self.walls.add_landmark(observation)
-        return []
-
-    def _take_sign(self, sign: SignMeasurement) -> list[ScanPose]:
+    def _take_sign(self, sign: SignMeasurement) -> None:
         self.counts["signs"] += 1
         self.walls.add_sign(sign)
-        return []
 
-    def _take_picture(self, picture: SearchedPicture) -> list[ScanPose]:
-        self.walls.add_picture(picture)
-        return []
-
-    def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
-        self.walls.add_guess(guess)
-        return []
-
-    def _take_correction(self, correction: LabelCorrection) -> list[ScanPose]:
+    def _take_correction(self, correction: LabelCorrection) -> None:
         self.map.correct_label(correction)
         views = {view.key: view for view in self.map.views}
         self.saved_views = tuple(replace(s, view=views[s.view.key]) for s in self.saved_views)
-        return []
 
-    def _take_odometry(self, record: Odometry) -> list[ScanPose]:
+    def _take_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
-        return []
 
-    def _take_map_odom(self, map_odom: MapOdom) -> list[ScanPose]:
-        self.walls.add_map_odom(map_odom)
-        return []
-
-    def _take_roll_pitch(self, sample: RollPitch) -> list[ScanPose]:
-        self.walls.add_roll_pitch(sample)
-        return []
-
-    def _take_view(
-        self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals
-    ) -> list[ScanPose]:
+    def _take_view(self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals) -> None:
         self.counts[counted] += 1
         if self.walls.is_lost:
             self.counts["views while lost"] += 1
-            return []
+            return
         self.map.add(part)
         self.map.forget(self._is_stationary)
-        return []
 
-    def _take_detections(self, posed: PosedDetections) -> list[ScanPose]:
+    def _take_detections(self, posed: PosedDetections) -> None:
         detections = posed.detections
         self.counts["detections"] += len(detections.hypotheses)
         self._unusable.update(detections.unusable)
         if self.walls.is_lost:
             self.counts["detections while lost"] += len(detections.hypotheses)
-            return []
+            return
         is_in_map = detections.frame_id == self.config.frames.map_name
         center = detections.center if is_in_map else posed.center_base
         placed = PlacedDetections(posed.stamp_ns, center, detections.hypotheses, is_in_map)
         self._detections.append(placed)
-        return []
 
-    def _take_reset(self, reset: MapReset) -> list[ScanPose]:
+    def _take_reset(self, reset: MapReset) -> None:
         """Restart the session: stamps before and after a jump cannot be compared."""
         self.counts["resets"] += 1
         self._begin()
-        return []
 
     def _is_stationary(self, first_ns: int, last_ns: int) -> bool:
         """Return whether the base did not move between two stamps."""

@@ -11,13 +11,11 @@ from surface_maps import above_floor, build, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
+from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edge_samples import Edge
 from tccm_ros.surfaces.shapes import (
-    ROTATIONS,
     _reaches_wall,
-    _rotation,
     _yaws,
     doubting_wall_points,
 )
@@ -204,24 +202,3 @@ def test_a_board_that_reaches_a_wall_ends_there():
 def last_points(at, last, gap):
     n = len(at)
     return EdgeSamples(at, last, np.full(n, gap), np.zeros(n), np.ones(n, bool), np.ones(n))
-
-
-@pytest.mark.parametrize("slope", [-0.05, 0.0, 0.04])
-def test_an_edge_is_rotated_onto_its_last_points(slope):
-    """Points in lines across it, 4 mm from beam to beam; one is of an object before it."""
-    rng = np.random.default_rng(2)
-    at = np.linspace(0.05, 1.95, 40)
-    last = slope * (at - 1.0) - rng.uniform(0.0, 0.004, len(at))
-    last[7] -= 0.08
-    scores = rotation_scores(last_points(at, last, gap=0.004), 1.0, ROTATIONS)
-    assert _rotation(scores, np.inf) == pytest.approx(-slope, abs=0.005)
-
-
-@pytest.mark.parametrize("off", [0.0, 0.03])
-def test_an_edge_has_the_direction_of_a_wall_where_its_points_leave_that_open(off):
-    """Lines each 5 cm along an edge leave a few degrees open, lines that end at it do not."""
-    at = np.linspace(0.05, 0.95, 20)
-    open_scores = rotation_scores(last_points(at, np.full(20, -0.03), gap=0.05), 0.5, ROTATIONS)
-    sharp = rotation_scores(last_points(at, -0.002 - 0.0 * at, gap=0.004), 0.5, ROTATIONS)
-    assert _rotation(open_scores, off) == off
-    assert (_rotation(sharp, off) == off) == (off == 0.0)

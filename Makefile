@@ -3,7 +3,10 @@
 # Everything lives in .venv, which is made when it is missing or what it is made from has changed. Each
 # target installs what it needs: demo and the nodes what runs, the others tests and tools as well.
 
-VENV    := .venv
+# The ROS distribution whose wheels are installed, each into an environment of its own.
+DISTRO  ?= jazzy
+VENV    := .venv$(if $(filter-out jazzy,$(DISTRO)),-$(DISTRO))
+ROS     := ros$(if $(filter-out jazzy,$(DISTRO)),-$(DISTRO))
 BIN     := $(VENV)/bin
 OUT     ?= out/demo
 DEMO    ?= bags/flat
@@ -32,8 +35,11 @@ messages: $(STAMP)
 # A worker has the tests of a file in one piece, so that what a module makes is made once; who is done takes from others.
 PYTEST := -m pytest -n $(JOBS) --dist worksteal
 
+# Of another distribution than Jazzy the tests with rclpy; nothing else depends on it.
+TESTS := $(if $(filter jazzy,$(DISTRO)),test,test/nodes test/interfaces)
+
 test: $(TESTING)
-	@$(BIN)/python $(PYTEST) test
+	@$(BIN)/python $(PYTEST) $(TESTS)
 
 # For the inner loop: without DDS, whole recordings and installations (`SLOW` in test/conftest.py).
 test-fast: $(TESTING)
@@ -74,7 +80,7 @@ $(TOOLS): $(STAMP) requirements-test.txt
 # The library that reads door signs, and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions
 $(TESTING): $(TOOLS) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
-	@$(PIP) -e '.[ros,signs]'
+	@$(PIP) -e '.[$(ROS),signs]'
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs octomap_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs test/interfaces/definitions/nav2_msgs
 	@touch $(TESTING)
 
@@ -82,7 +88,7 @@ $(VENV)/.wheels: setup.py pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (a minute or two, once)"
-	@$(PIP) -e '.[ros]'
+	@$(PIP) -e '.[$(ROS)]'
 	@touch $(VENV)/.wheels
 
 clean:

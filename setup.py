@@ -42,6 +42,12 @@ EXTRAS = {
     "fleet": ["dask[distributed]>=2025.1", "duckdb>=1.1", "fsspec>=2025.1", "pyarrow>=16"],
 }
 EXTRAS["all"] = [requirement for extra in EXTRAS.values() for requirement in extra]
+# ROS 2 Kilted in place of Jazzy: `make test DISTRO=kilted`.
+EXTRAS["ros-kilted"] = [
+    "ros-kilted-rclpy>=9.1,<9.2",
+    "ros-kilted-common-interfaces>=5.5,<5.6",
+    "ros-kilted-rmw-fastrtps-cpp>=9.3,<9.4",
+]
 
 
 def files(folder: str, *patterns: str) -> list[str]:

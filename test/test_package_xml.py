@@ -139,10 +139,12 @@ def test_lowest_versions_are_constraints_for_pip():
     assert len(lowest(arguments()["install_requires"])) == len(arguments()["install_requires"])
 
 
-def test_the_extra_all_is_the_union_of_the_others():
+def test_the_extra_all_is_the_union_of_those_of_one_distribution():
     extras = dict(arguments()["extras_require"])
-    everything = extras.pop("all")
+    everything, kilted = extras.pop("all"), extras.pop("ros-kilted")
     assert sorted(everything) == sorted(line for extra in extras.values() for line in extra)
+    packages = {name.replace("-kilted-", "-jazzy-") for name in names(kilted)}
+    assert packages == names(extras["ros"])
 
 
 def test_manifest_and_setup_agree():

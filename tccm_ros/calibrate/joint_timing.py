@@ -43,10 +43,10 @@ the maximum delay, s. Chosen: the first peak is 0.1 s wide; the last ones of cor
 within 2 ms of 0; larger delays approach half a tilt cycle."""
 
 MIN_GAIN = 0.1
-"""Minimum gain of agreement in most pairs, as a fraction of the voxels (chosen: correct recordings
+"""Minimum gain of agreement in each of a majority of pairs, as a fraction of the voxels (chosen: correct recordings
 gain up to 0.02, a delay of 0.1 s some 0.3)."""
 
-MOST = 0.75
+MAJORITY = 0.75
 """Fraction of the pairs that must gain (chosen: one may differ, as something moved)."""
 
 ROLES = ("joint_states", "robot_description", "tf", "tf_static", "odom")
@@ -232,7 +232,7 @@ class _Search:
     def is_better(self, delay: float, other: float) -> bool:
         """Return whether a delay agrees significantly better than another."""
         gains = self.agreement(delay) - self.agreement(other)
-        return float(np.quantile(gains, 1.0 - MOST)) > MIN_GAIN
+        return float(np.quantile(gains, 1.0 - MAJORITY)) > MIN_GAIN
 
     def _filled(self, points: Float64, stamps_ns: Int64, delay_ns: int) -> Int64:
         """Return the keys of the voxels that hits fill, sorted."""

@@ -216,7 +216,7 @@ REASONS = {
     stamp_order.LATE, stamp_order.TWICE, stamp_order.ZERO, stamp_guard.ANOTHER_CLOCK,
     laser_scan.NOTHING_SEEN, laser_scan.NO_LIMITS, laser_scan.OUT_OF_LIMITS,
     laser_scan.TOO_FAR, laser_scan.LIMITS_TOO_FAR, point_cloud.NOTHING_SEEN,
-    point_cloud.TOO_FAR, depth_image.TOO_FAR, depth_image.NOT_OPTICAL, sensor.TOO_LONG, "empty",
+    point_cloud.TOO_FAR, depth_image.TOO_FAR, depth_image.TOO_FAR_MM, depth_image.NOT_OPTICAL, sensor.TOO_LONG, "empty",
     "malformed", "no depths", "future stamp", "too many streams", "overload", "no joint samples",
     "no odometry", "no transform", "no way from base to sensor", "no camera info",
     "camera info of another frame", "image and camera info of different sizes",

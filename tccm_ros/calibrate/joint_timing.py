@@ -43,8 +43,8 @@ the maximum delay, s. Chosen: the first peak is 0.1 s wide; the last ones of cor
 within 2 ms of 0; larger delays approach half a tilt cycle."""
 
 MIN_GAIN = 0.1
-"""Minimum gain of agreement in each of a majority of pairs, as a fraction of the voxels (chosen: correct recordings
-gain up to 0.02, a delay of 0.1 s some 0.3)."""
+"""Minimum gain of agreement in each of a majority of pairs, as a fraction of the voxels (chosen:
+correct recordings gain up to 0.02, a delay of 0.1 s some 0.3)."""
 
 MAJORITY = 0.75
 """Fraction of the pairs that must gain (chosen: one may differ, as something moved)."""

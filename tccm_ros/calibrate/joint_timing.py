@@ -117,17 +117,12 @@ def joint_timing(reader: BagReader, choice: TopicChoice, config: Config) -> Join
 
 
 def with_joint_timing(config: Config, timing: JointTiming | None) -> Config:
-    """Return a configuration with a significant delay, unless the user has set one."""
-    if timing is None or not timing.is_significant or is_set(config):
+    """Return a configuration with a significant delay, unless it has one."""
+    if timing is None or not timing.is_significant or config.rig.joint_time_offset != 0.0:
         return config
     corrected = config.model_copy(deep=True)
     corrected.rig.joint_time_offset = timing.time_offset
     return corrected
-
-
-def is_set(config: Config) -> bool:
-    """Return whether the user has set ``rig.joint_time_offset``."""
-    return "joint_time_offset" in config.rig.model_fields_set
 
 
 class JointTimer:

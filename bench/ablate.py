@@ -53,7 +53,6 @@ RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "_reaches_wall": ("tccm_ros.surfaces.shapes", lambda *_: False),
     "_to_ends_of_fronts": ("tccm_ros.surfaces.shapes", lambda model, *_: model),
     "doubting_wall_points": ("tccm_ros.surfaces.shapes", lambda samples, _: samples),
-    "rotation_to_wall": ("tccm_ros.surfaces.edge_walls", lambda *_: float("inf")),
     "wall_across": ("tccm_ros.surfaces.edge_walls", lambda *_: None),
     "_with_occluded_areas": ("tccm_ros.surfaces.merged_surface", lambda polygon, *_: polygon),
     "is_sparse": ("tccm_ros.surfaces.merged_surface", lambda *_: False),

@@ -16,7 +16,7 @@ while not (surface_map.is_ready and surface_map.can_approach):
 
 
 def answer(asked):
-    """Return what was asked for; QuestionError says why the base did not get there."""
+    """Return what was asked for; RequestError says why the base did not get there."""
     rclpy.spin_until_future_complete(node, asked)
     return asked.result()
 

@@ -17,6 +17,7 @@ import shutil
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 
 from tccm_ros.errors import OutputError, one_line
@@ -120,6 +121,40 @@ def finish_moves(out: Path) -> None:
                     os.close(lock)
 
 
+def folders_in_progress(out: Path | str) -> Iterator[Path]:
+    """Yield the temporary folders in which running processes write `out`."""
+    out = Path(os.path.abspath(out))
+    for home in (out.parent, out):
+        for made in home.glob(f".{escape(out.name)}{UNFINISHED}*"):
+            if is_locked(made):
+                yield made
+
+
+def is_locked(folder: Path) -> bool:
+    """Return whether a process, this one included, has a lock of a folder."""
+    try:
+        os.close(_lock(folder, is_patient=False))
+    except (BlockingIOError, FileNotFoundError) as error:
+        return isinstance(error, BlockingIOError)
+    return False
+
+
+@contextmanager
+def shared_lock(folder: Path) -> Iterator[None]:
+    """Hold a lock of a folder that several processes may have at once.
+
+    Raises
+    ------
+    OSError
+        If the folder is missing.
+    """
+    lock = _lock(folder, is_shared=True)
+    try:
+        yield
+    finally:
+        os.close(lock)
+
+
 def remove_unfinished(home: Path, name: str = "") -> None:
     """Remove incomplete folders of processes that have ended.
 
@@ -163,11 +198,12 @@ def _make(home: Path, name: str) -> tuple[Path, int]:
             os.close(lock)
 
 
-def _lock(folder: Path, *, is_patient: bool = True) -> int:
+def _lock(folder: Path, *, is_patient: bool = True, is_shared: bool = False) -> int:
     """Lock a folder until the returned file descriptor is closed, or the process ends."""
     descriptor = os.open(folder, os.O_RDONLY)
+    kind = fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if is_patient else fcntl.LOCK_NB))
+        fcntl.flock(descriptor, kind | (0 if is_patient else fcntl.LOCK_NB))
     except BlockingIOError:
         os.close(descriptor)
         raise

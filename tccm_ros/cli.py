@@ -299,7 +299,10 @@ def view(
         bool, typer.Option("--rerun", help="in the Rerun viewer instead (extra: view)")
     ] = False,
 ) -> None:
-    """Open the report in the browser; for a map or a bag it is built first."""
+    """Open the report in the browser; for a map or a bag it is built first.
+
+    While a replay writes the folder, a page shows the growing map (extra: view).
+    """
     from tccm_ros.config import Config
     from tccm_ros.progress import progress
     from tccm_ros.replay.replay import report_of
@@ -313,6 +316,7 @@ def view(
             recording = rerun_of(target, Config(), bars)
         _tell({}, str(open_rerun(recording)), False, False)
         return
+    _show_running(target)
     with progress() as bars:
         report = report_of(target, Config(), bars)
     _tell({}, str(show(report)), False, False)
@@ -468,6 +472,26 @@ def parameters() -> None:
     from tccm_ros.config.reference import as_yaml
 
     typer.echo(as_yaml(), nl=False)
+
+
+def _show_running(out: Path) -> None:
+    """Show the growing map of a replay that writes a folder, if there is one, until it ends."""
+    import webbrowser
+
+    from tccm_ros.replay.unfinished_maps import running_replay
+
+    maps = running_replay(out)
+    if maps is None:
+        return
+    check_extra("view", "aiohttp")
+    from tccm_ros.view.replay_page import show_replay
+
+    def open_page(url: str) -> None:
+        typer.echo(f"a replay is writing {out}: {url}")
+        webbrowser.open(url)
+
+    with suppress(FileNotFoundError):  # it has just ended
+        show_replay(maps, open_page)
 
 
 def _rerun_log(path: Path | None, config: Config) -> AbstractContextManager[Watcher | None]:

@@ -4,7 +4,7 @@ It needs `tccm_interfaces`, and its owner must spin the node passed to it. The i
 `tccm_ros.nodes.map_client`; import it from this module.
 """
 
-from tccm_ros.errors import QuestionError
+from tccm_ros.errors import RequestError
 from tccm_ros.nodes.map_client import SurfaceMapClient
 from tccm_ros.nodes.map_records import (
     BoxState,
@@ -37,7 +37,7 @@ __all__ = [
     "MapSpot",
     "MapSurface",
     "MapWall",
-    "QuestionError",
+    "RequestError",
     "SavedMap",
     "SurfaceMapClient",
 ]

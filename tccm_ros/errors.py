@@ -40,7 +40,7 @@ class MapError(TccmError):
     """A saved map that is missing, damaged or of another version."""
 
 
-class QuestionError(TccmError):
+class RequestError(TccmError):
     """A request about the map that was not answered; the message comes from the node."""
 
 

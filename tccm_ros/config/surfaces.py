@@ -58,6 +58,9 @@ class Surfaces(Group):
         0.15, "max height of the floor above the first base frame", unit="m", le=2.0
     )
     registration: bool = param(True, "register overlapping views")
+    unseen_space: bool = param(
+        False, "planning scenes have boxes for the space below surfaces that was never seen"
+    )
 
 
 def label_rule(default: Rule, meaning: str) -> Any:

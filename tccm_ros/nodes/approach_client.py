@@ -13,7 +13,7 @@ from tccm_interfaces.action import ApproachSurface, Retreat
 from tccm_interfaces.msg import SurfaceFilter
 from tccm_interfaces.srv import ResolveName, SetName
 
-from tccm_ros.errors import QuestionError
+from tccm_ros.errors import RequestError
 from tccm_ros.nodes.asking import ask
 from tccm_ros.nodes.map_records import MapApproach, approach_of, spot_of
 
@@ -21,7 +21,7 @@ from tccm_ros.nodes.map_records import MapApproach, approach_of, spot_of
 class ApproachClient:
     """Sends goals to approach_node.
 
-    Each returns a future at once; it has the result, or `QuestionError` with the sentence why the
+    Each returns a future at once; it has the result, or `RequestError` with the sentence why the
     base did not get there.
 
     Parameters
@@ -111,9 +111,7 @@ class ApproachClient:
     def _send(self, client: Any, goal: Any, read: Callable[[Any], object]) -> Future:
         future = Future()
         if not client.server_is_ready():
-            future.set_exception(
-                QuestionError("nobody offers this action: is approach_node there?")
-            )
+            future.set_exception(RequestError("nobody offers this action: is approach_node there?"))
             return future
 
         def ended(answered: Future) -> None:
@@ -122,7 +120,7 @@ class ApproachClient:
             if result.result.success:
                 future.set_result(read(result.result))
             else:
-                future.set_exception(QuestionError(result.result.message))
+                future.set_exception(RequestError(result.result.message))
 
         def taken(answered: Future) -> None:
             handle: Any = answered.result()

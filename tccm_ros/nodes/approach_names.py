@@ -17,7 +17,7 @@ from tccm_ros.approach.names import NamedSpot, check_name, read_names, write_nam
 from tccm_ros.approach.settings import Goal, Robot, Surroundings
 from tccm_ros.approach.standing import standing_poses
 from tccm_ros.arrays import Float64
-from tccm_ros.errors import MotionError, QuestionError, TccmError, one_line, suggest
+from tccm_ros.errors import MotionError, RequestError, TccmError, one_line, suggest
 from tccm_ros.geometry import inverse2, planar, spatial, transform2
 from tccm_ros.nodes.interfaces import service_class
 from tccm_ros.nodes.map_records import MapSurface
@@ -72,12 +72,12 @@ class SpotNames:
 
         Raises
         ------
-        QuestionError, ConfigError
+        RequestError, ConfigError
             For an unknown name, and for a file that cannot be read.
         """
         names = read_names(self._path())
         if name not in names:
-            raise QuestionError(f"no spot is called {name!r}{suggest(name, names)}")
+            raise RequestError(f"no spot is called {name!r}{suggest(name, names)}")
         return names[name]
 
     async def _resolve(self, request: Any, response: Any) -> Any:
@@ -139,7 +139,7 @@ class SpotNames:
         if found is not None:
             names[request.name] = found
         elif before is None:
-            raise QuestionError(f"no spot is called {request.name!r}{suggest(request.name, names)}")
+            raise RequestError(f"no spot is called {request.name!r}{suggest(request.name, names)}")
         write_names(self._path(), names)
         return "a new name" if before is None else f"it was {before.as_dict()}"
 

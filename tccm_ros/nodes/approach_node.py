@@ -36,7 +36,7 @@ from tccm_ros.approach.senses import Senses
 from tccm_ros.approach.settings import Goal, Robot, Surroundings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.arrays import Float64
-from tccm_ros.errors import MissingExtraError, MotionError, QuestionError, TccmError, one_line
+from tccm_ros.errors import MissingExtraError, MotionError, RequestError, TccmError, one_line
 from tccm_ros.geometry import spatial
 from tccm_ros.nodes.approach_goals import (
     MAX_BACK_M,
@@ -378,12 +378,12 @@ class ApproachNode(Node):
             request.has_side, request.side = True, named.side
 
     async def _answer(self, asked: Future) -> Any:
-        """Return the response of the map's node; raise QuestionError after `ANSWER_S`."""
+        """Return the response of the map's node; raise RequestError after `ANSWER_S`."""
 
         def give_up() -> None:
             if not asked.done():
                 why = f"the map's node has not answered within {ANSWER_S:g} s"
-                asked.set_exception(QuestionError(why))
+                asked.set_exception(RequestError(why))
 
         timer = steady_timer(self, ANSWER_S, give_up)
         try:

@@ -7,11 +7,11 @@ from typing import Any
 
 from rclpy.task import Future
 
-from tccm_ros.errors import QuestionError
+from tccm_ros.errors import RequestError
 
 
 def ask(client: Any, request: Any, read: Callable[[Any], object]) -> Future:
-    """Return a future of the converted response, or of QuestionError with the node's message.
+    """Return a future of the converted response, or of RequestError with the node's message.
 
     The future has no executor, so its callbacks run at once. With an executor, the callbacks that
     `rclpy.spin_until_future_complete` adds in every step would pile up as tasks until the next
@@ -29,7 +29,7 @@ def ask(client: Any, request: Any, read: Callable[[Any], object]) -> Future:
     future = Future()
     if not client.service_is_ready():
         why = f"nobody answers {client.service_name}: is its node running, under this name?"
-        future.set_exception(QuestionError(why))
+        future.set_exception(RequestError(why))
         return future
 
     def done(answered: Future) -> None:
@@ -37,7 +37,7 @@ def ask(client: Any, request: Any, read: Callable[[Any], object]) -> Future:
         if answer.success:
             future.set_result(read(answer))
         else:
-            future.set_exception(QuestionError(answer.message))
+            future.set_exception(RequestError(answer.message))
 
     client.call_async(request).add_done_callback(done)
     return future

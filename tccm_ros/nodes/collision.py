@@ -26,9 +26,9 @@ from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene import Scene
 from tccm_ros.surfaces.told_scene import Changes, ObjectState, ToldScene
 
-COLLISION_PROFILE = QoSProfile(depth=500, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""A late subscriber receives the newest 500 messages in order. Each solution sends all surfaces and
-objects, so these include the newest map."""
+COLLISION_PROFILE = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""A late subscriber receives the newest 2000 messages in order. Each solution sends all shapes, so
+these include the newest map."""
 
 CHANGES_PROFILE = QoSProfile(depth=100)
 """Reliable and volatile: an old change means nothing to a late subscriber, who receives all shapes
@@ -68,7 +68,7 @@ class CollisionObjects:
         if (self._objects is None and self._changes is None) or not self._context.ok():
             return
         surfaces = [known.surface for known in scene.surfaces]
-        shapes = scene_shapes(surfaces, scene.objects, scene.compartments)
+        shapes = scene_shapes(surfaces, scene.objects, scene.compartments, scene.unseen)
         with self._lock:
             self._stamp_ns, self._frame_id = scene.stamp_ns, scene.frame_id
             self._publish_changes(self._scene.update(shapes))

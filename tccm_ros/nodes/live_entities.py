@@ -69,6 +69,14 @@ def entities_of(message: Any) -> Entities:
             "length": round(float(np.hypot(*(ends[1] - ends[0]))), 3),
             "observations": wall.observations,
         }
+    for sign in message.signs:
+        at, normal = sign.position, sign.normal
+        found[f"sign/{sign.id}"] = {
+            "id": sign.id,
+            "text": sign.text,
+            "at": rounded([at.x, at.y, at.z]),
+            "normal": rounded([normal.x, normal.y, normal.z]),
+        }
     for area in message.free_areas:
         rings = [_ring(ring) for ring in area.outlines if len(ring.points) > 2]
         if rings:

@@ -27,7 +27,7 @@ from tccm_ros.agents.facts import (
     newest_first,
 )
 from tccm_ros.arrays import Float64
-from tccm_ros.errors import MapError, QuestionError
+from tccm_ros.errors import MapError, RequestError
 from tccm_ros.geometry import planar
 from tccm_ros.nodes.live_motion import LiveMotion
 from tccm_ros.nodes.map_client import SurfaceMapClient
@@ -97,7 +97,7 @@ class LiveMapSource:
 
         Raises
         ------
-        QuestionError
+        RequestError
             If the node refuses the question, or does not answer in time.
         """
         with_base = question.reach_m > 0.0
@@ -175,13 +175,13 @@ def _result(future: Future) -> Any:
 
     Raises
     ------
-    QuestionError
+    RequestError
         If there is an error, or no answer in time.
     """
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     if not done.wait(TIMEOUT_S):
-        raise QuestionError(f"no answer within {TIMEOUT_S:g} s: is the node still running?")
+        raise RequestError(f"no answer within {TIMEOUT_S:g} s: is the node still running?")
     return future.result()
 
 

@@ -9,7 +9,7 @@ from rclpy.task import Future
 from tccm_interfaces.msg import SurfaceFilter
 
 from tccm_ros.agents.facts import ApproachFacts
-from tccm_ros.errors import QuestionError
+from tccm_ros.errors import RequestError
 from tccm_ros.nodes.map_client import SurfaceMapClient
 
 LOOK_S = 1.0
@@ -43,7 +43,7 @@ class LiveMotion:
 
         Raises
         ------
-        QuestionError
+        RequestError
             With the reason why the base did not get there.
         """
         self._find_node()
@@ -58,7 +58,7 @@ class LiveMotion:
 
         Raises
         ------
-        QuestionError
+        RequestError
             With the reason why the base did not get there.
         """
         self._find_node()
@@ -84,7 +84,7 @@ class LiveMotion:
         ended = _event_of(drive)
         while not ended.wait(LOOK_S):
             if not self._client.can_approach:
-                raise QuestionError("approach_node ended while the base drove")
+                raise RequestError("approach_node ended while the base drove")
         return drive.result()
 
 

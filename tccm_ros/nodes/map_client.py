@@ -79,7 +79,7 @@ ANYWHERE, ANY_OBJECT = FindPlacements.Request(), FindObjects.Request()
 class SurfaceMapClient:
     """Client of slam_node's and tccm_node's services, topics and events.
 
-    Each request returns a future at once. It resolves to the answer, or to `QuestionError` if the
+    Each request returns a future at once. It resolves to the answer, or to `RequestError` if the
     request was invalid, its processing failed or the service is not available. If a node ends
     before it has answered, the future stays pending.
 
@@ -393,7 +393,7 @@ class SurfaceMapClient:
         return self._driver.forget_name(name)
 
     def cancel(self) -> None:
-        """Stop the base: the active goal ends, and its future raises `QuestionError`."""
+        """Stop the base: the active goal ends, and its future raises `RequestError`."""
         self._driver.cancel()
 
     def close(self) -> None:

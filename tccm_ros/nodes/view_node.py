@@ -20,7 +20,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from tccm_ros.errors import MissingExtraError, QuestionError, one_line
+from tccm_ros.errors import MissingExtraError, RequestError, one_line
 from tccm_ros.extras import check_extra
 from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.qos import latched
@@ -188,7 +188,7 @@ class ViewNode(Node):
             if error is None:
                 answered.set_result(answer)
             else:
-                answered.set_exception(QuestionError(one_line(error)))
+                answered.set_exception(RequestError(one_line(error)))
 
         def begin() -> None:
             try:
@@ -217,7 +217,7 @@ class ViewNode(Node):
     def _rename(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         surface, label = _identity(values), values["label"]
         if not isinstance(label, str):
-            raise QuestionError("label must be a string")
+            raise RequestError("label must be a string")
         return self._client.set_label(surface, label), lambda message: {"message": message}
 
     def _find_placements(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
@@ -244,9 +244,9 @@ class ViewNode(Node):
 
         surface, name, spot = _identity(values), values["name"], values.get("spot")
         if not isinstance(name, str):
-            raise QuestionError("name must be a string")
+            raise RequestError("name must be a string")
         if spot is not None and not (isinstance(spot, list) and len(spot) == 2):
-            raise QuestionError(f"spot is {one_line(ValueError(spot))}; expected (x, y), m")
+            raise RequestError(f"spot is {one_line(ValueError(spot))}; expected (x, y), m")
         spot = None if spot is None else [float(value) for value in spot]
         wanted = SurfaceFilter(ids=[surface])
         asked = self._client.set_name(name, wanted, spot=spot, frame=self._map_frame)
@@ -255,7 +255,7 @@ class ViewNode(Node):
     def _save(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         name = values["name"]
         if not isinstance(name, str):
-            raise QuestionError("name must be a string")
+            raise RequestError("name must be a string")
         return self._client.save_named_map(name), lambda m: {"message": f"saved as {m.name}"}
 
 
@@ -285,12 +285,12 @@ def _identity(values: Mapping[str, Any]) -> int:
     """Return the surface id of a page's request."""
     value = values["surface_id"]
     if type(value) is not int or not 0 <= value <= INT32_MAX:
-        raise QuestionError(f"surface_id is {one_line(ValueError(value))}; expected an id")
+        raise RequestError(f"surface_id is {one_line(ValueError(value))}; expected an id")
     return value
 
 
 def _named(error: Exception) -> Exception:
-    return QuestionError(f"{error.args[0]} is missing") if isinstance(error, KeyError) else error
+    return RequestError(f"{error.args[0]} is missing") if isinstance(error, KeyError) else error
 
 
 def main() -> None:

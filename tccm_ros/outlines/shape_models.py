@@ -26,18 +26,11 @@ CORRELATION = 0.10
 """Correlation length of the errors of an outline's samples, m; chosen: that of one beam or scan
 line."""
 
-PROBE = 0.06
-"""Edge of the squares that are tested for free space, m; chosen."""
-
 MAX_ERROR = 5.0
 """Max error of a sample, standard deviations; larger ones are clipped; chosen."""
 
 HIDDEN_SIGMA = 0.30
 """Extent of the surface beyond an outline whose end no view saw, m (one sigma); chosen."""
-
-THROUGH = 9.0
-"""Squared error of free space of `CORRELATION` squared that a model covers; chosen: three standard
-deviations."""
 
 ODDS = {
     SurfaceShape.RECTANGLE: 0.9,
@@ -81,8 +74,6 @@ class OutlineSamples(NamedTuple):
         float64 (N,), possible extent of the surface beyond its last samples, one sigma, m.
     seen
         bool (N,), whether a view saw the surface end there.
-    through
-        float64 (M, 2), centres of squares of `PROBE` outside of the outline that are free space, m.
     """
 
     points: Float64
@@ -90,7 +81,6 @@ class OutlineSamples(NamedTuple):
     sigma: Float64
     sampling: Float64
     seen: Bool
-    through: Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,10 +212,7 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
     is_inside = shapely.contains_xy(model, samples.points[:, 0], samples.points[:, 1])
     beyond = np.where(samples.seen, samples.sampling, HIDDEN_SIGMA) * is_inside
     errors = np.minimum(distance / np.hypot(samples.sigma, beyond), MAX_ERROR)
-    covered = shapely.contains_xy(model, samples.through[:, 0], samples.through[:, 1]).sum()
-    return float(
-        np.sum(errors**2) * SPACING / CORRELATION + THROUGH * covered * (PROBE / CORRELATION) ** 2
-    )
+    return float(np.sum(errors**2)) * SPACING / CORRELATION
 
 
 def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:

@@ -48,10 +48,6 @@ LOWEST = 0.1
 """Quantile of the lowest points of the cubes' columns that gives the lower edge of a front: in each
 column the last scan line is at another height above it. Chosen: one in ten may be a mixed pixel."""
 
-FROM_SENSOR = 0.3
-"""Minimum distance of a sensor from the plane of a face that its beams cross, m; chosen: nearer
-ones look along the face."""
-
 CUBE = 0.04
 """`mapping.surface_message.HITS_CUBE`, m."""
 
@@ -160,32 +156,13 @@ def _lower_side(
             cells = np.floor(ends[on, 1 - axis] / CUBE).astype(np.int64)
             of, which = np.unique(cells, return_inverse=True)
             lowest = np.full(len(of), np.inf)
-            np.minimum.at(lowest, which, _on_face(ends[on], half[on], origins[on], axis))
+            np.minimum.at(lowest, which, (z - half)[on])
             lowest = lowest[lowest > top - 1.5 * MAX_BOARD]
             if len(lowest) >= MIN_FRONT_CELLS:
                 fronts.append((len(lowest), float(np.quantile(lowest, LOWEST))))
     if fronts:
         return max(fronts)[1], FaceState.MEASURED
     return top - MAX_BOARD, FaceState.UNKNOWN
-
-
-def _on_face(ends: Float64, half: Float64, origins: Float64, axis: int) -> Float64:
-    """Return the heights at which the lowest beams of hits cross the face that they are on, m.
-
-    Errors of ranges move a hit along its beam, and so up or down. Where the beam crosses the median
-    plane of the hits it is as exact as its direction.
-
-    Parameters
-    ----------
-    ends, half, origins
-        Hits of one face, as for `ceilings`.
-    axis
-        Axis of the face's normal, 0 or 1.
-    """
-    x, start = ends[:, axis], origins[:, axis]
-    low = ends[:, 2] - half
-    away = np.where(np.abs(x - start) > FROM_SENSOR, x - start, np.inf)
-    return np.asarray(low + (low - origins[:, 2]) * (np.median(x) - x) / away)
 
 
 def _unnamed(

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import binary_closing
 
-from tccm_ros.arrays import Bool, Float64
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.racks.compartment import SeenView, SpaceGrid
 from tccm_ros.racks.hits import Hits
@@ -24,9 +24,6 @@ BEFORE = 0.42
 
 BESIDE = 0.15
 """Extent of the grid beside the compartment, m; chosen: half a hand's width beyond its edge."""
-
-STEP = 0.015
-"""Distance of the samples on a beam, m: half a cell."""
 
 END = 0.03
 """Length at the end of a beam that is not counted as free, m: a cell."""
@@ -47,24 +44,59 @@ def seen_space(
     low = np.array([-BEFORE, -0.5 * size[1] - BESIDE, 0.0])
     high = np.array([size[0] + CELL, 0.5 * size[1] + BESIDE, size[2]])
     shape = np.ceil((high - low) / CELL).astype(np.int64)
-    T_front = inverse(T_map_front)
-    ends, origins = transform(T_front, hits.ends), transform(T_front, hits.origins)
+    seen, hit = seen_cells(T_map_front, low, shape, np.full(3, CELL), hits, views)
+    return SpaceGrid(low, CELL, seen, hit)
+
+
+def seen_cells(
+    T_map_grid: Float64,
+    low: Float64,
+    shape: Int64,
+    cell: Float64,
+    hits: Hits,
+    views: Sequence[SeenView],
+) -> tuple[Bool, Bool]:
+    """Return which cells of a grid are free, and in which beams ended.
+
+    Parameters
+    ----------
+    T_map_grid
+        float64 (4, 4), frame of the grid.
+    low, shape, cell
+        float64 (3,), lowest corner, m; int64 (3,), number of cells; float64 (3,), their edges, m.
+    hits, views
+        Hits and views near the grid.
+
+    Returns
+    -------
+    seen : bool, as `shape`
+        Beams passed the cell, or cells on both sides of it, and none ended in it.
+    hit : bool, as `shape`
+        Beams ended in the cell.
+    """
+    T_grid = inverse(T_map_grid)
+    ends, origins = transform(T_grid, hits.ends), transform(T_grid, hits.origins)
     seen, hit = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
-    _mark_beams(seen, origins, ends, low, low + shape * CELL)
+    _mark_beams(seen, origins, ends, low, cell)
     for part in (-1.0, -0.5, 0.0, 0.5, 1.0):
         points = ends + np.array([0.0, 0.0, 1.0]) * (part * hits.half)[:, None]
-        index = np.floor((points - low) / CELL).astype(np.int64)
+        index = np.floor((points - low) / cell).astype(np.int64)
         inside = ((index >= 0) & (index < shape)).all(axis=1)
         hit[tuple(index[inside].T)] = True
-    axes = [low[k] + (np.arange(shape[k]) + 0.5) * CELL for k in range(3)]
-    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    middles = cell_middles(low, shape, cell).reshape(-1, 3)
     for view in views:
         rest = np.flatnonzero(~seen.ravel())
-        at = transform(inverse(view.T_map_view) @ T_map_front, middles[rest])
+        at = transform(inverse(view.T_map_view) @ T_map_grid, middles[rest])
         seen.ravel()[rest[view.free.contains(at)]] = True
     padded = np.pad(seen, 1, mode="edge")
     closed = binary_closing(padded, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1]
-    return SpaceGrid(low, CELL, (closed | seen) & ~hit, hit)
+    return (closed | seen) & ~hit, hit
+
+
+def cell_middles(low: Float64, shape: Int64, cell: Float64) -> Float64:
+    """Return the middles of the cells of a grid (`seen_cells`), float64 (X, Y, Z, 3), m."""
+    axes = [low[k] + (np.arange(shape[k]) + 0.5) * cell[k] for k in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def _mark_beams(
@@ -72,9 +104,10 @@ def _mark_beams(
     origins: Float64,
     ends: Float64,
     low: Float64,
-    high: Float64,
+    cell: Float64,
 ) -> None:
-    """Mark the cells that beams passed, up to `END` before their ends."""
+    """Mark the cells that beams passed, up to `END` before their ends; two samples in each cell."""
+    high, step = low + np.array(seen.shape) * cell, 0.5 * float(cell.min())
     way = ends - origins
     length = np.linalg.norm(way, axis=1)
     way = way / np.maximum(length, END)[:, None]
@@ -84,11 +117,11 @@ def _mark_beams(
     last = np.minimum(np.nan_to_num(t[1], nan=np.inf).min(axis=1), length - END)
     crosses = last > first
     origins, way, first, last = (a[crosses] for a in (origins, way, first, last))
-    count = int(np.ceil((last - first).max(initial=0.0) / STEP))
+    count = int(np.ceil((last - first).max(initial=0.0) / step))
     for k in range(count):
-        at = first + (k + 0.5) * STEP
+        at = first + (k + 0.5) * step
         inside = at < last
         points = origins[inside] + at[inside, None] * way[inside]
-        index = np.floor((points - low) / CELL).astype(np.int64)
+        index = np.floor((points - low) / cell).astype(np.int64)
         index = np.clip(index, 0, np.array(seen.shape) - 1)
         seen[tuple(index.T)] = True

@@ -24,6 +24,7 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Event
 from tccm_ros.replay.outcome import Outcome
 from tccm_ros.replay.run import run_bag
+from tccm_ros.replay.unfinished_maps import UnfinishedMaps
 from tccm_ros.results.cycles_file import CycleParts, save_cycles
 from tccm_ros.results.exports import write_results, write_summary, write_timing
 from tccm_ros.results.map_file import is_map, load_map, save_map
@@ -173,10 +174,11 @@ def replay(
     bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
-        messages = CycleMessageStore(config, folder)
+        messages, so_far = CycleMessageStore(config, folder), UnfinishedMaps(folder, config)
         outcome = run_bag(
             bag, config, remap=remap, saved=saved, events=events, on_cycle=messages.add,
-            on_event=None if watcher is None else watcher.add, bars=bars, clock=clock,
+            on_event=None if watcher is None else watcher.add, on_progress=so_far.offer,
+            bars=bars, clock=clock,
         )  # fmt: skip
         bars.start("write", 1.0)
         with clock.stage("write"):
@@ -198,6 +200,7 @@ def replay(
             stages.run("report", lambda: _write_page(results, drawn[1], folder, clock))
         if stages.failed:
             content = _write_summary(folder, outcome)
+        so_far.close()
     return Summary(
         Path(out),
         content,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 
 from tccm_ros.bags.reader import BagPaths, BagReader
 from tccm_ros.bags.topics import (
@@ -23,10 +24,14 @@ from tccm_ros.replay.processors import OnCycle, OnEvent, Pipeline
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.warm_up.compilation import compile_kernels
 
 PROGRESS_STEP_NS = 100_000_000
 """Bag time between updates of the progress bar, ns. Chosen."""
+
+OnProgress = Callable[[SurfaceSlam], object]
+"""Called with the processor of the map while a bag is read."""
 
 
 def run_bag(
@@ -38,6 +43,7 @@ def run_bag(
     events: bool = False,
     on_cycle: OnCycle = lambda cycle, cuboids: None,
     on_event: OnEvent | None = None,
+    on_progress: OnProgress = lambda slam: None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Outcome:
@@ -59,6 +65,8 @@ def run_bag(
         Called with each complete tilt cycle and the integration map after it.
     on_event
         Called with each event of the intake, in order; None if not needed.
+    on_progress
+        Called with the processor of the map every `PROGRESS_STEP_NS` of the bag.
     bars
         Progress bars.
     clock
@@ -94,7 +102,7 @@ def run_bag(
             clock=clock,
         )
         add_latched(reader, topics, pipeline.robot)
-        messages = _feed(pipeline, reader, topics, bars)
+        messages = _feed(pipeline, reader, topics, on_progress, bars)
         bars.start("solve", 1.0)
         pipeline.finish()
         _check_used(pipeline, reader, choice)
@@ -148,7 +156,11 @@ def _check_there(reader: BagReader, choice: TopicChoice) -> None:
 
 
 def _feed(
-    pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
+    pipeline: Pipeline,
+    reader: BagReader,
+    topics: Mapping[str, str],
+    on_progress: OnProgress,
+    bars: Bars,
 ) -> Counter[str]:
     """Add all records to the pipeline and return the number of messages by topic."""
     messages: Counter[str] = Counter()
@@ -166,6 +178,7 @@ def _feed(
         if log_ns - last_ns > PROGRESS_STEP_NS:
             bars.advance((log_ns - last_ns) * 1e-9)
             last_ns = log_ns
+            pipeline.stages.run("maps for viewers", partial(on_progress, pipeline.slam))
 
 
 def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:

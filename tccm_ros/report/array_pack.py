@@ -45,6 +45,15 @@ class ArrayPack:
         return base64.b64encode(zlib.compress(b"".join(self._chunks), ZIP_LEVEL)).decode("ascii")
 
 
+class PlainArrays(ArrayPack):
+    """Leaves arrays in the JSON, as flat lists of numbers rounded to millimetres."""
+
+    def add(self, values: NDArray[Any], kind: str) -> Any:
+        """Return the numbers themselves."""
+        flat = np.asarray(values).astype(TYPES[kind]).ravel()
+        return [round(value, 3) for value in flat.tolist()]
+
+
 def differences(column: NDArray[Any]) -> NDArray[np.int16]:
     """Return the steps between successive integers (N,), int16, modulo 2^16.
 

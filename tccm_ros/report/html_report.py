@@ -11,7 +11,8 @@ from string import Template
 from typing import Any
 
 from tccm_ros.atomic import output_file
-from tccm_ros.report.page import viewer_asset, viewer_page, viewer_script
+from tccm_ros.report.array_pack import ArrayPack
+from tccm_ros.report.page import MAP_LAYERS, viewer_asset, viewer_page, viewer_script
 from tccm_ros.report.pictures import Pictures, draw_pictures
 from tccm_ros.report.scene import build_scene
 from tccm_ros.report.tables import (
@@ -31,21 +32,12 @@ TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"
 TIMING_END = "<!-- end of timing -->"
 """Marks around the only section in which reports of the same input may differ."""
 
-LAYERS = {
-    "surfaces": ("surfaces", True),
-    "boundaries": ("boundaries", True),
-    "labels": ("labels", True),
-    "objects": ("objects on surfaces", True),
-    "free": ("free places", False),
-    "racks": ("compartments of racks", False),
-    "floor_objects": ("objects on the floor", False),
-    "walls": ("walls", True),
+LAYERS = MAP_LAYERS | {
     "path": ("path, 3D views", True),
     "cuboids": ("cuboids", True),
     "planes": ("planes, horizontal", True),
     "other_planes": ("planes, other", False),
     "cores": ("center cores", False),
-    "floor": ("floor", True),
 }
 """Name on the page and initial visibility, by layer."""
 
@@ -96,7 +88,8 @@ def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path
 
 def report_html(results: Results, pictures: Pictures) -> str:
     """Return the page; the same results give the same text."""
-    scene, pack = build_scene(results)
+    pack = ArrayPack()
+    scene = build_scene(results, pack)
     return viewer_page(
         "Surface map",
         f"<style>\n{viewer_asset('page.css')}\n</style>",

@@ -10,6 +10,21 @@ from string import Template
 SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main")
 """Modules of the view's script, in order of dependency."""
 
+MAP_LAYERS = {
+    "surfaces": ("surfaces", True),
+    "boundaries": ("boundaries", True),
+    "labels": ("labels", True),
+    "objects": ("objects on surfaces", True),
+    "free": ("free places", False),
+    "racks": ("compartments of racks", False),
+    "floor_objects": ("objects on the floor", False),
+    "walls": ("walls", True),
+    "signs": ("door signs", True),
+    "path": ("path", True),
+    "floor": ("floor", True),
+}
+"""Name on the page and initial visibility, by layer of main.js, of a map without its cuboids."""
+
 
 def viewer_page(
     title: str,

@@ -34,6 +34,9 @@ TRUTH = "#111111"
 LANDMARK = "#a0257a"
 ROOM = "#c79ab8"
 
+WORLD = {"wall": WALL, "path": PATH, "view": VIEW, "object": OBJECT, "sign": LANDMARK}
+"""Colours of the three-dimensional view, by kind."""
+
 
 def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
     """Assign every surface a colour of `PALETTE`, with equal colours far from each other.

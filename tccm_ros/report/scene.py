@@ -24,6 +24,8 @@ from tccm_ros.results.models import (
     PlaneEntry,
     SurfaceEntry,
 )
+from tccm_ros.results.signs_file import SignEntry
+from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
 MAX_CUBOIDS = 400_000
 """Maximum number of cuboids; the newest of a larger map are shown. Chosen: smooth in a browser."""
@@ -41,9 +43,8 @@ HALF_LENGTH_PER_STD = 3.0**0.5
 """Half length of a uniformly covered line, in standard deviations of its points."""
 
 
-def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
-    """Return the values for the page's script, and the arrays that they reference."""
-    pack = ArrayPack()
+def build_scene(results: Results, pack: ArrayPack) -> dict[str, Any]:
+    """Return the values for the page's script; the arrays that they reference go into a pack."""
     colors = palette.surface_colors(results.surfaces)
     window = results.cycles.window if results.cycles else 10
     cuboids = _newest(results.cuboids) if results.cuboids else None
@@ -52,17 +53,12 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
         frame = results.cycles.T_map_odom[-1]
     # Transparent surfaces are painted from low to high.
     by_height = sorted(results.surfaces, key=lambda s: (s.height, s.id))
-    scene = {
+    return {
         "ground": _round(results.ground),
         "start": results.start,
         "extent": [_list(corner) for corner in _extent(results)],
         "palette": list(palette.PALETTE),
-        "colors": {
-            "wall": palette.WALL,
-            "path": palette.PATH,
-            "view": palette.VIEW,
-            "object": palette.OBJECT,
-        },
+        "colors": palette.WORLD,
         "surfaces": [_surface(pack, s, colors[s.id], results.ground) for s in by_height],
         "walls": [
             {
@@ -76,6 +72,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
         "objects": [_object(box, results) for box in results.objects],
         "surfaceIds": [surface.id for surface in results.above_floor],
         "free": list(_free(pack, results)),
+        "signs": [_sign(sign) for sign in results.signs],
         "racks": [_compartment(space) for space in results.compartments],
         "path": _path(pack, results),
         "places": _views(results),
@@ -84,7 +81,6 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
         "cores": _cores(pack, cuboids) if cuboids else None,
         "cycles": _cycles(pack, results),
     }
-    return scene, pack
 
 
 def _extent(results: Results) -> tuple[Float64, Float64]:
@@ -96,6 +92,8 @@ def _extent(results: Results) -> tuple[Float64, Float64]:
 
 
 def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) -> dict[str, Any]:
+    hull = convex_hull(np.ascontiguousarray(surface.boundary[:, :2]))
+    _, _, length, width, _ = rectangle(hull)
     return {
         "id": surface.id,
         "label": surface.label,
@@ -103,6 +101,8 @@ def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) 
         "floor": surface.is_floor,
         "height": _round(surface.height - ground),
         "area": _round(surface.area),
+        "size": [_round(length), _round(width)],
+        "room": surface.room,
         "views": len(surface.views),
         "points": surface.points,
         "std": surface.height_std,
@@ -151,6 +151,15 @@ def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
                 "v": pack.add(np.concatenate(rings), "f4"),
                 "rings": [len(ring) for ring in rings],
             }
+
+
+def _sign(sign: SignEntry) -> dict[str, Any]:
+    return {
+        "id": sign.id,
+        "text": sign.text,
+        "at": _list(sign.position),
+        "normal": _list(sign.normal),
+    }
 
 
 def _compartment(space: CompartmentEntry) -> dict[str, Any]:

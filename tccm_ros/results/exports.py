@@ -121,7 +121,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
             feature_collection(solution.surfaces, slam.walls, map_frame)
         ),
         "surfaces.scene": lambda: scene_text(
-            solution.surfaces, solution.compartments, solution.objects
+            solution.surfaces, solution.objects, solution.compartments, solution.unseen
         ).encode(),
     }
     made = {name: stages.run(name, export) for name, export in exports.items()}

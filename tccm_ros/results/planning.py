@@ -9,6 +9,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import quaternion
 from tccm_ros.racks.compartment import Compartment
+from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
 from tccm_ros.surfaces.planning_shapes import Box, scene_shapes
@@ -20,16 +21,17 @@ TITLE = "tccm_ros"
 
 def scene_text(
     surfaces: Iterable[Surface],
-    compartments: Sequence[Compartment] = (),
     objects: Iterable[SceneObject] = (),
+    compartments: Sequence[Compartment] = (),
+    unseen: Iterable[UnseenSpace] = (),
 ) -> str:
-    """Return surfaces, racks and objects (`scene_shapes`) as a MoveIt planning scene (``.scene``).
+    """Return surfaces, objects and racks (`scene_shapes`) as a MoveIt planning scene (``.scene``).
 
     The format is the older of two, which all versions of MoveIt read: for each object its shapes,
     for each shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
     lines = [TITLE]
-    for name, shape in scene_shapes(surfaces, objects, compartments).items():
+    for name, shape in scene_shapes(surfaces, objects, compartments, unseen).items():
         lines += [f"* {name}", "1"]
         T = np.eye(4)
         if isinstance(shape, Box):

@@ -312,7 +312,9 @@ class ResultBag:
         message = localisation_message(self._bag.types, stamp_ns, self._map_frame, solution)
         self._bag.write(LOCALISATION_TOPIC, LOCALISATION, stamp_ns, message)
         self._write_grid(stamp_ns)
-        shapes = scene_shapes(solution.surfaces, solution.objects, solution.compartments)
+        shapes = scene_shapes(
+            solution.surfaces, solution.objects, solution.compartments, solution.unseen
+        )
         for message in collision_messages(self._bag.types, stamp_ns, self._map_frame, shapes):
             self._bag.write(COLLISION_TOPIC, COLLISION_OBJECT, stamp_ns, message)
 

@@ -78,13 +78,18 @@ def footprint_in_map(
         float64 (4, 4), pose of the view.
     """
     T = T_map_view
-    shift = T[:2, 3] + T[:2, 2] * mean[2]
-    matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
     x, y = (T[:2, :2] @ line_of_sight(mean, spacing)).tolist()
     z = float(T[2, :3] @ mean + T[2, 3])
-    placed = affine_transform(outline, matrix)
+    placed = outline_in_map(outline, float(mean[2]), T)
     # Rounding can make an outline that nearly touches itself self-intersecting.
     return Footprint(placed if placed.is_valid else shapely.make_valid(placed), z, (x, y))
+
+
+def outline_in_map(outline: BaseGeometry, z: float, T_map_view: Float64) -> BaseGeometry:
+    """Return an outline at height `z` of a view, m, in x and y of map."""
+    T = T_map_view
+    matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *(T[:2, 3] + T[:2, 2] * z)]
+    return affine_transform(outline, matrix)
 
 
 def line_of_sight(mean: Float64, length: float) -> Float64:

@@ -18,7 +18,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
-from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
+from tccm_ros.outlines.shape_models import SPACING, OutlineSamples
 from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
@@ -171,22 +171,8 @@ class EdgeSampler:
         sampling = np.full(count, SAMPLING_BEYOND * spacing)
         seen = np.zeros(count, bool)
         for view in self._inverses:
-            seen |= self._looks_past(view, points, outward)
-        return OutlineSamples(points, outward, sigma, sampling, seen, self._looked_through())
-
-    def _looked_through(self) -> Float64:
-        """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""
-        outline = Polygon(self.surface.polygon.exterior)
-        x_min, y_min, x_max, y_max = outline.bounds
-        axes = np.arange(x_min, x_max, PROBE), np.arange(y_min, y_max, PROBE)
-        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
-        wide = outline.buffer(BEYOND[0])
-        points = points[~shapely.contains_xy(wide, points[:, 0], points[:, 1])]
-        through = np.zeros(len(points), bool)
-        for view, T_view_map in self._inverses.items():
-            local = transform(T_view_map, self.surface.lift(points))
-            through |= self.views[view].free.contains(local, CLEAR)
-        return points[through]
+            seen |= self._looks_past(view, points, outward)[0]
+        return OutlineSamples(points, outward, sigma, sampling, seen)
 
     def edge_samples(self, edge: Edge) -> EdgeSamples:
         """Return the last points of each view before an edge; the edge is at 0 across."""
@@ -283,8 +269,8 @@ class EdgeSampler:
         points = edge.start + at[:, None] * edge.along
         points = points + np.minimum(last, 0.0)[:, None] * edge.outward
         outward = np.broadcast_to(edge.outward, points.shape)
-        ends = self._looks_past(member.view, points, outward)
-        gap = np.where(self._looks_beyond(member.view, points, outward), gap, 0.0)
+        ends, is_in_view = self._looks_past(member.view, points, outward)
+        gap = np.where(is_in_view, gap, 0.0)
         weight = np.full(len(at), min(1.0, INDEPENDENT / max(len(at), 1)))
         return np.stack([at, last, gap, front, ends, weight], axis=1)
 
@@ -408,25 +394,20 @@ class EdgeSampler:
         ways = shapely.linestrings([np.stack([origin, middle]) for origin in origins])
         return bool(shapely.intersects(ways, other.polygon).any())
 
-    def _looks_past(self, view: int, points: Float64, outward: Float64) -> Bool:
-        """Return whether a view looked through just beyond each point of an outline, bool (N,)."""
-        through = np.zeros(len(points), bool)
-        for beyond in BEYOND:
-            probes = self.surface.lift(points + beyond * outward)
-            local = transform(self._inverses[view], probes)
-            through |= self.views[view].free.contains(local, CLEAR)
-        return through
+    def _looks_past(self, view: int, points: Float64, outward: Float64) -> tuple[Bool, Bool]:
+        """Return whether a view looked past each point of an outline.
 
-    def _looks_beyond(self, view: int, points: Float64, outward: Float64) -> Bool:
-        """Return whether a view looked into the columns beyond each point of an outline.
-
-        Free space at any height counts.
+        Returns
+        -------
+        through, into : bool (N,)
+            Whether it looked through the space just beyond, and into the columns there, at any
+            height.
         """
-        into = np.zeros(len(points), bool)
-        for beyond in BEYOND:
-            probes = self.surface.lift(points + beyond * outward)
-            into |= self.views[view].free.looked_into(transform(self._inverses[view], probes))
-        return into
+        free = self.views[view].free
+        probes = [self.surface.lift(points + beyond * outward) for beyond in BEYOND]
+        local = [transform(self._inverses[view], at) for at in probes]
+        through = np.any([free.contains(at, CLEAR) for at in local], axis=0)
+        return through, np.any([free.looked_into(at) for at in local], axis=0)
 
 
 def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:

@@ -123,15 +123,6 @@ def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
     return beyond if beyond > (CORNER_STEP if is_corner else 0.0) else 0.0
 
 
-def rotation_to_wall(edge: Edge, walls: Float64) -> float:
-    """Return the rotation that makes an edge parallel to the wall it runs along, rad; inf: none."""
-    wall = wall_along(edge, walls)
-    if wall is None:
-        return float("inf")
-    rotation = yaw_of(wall[1] - wall[0]) - yaw_of(edge.end - edge.start)
-    return float((rotation + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
-
-
 def yaw_of(direction: Float64) -> float:
     """Return the yaw of a direction, float64 (2,), rad."""
     return float(np.arctan2(direction[1], direction[0]))

@@ -26,7 +26,7 @@ from tccm_ros.surfaces.occluded_areas import (
     last_empty_view,
 )
 from tccm_ros.surfaces.patch_planes import GATE, pool_moments
-from tccm_ros.surfaces.polygons import GRID, box_sides, close_gaps, largest_part, polygons_of
+from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.surface_errors import SurfaceErrors, step_variance, surface_errors
 from tccm_ros.surfaces.views import View
 
@@ -42,14 +42,6 @@ CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 
 MIN_WALL_DISTANCE = 0.05
 """Min distance from a wall of the centroids of two pieces on its two sides, m; chosen."""
-
-MIN_FACING_FRACTION = 0.5
-"""Min length along which two pieces face each other, as a fraction of the narrower one's width;
-chosen."""
-
-MAX_FACING_WIDTH = 1.0
-"""Upper limit of the width for `MIN_FACING_FRACTION`, m: floors of rooms meet in doorways;
-chosen."""
 
 OVERLAP = 2e-3
 """Buffer of the areas between pieces, m, so that they overlap the pieces that they touch. Chosen:
@@ -210,22 +202,14 @@ def occluded_area_between(
     """
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))
-    side = int(a.is_line or b.is_line)  # the width of a line is noise: use the longer sides
-    width = min(box_sides(a.polygon)[side], box_sides(b.polygon)[side], MAX_FACING_WIDTH)
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
-        if part.area < MIN_OCCLUDED_AREA or _facing(part, a, b) < MIN_FACING_FRACTION * width:
-            continue
+        if part.area < MIN_OCCLUDED_AREA:
+            break
         middle = np.array(part.centroid.coords[0])
         height = 0.5 * (a.height_at(middle) + b.height_at(middle)) - depth
         if is_occluded(part, height, views, T_map_view, config):
             return part
     return None
-
-
-def _facing(part: Polygon, a: MergedSurface, b: MergedSurface) -> float:
-    """Return the length, m, along which both pieces touch an area between them."""
-    edge = part.boundary
-    return float(min(edge.intersection(s.polygon.buffer(OVERLAP)).length for s in (a, b)))
 
 
 def _joined(pieces: Sequence[MergedSurface], areas: Sequence[Polygon]) -> MergedSurface:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from shapely import Polygon
-from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
-from tccm_ros.surfaces.merging import Members, NumberedPatch, clouds_in_map
+from tccm_ros.surfaces.displacement import outline_in_map
+from tccm_ros.surfaces.merging import Members, NumberedPatch
 from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
-from tccm_ros.surfaces.outline import covered_area
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import View
@@ -25,10 +24,6 @@ SIMPLIFY = 0.004
 SHADOW_WIDTH = 0.16
 """Max width of notches and holes that are closed as shadows of objects on the surface, m;
 chosen."""
-
-LARGE_AREA = 4.0
-"""Max area of a surface whose scan lines of several views are outlined together, m2; chosen: larger
-ones are the floor, and take long."""
 
 MAX_SPACING = 0.2
 """Max gap that is closed because of the point spacing of a surface's views, m; chosen."""
@@ -166,23 +161,11 @@ def is_sparse(members: Members, area: float) -> bool:
 
 
 def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> Polygon:
-    """Return the union of the outlines of patches, with gaps of up to `distance`, m, closed.
-
-    Sparse scan lines of several views interleave, so that their points are also outlined together:
-    they cover more than those of each view alone.
-    """
-    parts = []
-    for member in members:
-        T = T_map_view[member.view]
-        shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
-        matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
-        parts.append(affine_transform(member.patch.outline, matrix))
+    """Return the union of the outlines of patches, with gaps of up to `distance`, m, closed."""
+    parts = [
+        outline_in_map(m.patch.outline, float(m.patch.mean[2]), T_map_view[m.view]) for m in members
+    ]
     union = shapely.union_all(parts, grid_size=GRID)
-    sparse = [m for m in members if not 0.0 < m.patch.spacing < distance]
-    if len(sparse) > 1 and union.area < LARGE_AREA:
-        points = np.concatenate(clouds_in_map(sparse, T_map_view))
-        together, _ = covered_area(points[:, :2], distance)
-        union = shapely.union_all([union, together], grid_size=GRID)
     spacing = min(m.patch.spacing for m in members)
     closed = close_gaps(union, CLOSING * max(distance, SHADOW_WIDTH, min(spacing, MAX_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))

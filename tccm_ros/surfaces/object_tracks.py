@@ -312,16 +312,14 @@ def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
     scores = ClassScores()
     for track in same:
         scores.add(track.scores.total, track.scores.count)
-    return ObjectTrack(
+    return replace(
+        box,
         id=min(new.id, *(track.id for track in same)),
-        center=box.center,
-        size=box.size,
-        yaw=box.yaw,
-        points=box.points,
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
         last_seen_ns=new.last_seen_ns,
         views=new.views + max(track.views for track in same),
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
+        misses=0,
         scores=scores,
     )
 

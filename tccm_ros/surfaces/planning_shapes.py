@@ -1,4 +1,4 @@
-"""Collision shapes of surfaces, sides of racks and objects for motion planning.
+"""Collision shapes of surfaces, sides of racks, objects and unseen space for motion planning.
 
 `Box` has the content of shape_msgs/SolidPrimitive, `Mesh` that of shape_msgs/Mesh.
 """
@@ -17,6 +17,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.racks.compartment import Compartment, FaceState
+from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
 from tccm_ros.surfaces.scene import object_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -29,6 +30,9 @@ PANEL_PREFIX = "tccm_rack_"
 
 ITEM_PREFIX = "tccm_object_"
 """Prefix of the names of objects."""
+
+UNSEEN_PREFIX = "tccm_unseen_"
+"""Prefix of the names of boxes of unseen space."""
 
 THICKNESS = 0.02
 """Thickness of a surface whose lower side was not measured, downwards, m; chosen: a thin board, as
@@ -131,16 +135,23 @@ def scene_shapes(
     surfaces: Iterable[Surface],
     objects: Iterable[SceneObject],
     compartments: Sequence[Compartment] = (),
+    unseen: Iterable[UnseenSpace] = (),
 ) -> dict[str, Box | Mesh]:
-    """Return the shapes of surfaces and racks (`structure_shapes`), and the boxes of objects.
+    """Return the shapes of surfaces and racks, and the boxes of objects and of unseen space.
 
     Parameters
     ----------
-    surfaces, objects, compartments
+    surfaces, objects, compartments, unseen
         Contents of a solution, in map.
     """
-    structure = structure_shapes(surfaces, compartments)
-    return structure | {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
+    shapes = structure_shapes(surfaces, compartments)
+    shapes |= {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
+    parts: Counter[int] = Counter()
+    for space in unseen:
+        name = f"{UNSEEN_PREFIX}{space.surface}_{parts[space.surface]}"
+        parts[space.surface] += 1
+        shapes[name] = Box(space.T_map_space, space.size)
+    return shapes
 
 
 def _panels(space: Compartment) -> Iterator[tuple[str, Box]]:

@@ -15,7 +15,6 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from tccm_ros.arrays import Float64
 from tccm_ros.racks.compartment import Compartment
 from tccm_ros.racks.insertions import (
     Access,
@@ -26,8 +25,7 @@ from tccm_ros.racks.insertions import (
     without_overlaps,
 )
 from tccm_ros.records import Surface
-from tccm_ros.surfaces.scene_objects import SceneObject
-from tccm_ros.tabletop.free_places import rectangle_corners
+from tccm_ros.surfaces.scene_objects import SceneObject, outline_of
 from tccm_ros.tabletop.placements import (
     Approach,
     Overhang,
@@ -178,7 +176,7 @@ class SurfaceQueries:
             self._spaces.setdefault(space.board, []).append(InsertionSpace(space, on))
         self._heights = [s.height - (floor_z or 0.0) for s in surfaces]
         self._texts = self._texts_of_surfaces()
-        self._outlines = np.array([_outline(s) for s in surfaces], dtype=object)
+        self._outlines = np.array([outline_of(s) for s in surfaces], dtype=object)
         shapely.prepare(self._outlines)
         self._to_put_on = self._placement_surfaces()
         for surface in self._to_put_on:
@@ -290,8 +288,7 @@ class SurfaceQueries:
     def _placement_surfaces(self) -> list[PlacementSurface]:
         occupied: dict[int, list[Polygon]] = {}
         for item in self.objects:
-            corners = rectangle_corners(item.size[0], item.size[1], item.yaw) + item.center[:2]
-            occupied.setdefault(item.surface, []).append(Polygon(corners))
+            occupied.setdefault(item.surface, []).append(item.footprint)
         pairs: Sequence[Sequence[int]] = ((), ())
         if len(self._outlines):
             pairs = shapely.STRtree(self._outlines).query(self._outlines, "intersects").tolist()
@@ -332,11 +329,6 @@ def _is_within_arm(placement: Placement, request: PlacementRequest) -> bool:
 
 def _wrapped(yaw: float) -> float:
     return math.pi - (math.pi - yaw) % (2.0 * math.pi)
-
-
-def _outline(surface: Surface) -> shapely.Geometry:
-    rings: list[Float64] = [hole[:, :2] for hole in surface.holes]
-    return shapely.make_valid(Polygon(surface.boundary[:, :2], rings))
 
 
 def _seen(surface: Surface, outline: shapely.Geometry) -> shapely.Geometry:

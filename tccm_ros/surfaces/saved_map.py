@@ -29,6 +29,12 @@ ABSENT = np.iinfo(np.int64).min
 UNKNOWN = np.full(3, np.nan)
 """Represents None in an array of positions."""
 
+REMOVED = ("forgotten", "forgotten_objects")
+"""Integers of a view that count its removed predecessors' rows."""
+
+NUMBERS = ("number", "first_seen_ns", "placed_ns")
+"""Integers of a patch that may be None."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedView:
@@ -99,61 +105,51 @@ def pack_views(views: Sequence[View]) -> Arrays:
     patches = [patch for view in views for patch in view.patches]
     objects = [item for view in views for item in view.objects]
     outlines = [np.frombuffer(shapely.to_wkb(p.outline), np.uint8) for p in patches]
+    boxes = [(*o.center, *o.size, o.yaw) for o in objects]
+    counts = [_column(objects, name) for name in ("points", "number", "first_seen_ns", "views")]
+    viewpoints = [UNKNOWN if v.viewpoint is None else v.viewpoint for v in views]
     return {
-        "stamp_ns": np.array([v.stamp_ns for v in views], np.int64),
-        "session": np.array([v.session for v in views], np.int64),
+        **{name: _column(views, name) for name in ("stamp_ns", "session", *REMOVED)},
         "reach": np.array([v.max_range for v in views], float),
-        "forgotten": np.array([v.forgotten for v in views], np.int64),
-        "patches": np.array([len(v.patches) for v in views], np.int64),
+        **_counts(views, patches="patches", objects="objects", hits_of="hits"),
         "free": np.array([len(v.free.keys) for v in views], np.int64),
         "free_cell_size": np.array([v.free.cell_size for v in views], float),
         "free_keys": _joined([v.free.keys for v in views], np.int64),
         "free_low": _joined([v.free.low for v in views], float),
         "free_high": _joined([v.free.high for v in views], float),
-        "points_of": np.array([len(p.points) for p in patches], np.int64),
+        **_counts(patches, points_of="points"),
         "points": _joined([p.points for p in patches], np.float32, 3),
         "weights": _joined([p.weights for p in patches], np.int32),
-        "count": np.array([p.count for p in patches], np.int64),
+        **{name: _column(patches, name) for name in ("count", *NUMBERS)},
+        "spacing": np.array([p.spacing for p in patches], float),
         "mean": np.array([p.mean for p in patches], float).reshape(-1, 3),
         "cov": np.array([p.cov for p in patches], float).reshape(-1, 3, 3),
-        "spacing": np.array([p.spacing for p in patches], float),
         "cov_plane": np.array([p.cov_plane for p in patches], float).reshape(-1, 3, 3),
         "systematic_parts": np.array([p.systematic.shape[1] for p in patches], np.int64),
         "systematic": _joined([p.systematic.T for p in patches], np.float64, 3),
-        "number": np.array([ABSENT if p.number is None else p.number for p in patches], np.int64),
-        "first_seen_ns": np.array(
-            [ABSENT if p.first_seen_ns is None else p.first_seen_ns for p in patches], np.int64
-        ),
-        "placed_ns": np.array(
-            [ABSENT if p.placed_ns is None else p.placed_ns for p in patches], np.int64
-        ),
         "outline_bytes": np.array([len(o) for o in outlines], np.int64),
         "outlines": _joined(outlines, np.uint8),
-        "forgotten_objects": np.array([v.forgotten_objects for v in views], np.int64),
-        "objects": np.array([len(v.objects) for v in views], np.int64),
-        "object_boxes": np.array(
-            [(*o.center, *o.size, o.yaw) for o in objects], np.float64
-        ).reshape(-1, 7),
-        "object_counts": np.array(
-            [
-                (
-                    o.points,
-                    ABSENT if o.number is None else o.number,
-                    ABSENT if o.first_seen_ns is None else o.first_seen_ns,
-                    o.views,
-                )
-                for o in objects
-            ],
-            np.int64,
-        ).reshape(-1, 4),
-        "viewpoints": np.array(
-            [UNKNOWN if v.viewpoint is None else v.viewpoint for v in views], float
-        ).reshape(-1, 3),
-        "sensors": np.array([v.sensor for v in views], np.int64),
-        "hits_of": np.array([len(v.hits) for v in views], np.int64),
+        "object_boxes": np.array(boxes, np.float64).reshape(-1, 7),
+        "object_counts": np.stack(counts, axis=1),
+        "viewpoints": np.array(viewpoints, float).reshape(-1, 3),
+        "sensors": _column(views, "sensor"),
         "hits": _joined([v.hits for v in views], np.float32, 4),
         **_pack_detections(views),
         **_pack_corrections(views),
+    }
+
+
+def _column(items: Sequence[Any], name: str) -> Int64:
+    """Return an integer attribute of each item, int64 (N,); `ABSENT` represents None."""
+    values = [getattr(item, name) for item in items]
+    return np.array([ABSENT if value is None else value for value in values], np.int64)
+
+
+def _counts(items: Sequence[Any], **attributes: str) -> Arrays:
+    """Return the number of rows of attributes of each item, by names of arrays."""
+    return {
+        name: np.array([len(getattr(item, attribute)) for item in items], np.int64)
+        for name, attribute in attributes.items()
     }
 
 
@@ -220,9 +216,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             float(a["spacing"][k]),
             cov_plane,
             systematic.T,
-            _present(a, "number", k),
-            _present(a, "first_seen_ns", k),
-            _present(a, "placed_ns", k),
+            *(_present(a, name, k) for name in NUMBERS),
         )
         for k, (points, weights, outline, (cov_plane, systematic)) in enumerate(
             zip(

@@ -12,6 +12,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, spatial
 from tccm_ros.racks.compartment import Compartment
+from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import PreviousPose, Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -61,6 +62,8 @@ class Scene(NamedTuple):
         Stamps of the newest and the second-newest view of this session; 0: none.
     compartments
         Compartments of racks.
+    unseen
+        Unseen space below surfaces, if it was asked for.
     """
 
     stamp_ns: int
@@ -72,6 +75,7 @@ class Scene(NamedTuple):
     newest_view_ns: int = 0
     previous_view_ns: int = 0
     compartments: tuple[Compartment, ...] = ()
+    unseen: tuple[UnseenSpace, ...] = ()
 
 
 def surface_pose(surface: Surface | PreviousPose) -> tuple[Float64, Float64]:

@@ -97,7 +97,7 @@ def scene_objects(
     """
     if not tracks or not surfaces:
         return ()
-    outlines = np.array([_outline(surface) for surface in surfaces], dtype=object)
+    outlines = np.array([outline_of(surface) for surface in surfaces], dtype=object)
     middles = shapely.points([track.center[:2] for track in tracks])
     tree = shapely.STRtree(outlines)
     which, under = tree.query(middles, predicate="dwithin", distance=OUTLINE_MARGIN)
@@ -105,8 +105,7 @@ def scene_objects(
     for k, s in zip(which.tolist(), under.tolist()):
         track, surface = tracks[k], surfaces[s]
         bottom = float(track.center[2] - 0.5 * track.size[2])
-        z = (surface.offset - track.center[:2] @ surface.normal[:2]) / surface.normal[2]
-        distance = abs(float(z) - bottom)
+        distance = abs(float(_height_at(surface, track.center[:2])) - bottom)
         if distance < MAX_HEIGHT_DIFFERENCE:
             nearest[k] = min(nearest.get(k, (np.inf, -1)), (distance, surface.id))
     found = [
@@ -142,8 +141,7 @@ def _is_part(
     is_thin = min(track.size[:2]) < PANEL
     on_floor = any(surface.id == under and surface.label == "floor" for surface in surfaces)
     for surface, outline in zip(surfaces, outlines):
-        z = (surface.offset - track.center[:2] @ surface.normal[:2]) / surface.normal[2]
-        above = float(z) - top
+        above = float(_height_at(surface, track.center[:2])) - top
         if surface.id == under or above < -FLUSH or surface.label == "floor":
             continue
         if on_floor and is_thin and shapely.dwithin(outline, footprint.centroid, OUTLINE_MARGIN):
@@ -188,7 +186,7 @@ def free_places(
     for surface in surfaces:
         if surface.label == "floor":
             continue
-        room = _outline(surface) - shapely.union_all(occupied.get(surface.id, []))
+        room = outline_of(surface) - shapely.union_all(occupied.get(surface.id, []))
         yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))[4]
         rings = where_fits(room, size, yaw)
         if rings:
@@ -196,11 +194,16 @@ def free_places(
     return found
 
 
-def _outline(surface: Surface) -> shapely.Geometry:
+def outline_of(surface: Surface) -> shapely.Geometry:
+    """Return the outline of a surface with its holes, in x and y of map, m."""
     holes = [hole[:, :2] for hole in surface.holes]
     return shapely.make_valid(Polygon(surface.boundary[:, :2], holes))
 
 
 def _lifted(ring: Float64, surface: Surface) -> Float64:
-    z = (surface.offset - ring @ surface.normal[:2]) / surface.normal[2]
-    return np.column_stack([ring, z])
+    return np.column_stack([ring, _height_at(surface, ring)])
+
+
+def _height_at(surface: Surface, at_xy: Float64) -> Float64:
+    """Return the heights of a surface at positions (..., 2), float64 (...), m."""
+    return np.asarray((surface.offset - at_xy @ surface.normal[:2]) / surface.normal[2])

@@ -37,6 +37,7 @@ def scene_of(
         newest_ns,
         previous_ns,
         solution.compartments,
+        solution.unseen,
     )
 
 

@@ -3,7 +3,7 @@
 The model is selected for the outline of the area that the views cover (`outlines.shape_models`).
 The position of each edge is then estimated from the last points of all views and the walls
 (`outlines.edge_position`; circles and ellipses: `round_edges`). All edges of a rectangle or an L
-rotate together, and are aligned with a wall if one of them runs along it.
+rotate together.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ from tccm_ros.surfaces.edge_walls import (
     AT_WALL,
     WALL_DISTANCE,
     front_beyond,
-    rotation_to_wall,
     wall_across,
     walls_near,
     yaw_of,
@@ -48,9 +47,6 @@ ROUNDS = 2
 
 MIN_LENGTH = 0.08
 """Min length of an edge that is refined, m; chosen: shorter edges have few points."""
-
-WALL_YAW_SIGMA = 0.003
-"""Standard deviation of the yaw between an edge at a wall and the wall, rad; chosen."""
 
 WALL_WEIGHT = 0.1
 """Weight of a last point that may be on the wall; chosen: ten of them count as one."""
@@ -232,7 +228,7 @@ def _refined(
     samples = [
         doubting_wall_points(sampler.edge_samples(edge), wall) for edge, wall in zip(edges, across)
     ]
-    rotations = _rotations(model, edges, samples, across, walls)
+    rotations = _rotations(model, edges, samples, across)
     normals, offsets = model.normals.copy(), model.offsets.copy()
     sigmas = np.full(len(edges), np.nan)
     for k, (edge, found, rotation) in enumerate(zip(edges, samples, rotations.tolist())):
@@ -335,42 +331,22 @@ def _rotations(
     edges: Sequence[Edge],
     samples: Sequence[EdgeSamples],
     across: Sequence[float | None],
-    walls: Float64,
 ) -> Float64:
-    """Return the rotation of each edge, float64 (E,), rad.
-
-    The edges of a model with axes rotate together. An edge along a wall gets the direction of the
-    wall if that is compatible with its points.
-    """
+    """Return the rotation of each edge, float64 (E,), rad; edges of a model with axes have one."""
     scores = np.zeros((len(edges), len(ROTATIONS)))
     for k, (edge, found) in enumerate(zip(edges, samples)):
         if edge.length >= MIN_LENGTH and len(found.at):
             scores[k] = rotation_scores(found, 0.5 * edge.length, ROTATIONS, across[k])
-    to_walls = np.array([rotation_to_wall(edge, walls) for edge in edges])
     if model.has_axes:
-        nearest = float(to_walls[np.argmin(np.abs(to_walls))])
-        return np.full(len(edges), _rotation(scores.sum(axis=0), nearest))
-    return np.array([_rotation(*pair) for pair in zip(scores, to_walls.tolist())])
+        scores[:] = scores.sum(axis=0)
+    return _mean_rotations(scores)
 
 
-def _rotation(scores: Float64, to_wall: float) -> float:
-    """Return the rotation to a wall if it is likely enough, else the mean of the likelihood, rad.
-
-    Parameters
-    ----------
-    scores
-        float64 (R,), log likelihoods of `ROTATIONS`.
-    to_wall
-        The rotation that makes an edge parallel to a wall, rad; inf: none.
-    """
+def _mean_rotations(scores: Float64) -> Float64:
+    """Return the mean rotation of each edge, rad, by log likelihoods (E, R) of `ROTATIONS`."""
     scores = scores - 0.5 * (ROTATIONS / ROTATION_SIGMA) ** 2
-    likelihood = np.exp(scores - scores.max())
-    if abs(to_wall) <= MAX_ROTATION:
-        near = to_wall + WALL_YAW_SIGMA * np.array([-1.0, 0.0, 1.0])
-        at_wall = np.exp(np.interp(near, ROTATIONS, scores) - scores.max()).mean()
-        if at_wall >= likelihood.mean():
-            return to_wall
-    return float(likelihood @ ROTATIONS / likelihood.sum())
+    likelihood = np.exp(scores - scores.max(axis=1, keepdims=True))
+    return np.asarray(likelihood @ ROTATIONS / likelihood.sum(axis=1))
 
 
 def _edges(

@@ -18,6 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.racks.compartment import Compartment, SeenView
 from tccm_ros.racks.compartments import find_compartments
+from tccm_ros.racks.unseen_space import UnseenSpace, unseen_spaces
 from tccm_ros.records import (
     Event,
     LabelCorrection,
@@ -127,6 +128,8 @@ class SurfaceSolution:
         does not provide them.
     compartments
         Compartments of racks, by rack and height.
+    unseen
+        Unseen space below surfaces; empty without `surfaces.unseen_space`.
     """
 
     slam: Solution
@@ -149,6 +152,7 @@ class SurfaceSolution:
     stages: OptionalStages = field(default_factory=OptionalStages)
     attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     compartments: tuple[Compartment, ...] = ()
+    unseen: tuple[UnseenSpace, ...] = ()
 
     @property
     def T_map_base(self) -> Float64:
@@ -188,22 +192,6 @@ class SurfaceSlam:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
-        self._handlers: dict[type, Callable[[Any], list[ScanPose]]] = {
-            PosedScan: self._take_scan,
-            Odometry: self._take_odometry,
-            RollPitch: self._take_roll_pitch,
-            MapOdom: self._take_map_odom,
-            LandmarkObservation: self._take_landmark,
-            SignMeasurement: self._take_sign,
-            SearchedPicture: self._take_picture,
-            PoseGuess: self._take_guess,
-            LabelCorrection: self._take_correction,
-            MapReset: self._take_reset,
-            SurfaceCloud: partial(self._take_view, "clouds"),
-            ViewIntervals: partial(self._take_view, "views"),
-            ObjectBoxes: partial(self._take_view, "boxes"),
-            PosedDetections: self._take_detections,
-        }
         # Roles of its streams; None is for events without a role.
         self._roles = {None, *roles_of("slam", config)}
         self.session = 0
@@ -220,6 +208,22 @@ class SurfaceSlam:
             if self._saved_walls
             else WallSlam(self.config, _label_lines)
         )
+        self._handlers: dict[type, Callable[[Any], ScanPose | None]] = {
+            PosedScan: self._take_scan,
+            Odometry: self._take_odometry,
+            RollPitch: self.walls.add_roll_pitch,
+            MapOdom: self.walls.add_map_odom,
+            LandmarkObservation: self.walls.add_landmark,
+            SignMeasurement: self._take_sign,
+            SearchedPicture: self.walls.add_picture,
+            PoseGuess: self.walls.add_guess,
+            LabelCorrection: self._take_correction,
+            MapReset: self._take_reset,
+            SurfaceCloud: partial(self._take_view, "clouds"),
+            ViewIntervals: partial(self._take_view, "views"),
+            ObjectBoxes: partial(self._take_view, "boxes"),
+            PosedDetections: self._take_detections,
+        }
         self.map = self._empty_map(self.session)
         self._registration = Registration(self.config, self.map.carver, self.map.remainders)
         for saved in self.saved_views:
@@ -251,80 +255,52 @@ class SurfaceSlam:
         """
         if not self.takes(event):
             return []
-        poses = self._handlers[type(event)](event)
+        pose = self._handlers[type(event)](event)
         self._newest_ns = max(self._newest_ns, getattr(event, "stamp_ns", 0))
-        return poses
+        return [] if pose is None else [pose]
 
-    def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
+    def _take_scan(self, posed: PosedScan) -> ScanPose:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
-        return [self.walls.add_scan(posed)]
+        return self.walls.add_scan(posed)
 
-    def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
-        self.walls.add_landmark(observation)
-        return []
-
-    def _take_sign(self, sign: SignMeasurement) -> list[ScanPose]:
+    def _take_sign(self, sign: SignMeasurement) -> None:
         self.counts["signs"] += 1
         self.walls.add_sign(sign)
-        return []
 
-    def _take_picture(self, picture: SearchedPicture) -> list[ScanPose]:
-        self.walls.add_picture(picture)
-        return []
-
-    def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
-        self.walls.add_guess(guess)
-        return []
-
-    def _take_correction(self, correction: LabelCorrection) -> list[ScanPose]:
+    def _take_correction(self, correction: LabelCorrection) -> None:
         self.map.correct_label(correction)
         views = {view.key: view for view in self.map.views}
         self.saved_views = tuple(replace(s, view=views[s.view.key]) for s in self.saved_views)
-        return []
 
-    def _take_odometry(self, record: Odometry) -> list[ScanPose]:
+    def _take_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
-        return []
 
-    def _take_map_odom(self, map_odom: MapOdom) -> list[ScanPose]:
-        self.walls.add_map_odom(map_odom)
-        return []
-
-    def _take_roll_pitch(self, sample: RollPitch) -> list[ScanPose]:
-        self.walls.add_roll_pitch(sample)
-        return []
-
-    def _take_view(
-        self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals
-    ) -> list[ScanPose]:
+    def _take_view(self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals) -> None:
         self.counts[counted] += 1
         if self.walls.is_lost:
             self.counts["views while lost"] += 1
-            return []
+            return
         self.map.add(part)
         self.map.forget(self._is_stationary)
-        return []
 
-    def _take_detections(self, posed: PosedDetections) -> list[ScanPose]:
+    def _take_detections(self, posed: PosedDetections) -> None:
         detections = posed.detections
         self.counts["detections"] += len(detections.hypotheses)
         self._unusable.update(detections.unusable)
         if self.walls.is_lost:
             self.counts["detections while lost"] += len(detections.hypotheses)
-            return []
+            return
         is_in_map = detections.frame_id == self.config.frames.map_name
         center = detections.center if is_in_map else posed.center_base
         placed = PlacedDetections(posed.stamp_ns, center, detections.hypotheses, is_in_map)
         self._detections.append(placed)
-        return []
 
-    def _take_reset(self, reset: MapReset) -> list[ScanPose]:
+    def _take_reset(self, reset: MapReset) -> None:
         """Restart the session: stamps before and after a jump cannot be compared."""
         self.counts["resets"] += 1
         self._begin()
-        return []
 
     def _is_stationary(self, first_ns: int, last_ns: int) -> bool:
         """Return whether the base did not move between two stamps."""
@@ -361,7 +337,8 @@ class SurfaceSlam:
         is_final
             Whether the graph is solved as a batch at any size.
         with_racks
-            Whether compartments of racks are found, which takes a tenth of a second for each.
+            Whether compartments of racks and unseen space are found; each compartment takes a tenth
+            of a second.
         stages
             Runs the optional stages that depend on the map.
         """
@@ -389,10 +366,13 @@ class SurfaceSlam:
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
         )
         objects = scene_objects(surfaces, tracked.tracks)
-        compartments = None
+        compartments = unseen = None
         if with_racks:
             seen = seen_views(surface_map.views, view_poses.T_map_view)
             compartments = stages.run("racks", lambda: find_compartments(surfaces, seen))
+            floor_z = mapped.floor_z or 0.0
+            if self.config.surfaces.unseen_space:
+                unseen = stages.run("unseen", lambda: unseen_spaces(surfaces, seen, floor_z))
         place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
@@ -416,6 +396,7 @@ class SurfaceSlam:
             stages,
             slam.attitude_at(stamps) if len(slam.attitudes) else slam.attitudes,
             compartments or (),
+            unseen or (),
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:

@@ -21,7 +21,7 @@ from aiohttp import web
 
 from tccm_ros.errors import OutputError, TccmError, one_line
 from tccm_ros.report import palette
-from tccm_ros.report.page import viewer_asset, viewer_page, viewer_script
+from tccm_ros.report.page import MAP_LAYERS, viewer_asset, viewer_page, viewer_script
 from tccm_ros.view.live_state import LiveState
 
 PERIOD_S = 0.2
@@ -45,20 +45,6 @@ MAX_BODY = 10_000
 
 ANSWER_S = 15.0
 """Timeout for the node's answer, s."""
-
-LAYERS = {
-    "surfaces": ("surfaces", True),
-    "boundaries": ("boundaries", True),
-    "labels": ("labels", True),
-    "objects": ("objects on surfaces", True),
-    "free": ("free places", False),
-    "racks": ("compartments of racks", False),
-    "floor_objects": ("objects on the floor", False),
-    "walls": ("walls", True),
-    "path": ("path, robot", True),
-    "floor": ("floor", True),
-}
-"""Name on the page and initial visibility, by layer."""
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -256,22 +242,17 @@ def _refusal(status: int, why: str) -> web.Response:
 
 def _page_texts() -> dict[str, tuple[str, str]]:
     """Return content type and text of the served files, by name."""
-    colors = {
-        "wall": palette.WALL,
-        "path": palette.PATH,
-        "view": palette.VIEW,
-        "object": palette.OBJECT,
-    }
     page = viewer_page(
         "Live map",
         '<link rel="stylesheet" href="live.css">',
         "waiting for the node",
-        LAYERS,
+        MAP_LAYERS | {"path": ("path, robot", True)},
         controls=_asset("controls.html"),
         sections=_asset("sections.html"),
         scripts='<script src="live.js"></script>',
     )
-    script = f"const WORLD_COLORS = {json.dumps(colors)};\n{viewer_script()}\n{_asset('live.js')}"
+    colors = f"const WORLD_COLORS = {json.dumps(palette.WORLD)};"
+    script = f"{colors}\n{viewer_script()}\n{_asset('live.js')}"
     return {
         "": ("text/html", page),
         "live.js": ("text/javascript", f"(() => {{\n'use strict';\n{script}\n}})();\n"),

@@ -9,7 +9,7 @@ mcp = pytest.importorskip("mcp", reason="mcp (the extra 'agents') is missing")
 
 from tccm_ros.agents.facts import ApproachFacts, SurfaceFacts  # noqa: E402
 from tccm_ros.agents.server import make_server  # noqa: E402
-from tccm_ros.errors import QuestionError  # noqa: E402
+from tccm_ros.errors import RequestError  # noqa: E402
 
 
 class Room:
@@ -34,7 +34,7 @@ class Base:
             self.started.set()
             assert self.ended.wait(60.0)
         if spot == "nowhere":
-            raise QuestionError("no spot is called 'nowhere'")
+            raise RequestError("no spot is called 'nowhere'")
         return ApproachFacts(3, 0.05, 0.01, False)
 
     def retreat(self, distance_m):

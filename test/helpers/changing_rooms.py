@@ -1,7 +1,7 @@
 """The simulator's changing rooms: inputs of the SLAM processor, and the true events."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,9 +12,11 @@ from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
+from tccm_ros.surfaces.planning_shapes import OBJECT_PREFIX, Box, Mesh
+from tccm_ros.surfaces.scene import Scene
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-from tccm_sim.changing import WALL
+from tccm_sim.changing import CYCLE, WALL
 from tccm_sim.engine import EPOCH_NS, Simulation
 from tccm_sim.options import Options
 from tccm_sim.recording import simulate
@@ -82,13 +84,18 @@ def _item(solid, T_map_world) -> TrueItem:
     return TrueItem(solid.name, first, last, tuple(kinds))
 
 
-def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
-    """Yield the reported changes of the inputs; the map is solved after each tilt cycle."""
+def solved(inputs: Iterable[object], slam: SurfaceSlam) -> Iterator[Scene]:
+    """Yield the scenes of the inputs; the map is solved after each tilt cycle."""
     for event in inputs:
         slam.add(event)
         if isinstance(event, ObjectBoxes):
-            scene = scene_of(slam.solve(every_covariance=False), "map")
-            yield from events.note(scene, slam.config.objects.agreeing_views)
+            yield scene_of(slam.solve(every_covariance=False), "map")
+
+
+def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
+    """Yield the reported changes of the inputs."""
+    for scene in solved(inputs, slam):
+        yield from events.note(scene, slam.config.objects.agreeing_views)
 
 
 def index_at(inputs: list[object], seconds: float) -> int:
@@ -138,3 +145,51 @@ def _item_of(event: Change, items: list[TrueItem]) -> TrueItem:
 
 def _is_near(T, place) -> bool:
     return bool((np.abs(T[:3, 3] - place) <= NEAR).all())
+
+
+class TruePresence(NamedTuple):
+    """Whether a solid is at a place, (3,) in map, at the stamp of a tilt cycle."""
+
+    name: str
+    place: np.ndarray
+    is_present: bool
+    stamp_ns: int
+
+
+def true_presence(stamps_ns: list[int]) -> Iterator[TruePresence]:
+    """Yield what the second tilt cycle that looks at each change in the world has seen.
+
+    Parameters
+    ----------
+    stamps_ns
+        Stamps of the tilt cycles.
+    """
+    simulation = Simulation(build_world(WORLD, Options()))
+    ends = np.array(stamps_ns) * 1e-9 - EPOCH_NS * 1e-9
+    stops = np.asarray(simulation.world.drive.stops)
+    stop = np.searchsorted(stops[:, 0], ends) - 1
+    T_world_map = np.linalg.inv(map_from_world(simulation))
+    places = {item.name: item for item in true_items()}
+    for solid in simulation.scene.solids:
+        if solid.is_still or not (solid.surface or solid.role == "object"):
+            continue
+        item, (begin, end) = places[solid.name], solid.span
+        changes = [(begin, item.first, True), (end, item.first, False)]
+        if solid.motion is not None:
+            jump = float(solid.motion.times[-1])
+            changes += [(jump, item.first, False), (jump, item.last, True)]
+        for time, place, is_present in changes:
+            in_first = (T_world_map[:3, :3] @ place + T_world_map[:3, 3])[0] > WALL
+            looks = np.flatnonzero((ends - CYCLE > time) & ((stop % 2 == 0) == in_first))
+            if np.isfinite(time):
+                yield TruePresence(solid.name, place, is_present, stamps_ns[looks[1]])
+
+
+def is_at(place: np.ndarray, shapes: Mapping[str, Box | Mesh]) -> bool:
+    """Return whether a surface has its top, or an object its middle, at a place."""
+    boxes = {name: shape for name, shape in shapes.items() if isinstance(shape, Box)}
+    middles = [
+        shape.T_map_box[:3, 3] + [0.0, 0.0, 0.5 * shape.size[2] * name.startswith(OBJECT_PREFIX)]
+        for name, shape in boxes.items()
+    ]
+    return bool((np.abs(np.array(middles) - place) <= NEAR).all(axis=1).any())

@@ -43,7 +43,7 @@ def test_a_table_that_was_moved_is_approached(drive, top, move):
 def test_a_named_spot_is_found_and_approached_though_its_table_was_moved(ros, drive, tmp_path):
     from tccm_interfaces.msg import SurfaceFilter
 
-    from tccm_ros.client import QuestionError, SurfaceMapClient
+    from tccm_ros.client import RequestError, SurfaceMapClient
 
     file = tmp_path / "map" / "named_poses.yaml"
     driver = drive(simple_flat(None, (0.3, -0.2, 0.5)), approach__names=str(file))
@@ -54,9 +54,9 @@ def test_a_named_spot_is_found_and_approached_though_its_table_was_moved(ros, dr
         driver.robot.drive_until(asked.done, 200.0)
         return asked.result()
 
-    with pytest.raises(QuestionError, match="no spot is called 'home/table'"):
+    with pytest.raises(RequestError, match="no spot is called 'home/table'"):
         answer(client.resolve_name("home/table"))
-    with pytest.raises(QuestionError, match="'home table' is no name"):
+    with pytest.raises(RequestError, match="'home table' is no name"):
         answer(client.set_name("home table", SurfaceFilter(ids=[1])))
     [table] = (s for s in client.surfaces if s.id == 1)
     # 10 cm beside the middle of the table, in its own frame.
@@ -75,7 +75,7 @@ def test_a_named_spot_is_found_and_approached_though_its_table_was_moved(ros, dr
     assert there.distance <= 0.9 + 0.01
     assert driver.robot.base.contacts == 0
     assert "it was" in answer(client.forget_name("home/table"))
-    with pytest.raises(QuestionError, match="no spot is called"):
+    with pytest.raises(RequestError, match="no spot is called"):
         answer(client.approach(name="home/table"))
     client.close()
 
@@ -166,7 +166,7 @@ def test_the_base_backs_off(drive):
 def test_a_python_program_drives_backs_off_and_cancels(drive):
     from tccm_interfaces.msg import SurfaceFilter
 
-    from tccm_ros.client import QuestionError, SurfaceMapClient
+    from tccm_ros.client import RequestError, SurfaceMapClient
 
     driver = drive(simple_flat(None, (0.0, 0.0, 0.0), (-1.2, 0.0, 0.0)))
     client = SurfaceMapClient(Listener(driver.ros, "program").node)
@@ -184,7 +184,7 @@ def test_a_python_program_drives_backs_off_and_cancels(drive):
     driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
     client.cancel()
     driver.robot.drive_until(asked.done)
-    with pytest.raises(QuestionError, match="cancelled"):
+    with pytest.raises(RequestError, match="cancelled"):
         asked.result()
     client.close()
 

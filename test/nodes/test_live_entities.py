@@ -25,3 +25,15 @@ def test_a_compartment_has_its_box_and_an_arrow_through_its_front():
     # The arrow comes from outside and ends in the middle of the front edge.
     np.testing.assert_allclose(edges[12:, 1], [[1.0, 2.0, 0.5]] * 3, atol=1e-3)
     assert (edges[12:, 0, 0] < 1.0).all()
+
+
+def test_a_door_sign_has_its_place_on_the_wall_and_its_text():
+    from tccm_interfaces.msg import Sign, SurfaceMap
+
+    from tccm_ros.nodes.live_entities import entities_of
+
+    sign = Sign(id=4, text="Room 12", wall_id=1)
+    sign.position.x, sign.position.z, sign.normal.y = 1.5, 1.4, -1.0
+    assert entities_of(SurfaceMap(signs=[sign]))["sign/4"] == {
+        "id": 4, "text": "Room 12", "at": [1.5, 0.0, 1.4], "normal": [0.0, -1.0, 0.0]
+    }  # fmt: skip

@@ -17,10 +17,10 @@ pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is
 def test_a_question_that_nobody_can_answer_or_that_is_none_is_told_at_once(ros):
     from tccm_interfaces.msg import SurfaceFilter
 
-    from tccm_ros.client import QuestionError, SurfaceMapClient
+    from tccm_ros.client import RequestError, SurfaceMapClient
 
     client = SurfaceMapClient(Listener(ros).node, name="other_slam")
-    with pytest.raises(QuestionError, match="nobody answers /other_slam/find_surfaces"):
+    with pytest.raises(RequestError, match="nobody answers /other_slam/find_surfaces"):
         client.find_surfaces().result()
     with pytest.raises(TypeError, match="clearnce"):
         client.find_placements((0.1, 0.1, 0.1), clearnce=0.1)
@@ -37,7 +37,7 @@ def test_a_question_that_nobody_can_answer_or_that_is_none_is_told_at_once(ros):
 def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     from tccm_interfaces.msg import SurfaceFilter
 
-    from tccm_ros.client import QuestionError, SurfaceMapClient
+    from tccm_ros.client import RequestError, SurfaceMapClient
 
     tilt_node, node = tccm(ros), slam(ros)
     robot, own = ros.robot(), Listener(ros).node
@@ -64,7 +64,7 @@ def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     assert place.free_height > 0.5
     (wider,) = answered(ros, client.find_placements((0.1, 0.1, 1), clearance=0, max_count=1))
     assert wider.surface_id == table.id
-    with pytest.raises(QuestionError, match=r"size_x is -0.1 m; expected 0.001 to 10 m"):
+    with pytest.raises(RequestError, match=r"size_x is -0.1 m; expected 0.001 to 10 m"):
         answered(ros, client.find_placements((-0.1, 0.1, 0.12)))
     for size, labels, why in (
         ((3.0, 3.0, 0.12), [], "none of 1 surfaces has room for 3 x 3 x 0.12 m"),
@@ -85,14 +85,14 @@ def answered(ros, future):
 def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path):
     from tccm_interfaces.msg import SurfaceMap
 
-    from tccm_ros.client import QuestionError, SurfaceMapClient
+    from tccm_ros.client import RequestError, SurfaceMapClient
 
     tilt_node, node = tccm(ros), slam(ros, save__directory=str(tmp_path))
     robot, own = ros.robot(), Listener(ros).node
     client = SurfaceMapClient(own)
     ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
     ros.spin_until(lambda: client.has_services)
-    with pytest.raises(QuestionError, match="there is no map yet"):
+    with pytest.raises(RequestError, match="there is no map yet"):
         answered(ros, client.set_pose(np.eye(4)))
     robot.play(recording(4), tilt_node, node)
     ros.spin_until(lambda: client.is_ready and client.can_check_boxes and client.localisation)
@@ -105,7 +105,7 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     (table,) = (s for s in client.surfaces if s.label == "table")
     assert answered(ros, client.set_label(table.id, "counter")) == f"surface {table.id} was 'table'"
     ros.spin_until(lambda: [s.label for s in client.surfaces if s.id == table.id] == ["counter"])
-    with pytest.raises(QuestionError, match="no label 'throne'"):
+    with pytest.raises(RequestError, match="no label 'throne'"):
         answered(ros, client.set_label(table.id, "throne"))
 
     # The table's top, 0.70 m over the floor, and 2 m over that.
@@ -117,7 +117,7 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     ]
     assert [box.state for box in boxes] == ["occupied", "unknown"]
     assert (boxes[0].cycle >= 0, boxes[0].stamp_ns > 0) == (True, True)
-    with pytest.raises(QuestionError, match="nowhere"):
+    with pytest.raises(RequestError, match="nowhere"):
         answered(ros, client.check_box(np.eye(4), (0.1, 0.1, 0.1), "nowhere"))
 
     assert answered(ros, client.list_maps()) == []
@@ -127,7 +127,7 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     assert [m.name for m in answered(ros, client.list_maps())] == ["home"]
     robot.play(recording(1, tilt=False, start_ns=START_NS + 60_000_000_000), node)
     ros.spin_until(lambda: client.localisation.message.map_name == "home")
-    with pytest.raises(QuestionError, match="overwrite"):
+    with pytest.raises(RequestError, match="overwrite"):
         answered(ros, client.save_named_map("home"))
     assert answered(ros, client.set_pose(np.eye(4))) is None
     trigger = own.create_client(Trigger, "/surface_slam/reset")

@@ -72,11 +72,11 @@ def test_views_look_over_what_is_beside_a_table_and_not_over_what_is_far_away(sa
     assert not sampler.looks_over(Edge(np.array([-9.0, 0.6]), np.array([-9.8, 0.6])))
 
 
-def sampler_at(view):
-    """A sampler of one view that looked past nothing, and into all columns beyond."""
+def sampler_at(view, into=lambda points: np.ones(len(points))):
+    """A sampler of one view that looked through nothing, and into all columns beyond."""
     found = EdgeSampler(None, [], spatial(np.array([[*view, 0.3]])), Config())
-    object.__setattr__(found, "_looks_past", lambda view, points, outward: np.zeros(len(points)))
-    object.__setattr__(found, "_looks_beyond", lambda view, points, outward: np.ones(len(points)))
+    looks_past = lambda view, points, outward: (np.zeros(len(points)), into(points))  # noqa: E731
+    object.__setattr__(found, "_looks_past", looks_past)
     return found
 
 
@@ -113,8 +113,7 @@ def test_where_a_view_ends_the_distance_of_its_samples_says_nothing():
     flat = np.linspace(0.02, 0.98, 60)
     xs = np.linspace(0.9, 0.999, 6)
     cloud = np.stack([np.tile(xs, 60), np.repeat(flat, 6) - 0.5, np.full(360, 0.7)], axis=1)
-    sampler = sampler_at((0.0, 0.0))
-    object.__setattr__(sampler, "_looks_beyond", lambda view, points, outward: points[:, 1] < 0.0)
+    sampler = sampler_at((0.0, 0.0), lambda points: points[:, 1] < 0.0)
     edge = Edge(np.array([1.0, -0.5]), np.array([1.0, 0.5]))
     rows = sampler._pieces(edge, member_of(0.02), cloud, None)
     assert (rows[rows[:, 0] < 0.45, 2] > 0.01).all()

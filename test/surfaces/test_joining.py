@@ -102,12 +102,6 @@ def test_tables_of_different_heights_with_a_hidden_gap_are_two():
     assert sorted(round(s.height, 2) for s in found) == [0.71, 0.75]
 
 
-def test_tables_that_hardly_face_each_other_are_two():
-    one, other = Board(1.4, -0.5, 0.5, 0.7, 0.75), Board(1.95, 0.5, 0.5, 0.7, 0.75)
-    screens = [Screen(1.0, -0.15, 1.0, 0.2, 1.8)]
-    assert len(look(Room([one, other], screens), (0, 0, 0))) == 2
-
-
 def strip(x, z, stamp, slope=0.0):
     """Return a cloud of a floor 2 m wide over a range of x, nothing looked through."""
     xs, ys = (axis.ravel() for axis in np.meshgrid(np.arange(*x, 0.03), np.arange(-1, 1, 0.03)))

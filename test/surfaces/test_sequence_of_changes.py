@@ -5,16 +5,21 @@ from changing_rooms import (
     assert_one_id_an_item,
     counted,
     index_at,
+    is_at,
     slam_inputs,
+    solved,
     told,
     true_counts,
+    true_presence,
 )
 
 from tccm_ros.config import Config
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.surfaces.changes import MapChanges
+from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.surfaces.told_scene import ToldScene
 
 RESTART_S = 75.0
 """The robot has seen the first changes of the first room, and is on its way to the second."""
@@ -43,3 +48,18 @@ def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
     found += told(inputs[half:], loaded, changes)
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)
+
+
+def test_the_planning_scene_of_a_listener_follows_what_is_moved_taken_and_put(inputs):
+    """It knows the diffs alone; the second tilt cycle that looks at a change has corrected it."""
+    scene, world, worlds = ToldScene(), {}, {}
+    for solution in solved(inputs, SurfaceSlam(Config())):
+        surfaces = [known.surface for known in solution.surfaces]
+        diff = scene.update(scene_shapes(surfaces, solution.objects, solution.compartments)).diff
+        assert set(diff.remove) <= world.keys() >= diff.move.keys()
+        world = {k: s for k, s in world.items() if k not in diff.remove} | diff.add | diff.move
+        worlds[solution.stamp_ns] = world
+    expected = list(true_presence(list(worlds)))
+    assert len(expected) == 13
+    for item in expected:
+        assert is_at(item.place, worlds[item.stamp_ns]) == item.is_present, item

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from chromium import Browser
 
-from tccm_ros.errors import OutputError, QuestionError
+from tccm_ros.errors import OutputError, RequestError
 from tccm_ros.view.live_state import path_entity, surface_entity
 
 pytest.importorskip("aiohttp", reason="aiohttp (the extra 'view') is missing")
@@ -40,6 +40,7 @@ MAP = {
     "object/7": {"id": 7, "surface": 3, "on": "table (surface 3)", "size": [0.1, 0.1, 0.2],
                  "corners": [[0.1, 0.1], [0.2, 0.1], [0.2, 0.2], [0.1, 0.2]],
                  "low": 0.7, "high": 0.9},
+    "sign/2": {"id": 2, "text": "Room 12", "at": [1.0, -0.49, 1.5], "normal": [0.0, 1.0, 0.0]},
     "path": path_entity(np.array([[2.0, 0.0], [2.5, 1.0]])),
 }  # fmt: skip
 
@@ -69,7 +70,7 @@ class Robot:
             return {"message": "surface 3 was 'table'"}
         if name == "placements":
             return {"placements": [{"position": [0.5, 0.4, 0.7], "clearance": 0.2}], "message": ""}
-        raise QuestionError("a map of this name is there: say overwrite")
+        raise RequestError("a map of this name is there: say overwrite")
 
 
 @pytest.fixture
@@ -238,9 +239,11 @@ def test_a_browser_shows_the_map_asks_and_comes_back(tmp_path):
     with Browser(tmp_path, 1100, 900) as browser:
         browser.call("Page.navigate", url=robot.page.url)
         browser.wait_for(
-            "window.tccmLive && tccmLive.entities.size === 5 && tccmLive.report.frames > 0"
+            "window.tccmLive && tccmLive.entities.size === 6 && tccmLive.report.frames > 0"
         )
-        assert browser.evaluate("document.querySelector('#labels').textContent") == "table 0.70 m"
+        for kind, text in (("surface", "table 0.70 m"), ("sign", "Room 12")):
+            shown = f"document.querySelector('#labels span.{kind}').textContent"
+            assert browser.evaluate(shown) == text
         browser.wait_for(
             "document.querySelector('#headline').textContent.startsWith('1 surfaces, 1 obj')"
         )
@@ -248,7 +251,7 @@ def test_a_browser_shows_the_map_asks_and_comes_back(tmp_path):
         # A click on the table, where its name stands, picks it.
         browser.evaluate("tccmLive.report.camera.set(tccmLive.report.camera.above)")
         browser.wait_for("!tccmLive.report.waiting")
-        browser.click("#labels span")
+        browser.click("#labels span.surface")
         browser.wait_for(
             "document.querySelector('#picked').textContent.startsWith('table 3: 0.700 m')"
         )
@@ -274,7 +277,7 @@ def test_a_browser_shows_the_map_asks_and_comes_back(tmp_path):
         browser.wait_for("document.querySelector('#headline').classList.contains('lost')")
         again = Robot(robot.page.port)
         again.show({**MAP, "surface/4": surface(4, "shelf", 2.0)})
-        browser.wait_for("tccmLive.entities.size === 6")
+        browser.wait_for("tccmLive.entities.size === 7")
         browser.wait_for("!document.querySelector('#headline').classList.contains('lost')")
         assert robot.page.token != again.page.token
         again.page.close()

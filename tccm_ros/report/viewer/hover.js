@@ -10,6 +10,7 @@ const optional = (name, value, text) => (value === null || value === undefined ?
 const FACTS = {
   surface: (s) => [`${s.label} (surface ${s.id})`, [
     ['height over floor', metres(s.height, 3)],
+    ...optional('size', s.size, (v) => `${v.map((x) => x.toFixed(2)).join(' × ')} m`),
     ['area', `${s.area.toFixed(2)} m²`],
     ['views', String(s.views)],
     ...optional('points', s.points, String),
@@ -41,6 +42,7 @@ const FACTS = {
     ['back', c.back],
     ['ceiling', c.ceiling],
   ]],
+  sign: (s) => [`door sign ${s.id}`, [['text', s.text]]],
   path: (p) => ['path of the base', [['length', metres(p.length)]]],
   view: (v) => ['place of a 3D view', [['time', since(v.stamp)], ['surfaces seen', String(v.surfaces)]]],
   cuboid: (c) => ['cuboid', [
@@ -68,27 +70,29 @@ function showHover(box, entry, x, y) {
   box.style.top = `${Math.max(Math.min(y + 16, parent.clientHeight - box.offsetHeight - 4), 0)}px`;
 }
 
-// Names of surfaces, and marks, over the picture. Where two would cover each other a mark stays, or
-// the nearer one.
+// Names of surfaces, texts of signs, and marks, over the picture. Where two would cover each other a
+// mark stays, or the nearer one.
 class Labels {
-  constructor(parent, surfaces, marks = []) {
-    const item = (text, at, color, isMark) => {
+  constructor(parent, { surfaces, signs, colors, marks = [] }) {
+    const item = (kind, text, at, color) => {
       const element = document.createElement('span');
       element.textContent = text;
       element.style.borderColor = color;
-      element.classList.toggle('mark', isMark);
+      element.className = kind;
       parent.append(element);
-      return { element, at, isMark, width: element.offsetWidth, height: element.offsetHeight };
+      return { kind, element, at, width: element.offsetWidth, height: element.offsetHeight };
     };
     this.items = [
-      ...marks.map((mark) => item(mark.text, mark.at, mark.color, true)),
-      ...surfaces.filter((s) => !s.floor).map((s) => item(`${s.label} ${s.height.toFixed(2)} m`, s.at, s.color, false)),
+      ...marks.map((mark) => item('mark', mark.text, mark.at, mark.color)),
+      ...surfaces.filter((s) => !s.floor).map((s) => item('surface', `${s.label} ${s.height.toFixed(2)} m`, s.at, s.color)),
+      ...signs.map((s) => item('sign', s.text, s.at, colors.sign)),
     ];
   }
 
-  place(view, on) {
+  // `layers` says of each kind whether it is shown.
+  place(view, layers) {
     const seen = this.items.map((item) => ({ item, clip: toClip(view.matrix, item.at) }));
-    seen.sort((a, b) => b.item.isMark - a.item.isMark || a.clip[3] - b.clip[3]);
+    seen.sort((a, b) => (b.item.kind === 'mark') - (a.item.kind === 'mark') || a.clip[3] - b.clip[3]);
     const taken = [];
     const [width, height] = [view.width / view.ratio, view.height / view.ratio];
     for (const { item, clip } of seen) {
@@ -96,6 +100,7 @@ class Labels {
       const y = (0.5 - clip[1] / clip[3] * 0.5) * height;
       const w = item.width / 2 + 3;
       const h = item.height / 2 + 2;
+      const on = layers[item.kind];
       const free = clip[3] > 0 && x > w && y > h && x < width - w && y < height - h
         && taken.every((t) => Math.abs(t.x - x) >= t.w + w || Math.abs(t.y - y) >= t.h + h);
       item.element.hidden = !(on && free);

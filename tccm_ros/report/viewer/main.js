@@ -1,7 +1,7 @@
 // The page: layers, slider, pointer and drawing. Nothing is drawn unless something changed.
 
-const LAYERS = ['surfaces', 'boundaries', 'labels', 'objects', 'free', 'racks', 'floor_objects', 'walls', 'path', 'cuboids', 'planes',
-  'other_planes', 'cores', 'floor'];
+const LAYERS = ['surfaces', 'boundaries', 'labels', 'objects', 'free', 'racks', 'floor_objects', 'walls', 'signs', 'path', 'cuboids',
+  'planes', 'other_planes', 'cores', 'floor'];
 const HEIGHT_RANGE_M = [0, 2];
 const LIFT_M = 0.015;
 const PLAY_STEP_MS = 250;
@@ -61,7 +61,7 @@ class Report {
     this.cycleCount = scene.planes.length || (scene.cycles ? scene.cycles.stamps.length : 0);
     this.cycle = this.cycleCount;
     byId('labels').replaceChildren();
-    this.labels = new Labels(byId('labels'), scene.surfaces, scene.marks);
+    this.labels = new Labels(byId('labels'), scene);
     if (this.camera) this.camera.setExtent(scene.extent, scene.ground);
   }
 
@@ -246,6 +246,10 @@ class Report {
       painter.lines(built[name][this.cycle].edge, 3, frame);
     }
     if (layers.cores && built.final && !this.cycleNow()) painter.lines(built.cores.edge, 1.5, built.final.frame);
+    if (layers.signs) {
+      painter.fill(built.signs.fill);
+      painter.lines(built.signs.edge, 2);
+    }
     if (layers.path) this.paintPath();
     if (layers.walls) painter.lines(built.walls.edge, 2);
   }
@@ -269,7 +273,7 @@ class Report {
   draw() {
     const view = this.view();
     this.paint(view, null);
-    this.labels.place(view, this.layers.labels);
+    this.labels.place(view, { surface: this.layers.labels, sign: this.layers.signs, mark: this.layers.labels });
     this.frames += 1;
   }
 

@@ -2,6 +2,8 @@
 
 const BOUNDARY = [30, 34, 40];
 const WALL_HEIGHT = 0.9;
+const SIGN_HALF_M = [0.1, 0.05];  // drawn half width and half height of a plate
+const SIGN_LIFT_M = 0.02;
 const GRID_STEP = 1;
 const MAX_HORIZONTAL_HEIGHT = 2.0;  // horizontal planes above are ceilings: in the layer of the walls
 
@@ -93,6 +95,24 @@ function buildWalls(gl, scene, register) {
     const [p, q, r, s] = [[...a, low], [...b, low], [...b, high], [...a, high]];
     for (const corner of [p, q, r, p, r, s]) fill.push(corner, color, number);
     for (const ends of [[p, q], [s, r], [p, s], [q, r]]) edge.push(ends.flat(), color, number);
+  }
+  return { fill: fill.upload(gl), edge: edge.upload(gl) };
+}
+
+// A plate in front of the wall for each door sign.
+function buildSigns(gl, scene, register) {
+  const [fill, edge] = [new Rows(3), new Rows(6)];
+  const color = hexColor(scene.colors.sign);
+  for (const sign of scene.signs) {
+    const number = register.add({ kind: 'sign', ...sign });
+    const [nx, ny] = sign.normal;
+    const long = Math.hypot(nx, ny) || 1;
+    const corner = ([a, b]) => [sign.at[0] + SIGN_LIFT_M * nx - a * ny / long,
+      sign.at[1] + SIGN_LIFT_M * ny + a * nx / long, sign.at[2] + b];
+    const [w, h] = SIGN_HALF_M;
+    const [p, q, r, s] = [[-w, -h], [w, -h], [w, h], [-w, h]].map(corner);
+    for (const point of [p, q, r, p, r, s]) fill.push(point, color, number);
+    for (const ends of [[p, q], [q, r], [r, s], [s, p]]) edge.push(ends.flat(), BOUNDARY, number);
   }
   return { fill: fill.upload(gl), edge: edge.upload(gl) };
 }
@@ -204,6 +224,7 @@ function buildScene(gl, arrays, scene) {
   const built = {
     surfaces: buildSurfaces(gl, arrays, scene, register),
     walls: buildWalls(gl, scene, register),
+    signs: buildSigns(gl, scene, register),
     objects: buildObjects(gl, scene, register, true),
     free: buildFree(gl, arrays, scene, register),
     racks: buildRacks(gl, scene, register),

@@ -33,7 +33,7 @@ class Live {
     source.onmessage = (message) => this.take(JSON.parse(message.data), source);
     source.onerror = () => {
       source.close();
-      this.say('the node has ended, or cannot be reached; trying again', true);
+      this.say('it has ended, or cannot be reached; trying again', true);
       setTimeout(() => this.connect(), RECONNECT_MS);
     };
   }
@@ -77,7 +77,7 @@ class Live {
     const points = [];
     for (let i = 0; i < path.xy.length; i += 2) points.push(path.xy[i], path.xy[i + 1], world.ground + 0.01);
     return { ...world, palette: [], colors: WORLD_COLORS, surfaces,
-      walls: this.ofKind('wall'), objects: this.ofKind('object'), free: this.ofKind('free'),
+      walls: this.ofKind('wall'), signs: this.ofKind('sign'), objects: this.ofKind('object'), free: this.ofKind('free'),
       racks: this.ofKind('compartment'),
       marks: this.marks(),
       surfaceIds: surfaces.filter((s) => !s.floor).map((s) => s.id),
@@ -130,9 +130,10 @@ class Live {
     const surface = this.entities.get(`surface/${id}`);
     this.picked = surface ? id : null;
     const isFloor = !surface || surface.floor;
+    const isFixed = isFloor || this.status.is_replay;
     if (isFloor) [this.spot, this.found] = [null, null];
-    for (const form of ['rename', 'placement']) byId(form).hidden = isFloor;
-    byId('naming').hidden = isFloor || !this.status.can_name;
+    for (const form of ['rename', 'placement']) byId(form).hidden = isFixed;
+    byId('naming').hidden = isFixed || !this.status.can_name;
     byId('picked').textContent = surface
       ? `${surface.label} ${surface.id}: ${surface.height.toFixed(3)} m over the floor, `
         + `${surface.size[0].toFixed(2)} x ${surface.size[1].toFixed(2)} m, ${surface.area.toFixed(2)} m², `
@@ -146,6 +147,7 @@ class Live {
     const { localisation = 'no pose yet', nodes = {} } = this.status;
     const surfaces = this.ofKind('surface').filter((s) => !s.floor).length;
     const ready = this.status.ready !== false;
+    byId('map').hidden = Boolean(this.status.is_replay);
     if (this.picked !== null) this.show(this.picked);
     this.say(ready ? `${surfaces} surfaces, ${this.ofKind('object').length} objects; ${localisation}`
       : 'slam_node does not run', !ready);

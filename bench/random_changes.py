@@ -24,7 +24,7 @@ from tccm_sim.engine import Simulation
 from tccm_sim.flat import stop_and_scan
 from tccm_sim.motion import Waypoint, drive
 from tccm_sim.options import Options
-from tccm_sim.rooms import CEILING, box_room
+from tccm_sim.rooms import CEILING
 from tccm_sim.scene import Motion, Scene, Traits
 from tccm_sim.truth import map_from_world
 from tccm_sim.world import World
@@ -116,7 +116,7 @@ def random_rooms(seed: int, options: Options) -> tuple[World, list[Piece]]:
     route = [first, other, again, other, last]
     stops = drive(route, options.base_tilt).stops
     scene = Scene()
-    box_room(scene, (-7.4, 4.5), (-2.8, 2.8))
+    scene.room((-7.4, 4.5), (-2.8, 2.8), CEILING)
     for low, high in ((-2.8, -DOOR), (DOOR, 2.8)):
         scene.wall("inner wall", (WALL, low), (WALL, high), CEILING, 0.1, two_sided=True)
     furniture = _Furniture(scene, rng, (float(stops[1:3].mean()), float(stops[3:5].mean())))

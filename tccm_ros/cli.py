@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -94,7 +95,7 @@ def replay(
             bag, out, settings, saved_map=map, remap=remap, pictures=pictures, events=events,
             watcher=watcher, bars=bars,
         )  # fmt: skip
-    _tell(summary.to_json(), summary.text(), quiet, as_json)
+    _tell(summary, quiet, as_json)
 
 
 @app.command()
@@ -112,7 +113,7 @@ def demo(
 
     with progress(quiet) as bars:
         summary = run([DEMO], out, Config(), bars=bars)
-    _tell({}, summary.text(), quiet, False)
+    _tell(summary, quiet)
     if browser:
         with suppress(OutputError):  # without a browser; the summary names the report
             show(out)
@@ -147,21 +148,12 @@ def fleet(
 
     settings = read_config(config, set)
     sources = [source for bag in bags for source in (_lines() if bag == "-" else [bag])]
-    try:
-        with progress(quiet or as_json) as bars:
-            summary = run_fleet(
-                sources,
-                out,
-                settings,
-                workers=Workers(workers, memory, scheduler),
-                remap=remap,
-                pictures=pictures,
-                bars=bars,
-            )
-    except KeyboardInterrupt:
-        typer.echo("tccm: stopped; run the same command again to go on", err=True)
-        raise typer.Exit(130) from None
-    _tell(summary.to_json(), summary.text(), quiet, as_json)
+    with _resumable(), progress(quiet or as_json) as bars:
+        summary = run_fleet(
+            sources, out, settings, workers=Workers(workers, memory, scheduler), remap=remap,
+            pictures=pictures, bars=bars,
+        )  # fmt: skip
+    _tell(summary, quiet, as_json)
     if summary.failures:
         raise typer.Exit(1)
 
@@ -196,14 +188,10 @@ def merge(
     settings = read_config(config, set)
     with progress(quiet or as_json) as bars:
         summary = merge_maps(
-            maps,
-            out,
-            settings,
-            same_building=same_building,
-            workers=Workers(workers, memory, scheduler),
-            bars=bars,
-        )
-    _tell(summary.to_json(), summary.text(), quiet, as_json)
+            maps, out, settings, same_building=same_building,
+            workers=Workers(workers, memory, scheduler), bars=bars,
+        )  # fmt: skip
+    _tell(summary, quiet, as_json)
 
 
 @app.command()
@@ -222,8 +210,7 @@ def find(
     from tccm_ros.fleet.catalogue import Catalogue
     from tccm_ros.fleet.layout import FleetFolder
 
-    answer = Catalogue(FleetFolder(folder).catalogue).ask(query)
-    _tell(answer.to_json(), answer.text(), False, as_json)
+    _tell(Catalogue(FleetFolder(folder).catalogue).ask(query), as_json=as_json)
 
 
 @app.command()
@@ -233,8 +220,7 @@ def info(path: BagArgument, as_json: JsonOption = False) -> None:
     from tccm_ros.results.map_file import is_map
     from tccm_ros.results.map_info import map_info
 
-    found = map_info(path) if is_map(path) else bag_info(path)
-    _tell(found.to_json(), found.text(), False, as_json)
+    _tell(map_info(path) if is_map(path) else bag_info(path), as_json=as_json)
 
 
 @app.command()
@@ -259,7 +245,7 @@ def simulate(
     with progress(quiet) as bars:
         bar = FractionBar(bars, "simulate")
         folder = run(world, out, seed=seed, options=options, overwrite=overwrite, progress=bar)
-    _tell({}, f"{folder}: bag with truth.json and truth.tum", quiet, False)
+    _say(f"{folder}: bag with truth.json and truth.tum", quiet)
 
 
 @app.command()
@@ -281,11 +267,10 @@ def evaluate(
 
     for path in truth:
         if path.suffix == ".json":
-            surfaces = score_surfaces(folder / "surfaces.json", path)
-            _tell(surfaces.to_json(), surfaces.text(), False, as_json)
+            _tell(score_surfaces(folder / "surfaces.json", path), as_json=as_json)
             continue
         poses = score_trajectory(folder / "trajectory.tum", path, stamps=stamps)
-        _tell(poses.as_dict(), poses.table(), False, as_json)
+        _tell(poses, as_json=as_json)
         if plot is not None:
             from tccm_ros.evaluate.plot import plot_score
 
@@ -314,12 +299,12 @@ def view(
 
         with progress() as bars:
             recording = rerun_of(target, Config(), bars)
-        _tell({}, str(open_rerun(recording)), False, False)
+        _say(str(open_rerun(recording)))
         return
     _show_running(target)
     with progress() as bars:
         report = report_of(target, Config(), bars)
-    _tell({}, str(show(report)), False, False)
+    _say(str(show(report)))
 
 
 @app.command()
@@ -350,23 +335,13 @@ def mcp(
     check_extra("agents", "mcp")
     from tccm_ros.agents.server import make_server
 
-    if live:
-        check_extra("ros", "rclpy")
-        from tccm_ros.nodes.interfaces import missing_interfaces
-
-        if missing_interfaces():
-            raise MissingExtraError(f"the live map: {missing_interfaces()}")
-        from tccm_ros.nodes.live_map_source import live_robot
-
-        # A signal ends the server as the end of its input does: a drive in progress is cancelled.
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-        with live_robot(node, approach_node if allow_motion else "") as (source, motion):
+    if map is None:
+        with _live_robot(node, approach_node if allow_motion else "") as (source, motion):
             make_server(source, motion).run()
         return
     from tccm_ros.agents.saved_source import SavedMapSource
     from tccm_ros.config.reader import read_config
 
-    assert map is not None
     make_server(SavedMapSource.load(map, read_config(config, set))).run()
 
 
@@ -386,10 +361,10 @@ def compare(
     from tccm_ros.report.compare_page import write_comparison
 
     comparison = run(before, after, lay_over=lay_over)
-    _tell({}, comparison.text(), False, False)
+    _say(comparison.text())
     if out is not None:
         picture, page = write_comparison(comparison, out)
-        _tell({}, f"picture   {picture}\npage      {page}", False, False)
+        _say(f"picture   {picture}\npage      {page}")
 
 
 @app.command()
@@ -418,8 +393,9 @@ def calibrate(
         found = run(bags, settings, remap, floor_z=floor_z, bars=bars)
         bars.start("picture", 1.0)
         rig, result, picture = write_calibration(found, out)
-    text = f"{found.text()}\nrig       {rig}  (use it with --config)\nresult    {result}"
-    _tell(found.to_json(), f"{text}\npicture   {picture}  (before and after)", quiet, as_json)
+    _tell(found, quiet, as_json)
+    files = f"rig       {rig}  (use it with --config)\nresult    {result}\npicture   {picture}"
+    _say(f"{files}  (before and after)", quiet or as_json)
 
 
 @app.command("import-carmen")
@@ -434,7 +410,7 @@ def import_carmen(
 
     with progress(quiet) as bars:
         counts = run(log, out, bars=bars)
-    _tell({}, f"{out}: {counts}", quiet, False)
+    _say(f"{out}: {counts}", quiet)
 
 
 @app.command()
@@ -449,7 +425,7 @@ def recover(
 
     with progress(quiet) as bars:
         counts = run(bag, out, bars=bars)
-    _tell({}, f"{out}: {counts}", quiet, False)
+    _say(f"{out}: {counts}", quiet)
 
 
 @app.command()
@@ -503,6 +479,30 @@ def _rerun_log(path: Path | None, config: Config) -> AbstractContextManager[Watc
     return rerun_file(path, config)
 
 
+@contextmanager
+def _resumable() -> Iterator[None]:
+    """Turn an interrupt into a sentence and status 130."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("tccm: stopped; run the same command again to go on", err=True)
+        raise typer.Exit(130) from None
+
+
+def _live_robot(node: str, approach_node: str) -> AbstractContextManager[tuple[Any, Any]]:
+    """Connect to the map of a running slam_node, and to the node that drives, if it has a name."""
+    check_extra("ros", "rclpy")
+    from tccm_ros.nodes.interfaces import missing_interfaces
+
+    if missing_interfaces():
+        raise MissingExtraError(f"the live map: {missing_interfaces()}")
+    from tccm_ros.nodes.live_map_source import live_robot
+
+    # A signal ends the server as the end of its input does: a drive in progress is cancelled.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return live_robot(node, approach_node)
+
+
 def _lines() -> list[str]:
     return [line.strip() for line in sys.stdin if line.strip()]
 
@@ -517,10 +517,16 @@ def _settings(texts: list[str]) -> dict[str, str]:
     return pairs
 
 
-def _tell(data: dict[str, Any], text: str, quiet: bool, as_json: bool) -> None:
+def _tell(result: Any, quiet: bool = False, as_json: bool = False) -> None:
+    """Print a result, by its methods `to_json` and `text`."""
     if as_json:
-        typer.echo(json.dumps(data, indent=1))
-    elif not quiet:
+        typer.echo(json.dumps(result.to_json(), indent=1))
+    else:
+        _say(result.text(), quiet)
+
+
+def _say(text: str, quiet: bool = False) -> None:
+    if not quiet:
         typer.echo(text)
 
 

@@ -19,14 +19,9 @@ from tccm_ros.errors import LogError, OutputError
 from tccm_ros.geometry import between2, spatial, wrap_angle
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
-from tccm_ros.ros.writing import (
-    odometry_message,
-    robot_description_message,
-    scan_message,
-    transforms_message,
-)
 from tccm_sim.carmen_lines import SCAN_KINDS, CarmenLog, OdomLine, ScanLine, read_log
 from tccm_sim.log_times import increasing_stamps, without_outliers, without_resets
+from tccm_sim.messages import write_records
 
 BASE, LASER, ODOM = "base_link", "laser", "odom"
 
@@ -212,14 +207,8 @@ def _write_mount(writer: BagWriter, stamp: int, laser: Float64) -> None:
         f'    <origin xyz="{x:g} {y:g} 0" rpy="0 0 {yaw:g}"/>\n  </joint>\n</robot>\n'
     )
     mount = TransformSample(stamp, BASE, LASER, spatial(laser), True)
-    types = writer.types
-    writer.write(
-        "/robot_description",
-        "std_msgs/msg/String",
-        stamp,
-        robot_description_message(types, RobotDescription(urdf)),
-    )
-    writer.write("/tf_static", "tf2_msgs/msg/TFMessage", stamp, transforms_message(types, [mount]))
+    write_records(writer, "/robot_description", stamp, RobotDescription(urdf))
+    write_records(writer, "/tf_static", stamp, mount)
 
 
 def _write_scan(
@@ -236,7 +225,7 @@ def _write_scan(
         range_max=range_max,
         ranges=ranges.astype(np.float32),
     )
-    writer.write("/scan", "sensor_msgs/msg/LaserScan", stamp, scan_message(writer.types, scan))
+    write_records(writer, "/scan", stamp, scan)
     if line.odometry is not None:
         _write_pose(writer, stamp, line.odometry)
 
@@ -262,9 +251,7 @@ def _write_odometry(
 
 
 def _write_pose(writer: BagWriter, stamp: int, pose: tuple[float, float, float]) -> None:
-    odometry = Odometry(stamp, ODOM, BASE, spatial(pose))
-    message = odometry_message(writer.types, odometry)
-    writer.write("/odom", "nav_msgs/msg/Odometry", stamp, message)
+    write_records(writer, "/odom", stamp, Odometry(stamp, ODOM, BASE, spatial(pose)))
 
 
 def _stamps_csv(scans: list[ScanLine], stamps: Sequence[int]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from tccm_sim.flat import stop_and_scan
 from tccm_sim.motion import Waypoint, drive
 from tccm_sim.options import Options
-from tccm_sim.rooms import CEILING, box_room
+from tccm_sim.rooms import CEILING
 from tccm_sim.scene import Motion, Scene
 from tccm_sim.world import World
 
@@ -41,7 +41,7 @@ def changing(options: Options) -> World:
 
 
 def _rooms(scene: Scene) -> None:
-    box_room(scene, (-7.4, 4.5), (-2.8, 2.8))
+    scene.room((-7.4, 4.5), (-2.8, 2.8), CEILING)
     for low, high in ((-2.8, -DOOR), (DOOR, 2.8)):
         scene.wall("inner wall", (WALL, low), (WALL, high), CEILING, 0.1, two_sided=True)
 

@@ -23,14 +23,9 @@ from tccm_ros.records import (
     Scan,
     TransformSample,
 )
-from tccm_sim.accelerometers import (
-    Accelerometer,
-    measure_forces,
-    specific_forces,
-)
 from tccm_sim.cameras import DepthCamera, Pinhole, measure_depths
 from tccm_sim.colour_camera import ColourCamera, ColourRenderer, exposed, jpeg
-from tccm_sim.gyros import Gyro, angular_velocities, measure_rates
+from tccm_sim.imu import ImuModel, angular_velocities, specific_forces
 from tccm_sim.joints import Profile
 from tccm_sim.lasers import Laser, measure, rim_directions
 from tccm_sim.lidars import SpinningLidar, measure_points
@@ -91,11 +86,6 @@ class Message(NamedTuple):
     topic: str
     records: tuple[Record, ...]
 
-    @property
-    def transforms(self) -> tuple[TransformSample, ...]:
-        """The records that are transforms."""
-        return tuple(r for r in self.records if isinstance(r, TransformSample))
-
 
 @dataclass(frozen=True)
 class _Mount:
@@ -136,12 +126,8 @@ class Simulation:
         level_joint = self.rig.chain(self.rig.level_frame)[-1].name
         error = self.options.level_error
         self._true_rig = self._true_rig.mounted(level_joint, error[:3], error[3:])
-        wheels = wheel_odometry(
-            world.drive,
-            self.rig.errors,
-            self.rig.odom_start,
-            np.random.default_rng(self._seeds[0]),
-        )
+        slipping = np.random.default_rng(self._seeds[0])
+        wheels = wheel_odometry(world.drive, self.rig.errors, self.rig.odom_start, slipping)
         self._wheels = np.ascontiguousarray(wheels.T)
         steps = np.hypot(*np.diff(world.drive.states[:, :2], axis=0).T)
         self._path = np.concatenate([[0.0], np.cumsum(steps)])
@@ -175,9 +161,8 @@ class Simulation:
             streams.append(self._pictures(rig.colour_camera, random[5]))
         if rig.lidar is not None:
             streams.append(self._clouds(rig.lidar, random[4]))
-        if rig.gyro is not None:
-            accelerometer = rig.accelerometer or Accelerometer(sigma=0.0, bias=(0.0, 0.0, 0.0))
-            streams.append(self._imu(rig.gyro, accelerometer, random[6], random[8]))
+        if rig.imu is not None:
+            streams.append(self._imu(rig.imu, random[6], random[8]))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
 
     def true_poses(self, times: Float64) -> Float64:
@@ -197,15 +182,14 @@ class Simulation:
 
     def _description(self) -> Iterator[Message]:
         """Yield the robot description and the fixed joints."""
-        log_ns = EPOCH_NS
         if self.options.description:
-            yield Message(log_ns, "/robot_description", (RobotDescription(self.rig.urdf()),))
+            yield Message(EPOCH_NS, "/robot_description", (RobotDescription(self.rig.urdf()),))
         fixed = tuple(
-            TransformSample(log_ns, j.parent, j.child, rigid(j.xyz, j.rpy), True)
+            TransformSample(EPOCH_NS, j.parent, j.child, rigid(j.xyz, j.rpy), True)
             for j in self.rig.joints
             if not j.moves
         )
-        yield Message(log_ns, "/tf_static", fixed)
+        yield Message(EPOCH_NS, "/tf_static", fixed)
 
     def _joints(self) -> Iterator[Message]:
         """Yield the joint states, quantised by the encoders."""
@@ -258,20 +242,18 @@ class Simulation:
                     sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
                     yield Message(log_ns, "/tf", (sample,))
 
-    def _imu(
-        self, gyro: Gyro, accelerometer: Accelerometer, *random: Generator
-    ) -> Iterator[Message]:
+    def _imu(self, imu: ImuModel, *random: Generator) -> Iterator[Message]:
         """Yield the samples of the IMU: mean rates over its period, and specific forces."""
-        rig, period_ns = self.rig, round(gyro.period * 1e9)
+        rig, period_ns = self.rig, round(imu.period * 1e9)
         for times_ns in _blocks(self.duration_ns, period_ns):
             edges = np.append(times_ns - period_ns // 2, times_ns[-1] + period_ns // 2)
-            exact = angular_velocities(self.true_poses(edges * 1e-9), gyro.period)
+            exact = angular_velocities(self.true_poses(edges * 1e-9), imu.period)
             around = np.concatenate([times_ns[:1] - period_ns, times_ns, times_ns[-1:] + period_ns])
-            forces = specific_forces(self.true_poses(around * 1e-9), gyro.period)
+            forces = specific_forces(self.true_poses(around * 1e-9), imu.period)
             measured = zip(
                 times_ns.tolist(),
-                measure_rates(gyro, exact, random[0]),
-                measure_forces(accelerometer, forces, random[1]),
+                imu.measure_rates(exact, random[0]),
+                imu.measure_forces(forces, random[1]),
             )
             for now_ns, rates, force in measured:
                 stamp_ns = EPOCH_NS + now_ns
@@ -417,10 +399,12 @@ def _camera_info(camera: Pinhole, stamp_ns: int, frame: str) -> CameraInfo:
 
 def _limits(laser: Laser) -> tuple[float, float, float, float, float]:
     """Return angle_min, angle_increment, time_increment, range_min, range_max as in a message."""
-    first, step, time = (
-        float(np.float32(v)) for v in (laser.angle_min, laser.angle_increment, laser.time_increment)
-    )
-    return first, step, time, float(np.float32(laser.range_min)), float(np.float32(laser.range_max))
+    exact = (
+        laser.angle_min, laser.angle_increment, laser.time_increment, laser.range_min,
+        laser.range_max,
+    )  # fmt: skip
+    first, step, time, low, high = np.array(exact, np.float32).tolist()
+    return first, step, time, low, high
 
 
 def _frozen_bodies(rig: Rig) -> dict[str, FrozenScene]:

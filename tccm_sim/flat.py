@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -56,7 +55,7 @@ KITCHEN_ROUTE = (
 
 def flat(options: Options) -> World:
     """Return the flat; `laps` is the number of times the route is driven."""
-    route = [*ROUTE, *(ROUTE[1:] * (options.laps - 1))]
+    route = repeated(ROUTE, options.laps)
     scene = flat_scene()
     if options.people:
         # Passes the sideboard during the first scan of the living room.
@@ -107,6 +106,11 @@ def stop_and_scan(
     return World(name, scene, SEGWAY, path, joints, windows)
 
 
+def repeated(route: Sequence[Waypoint], laps: int) -> list[Waypoint]:
+    """Return a route repeated for a number of laps."""
+    return [*route, *(list(route[1:]) * (laps - 1))]
+
+
 def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
     """Return the moves of the pan joint, which end before each stop."""
     moves, here = [], 0.0
@@ -122,23 +126,17 @@ def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
 def rgbd_kitchen(options: Options) -> World:
     """Return the kitchen of the flat, with a robot that has a depth camera on its head."""
     scene = Scene()
-    scene.floor_and_ceiling((-0.2, MIDDLE + 0.2), (-0.2, 6.2), WALL_HEIGHT)
-    corners = [(0.0, 0.0), (MIDDLE, 0.0), (MIDDLE, 6.0), (0.0, 6.0), (0.0, 0.0)]
-    for start, end in pairwise(corners):
-        scene.wall("wall", start, end, WALL_HEIGHT, WALL_THICKNESS)
+    scene.room((0.0, MIDDLE), (0.0, 6.0), WALL_HEIGHT, "wall", WALL_THICKNESS)
     _kitchen(scene)
     changed = options.model_copy(update={"robot": options.robot or "fetch"})
-    route = [*KITCHEN_ROUTE, *(KITCHEN_ROUTE[1:] * (options.laps - 1))]
+    route = repeated(KITCHEN_ROUTE, options.laps)
     return stop_and_scan("rgbd_kitchen", scene, route, changed)
 
 
 def flat_scene() -> Scene:
     """Return the solids of the flat: 9 m x 6 m, kitchen on the left, living room on the right."""
     scene = Scene()
-    scene.floor_and_ceiling((-0.2, 9.2), (-0.2, 6.2), WALL_HEIGHT)
-    corners = [(0.0, 0.0), (9.0, 0.0), (9.0, 6.0), (0.0, 6.0), (0.0, 0.0)]
-    for start, end in pairwise(corners):
-        scene.wall("outer wall", start, end, WALL_HEIGHT, WALL_THICKNESS)
+    scene.room((0.0, 9.0), (0.0, 6.0), WALL_HEIGHT, "outer wall", WALL_THICKNESS)
     for low, high in ((0.0, DOOR[0]), (DOOR[1], 6.0)):
         scene.wall(
             "inner wall", (MIDDLE, low), (MIDDLE, high), WALL_HEIGHT, WALL_THICKNESS, two_sided=True

@@ -75,7 +75,6 @@ def _optical(name: str, parent: str, child: str) -> Joint:
 FETCH = Rig(
     name="fetch",
     base="base_link",
-    base_height=0.0,
     joints=(
         *wheel_joints("base_link", ("l_wheel_joint", "r_wheel_joint"), 0.0553, 0.3748, 0.0),
         Joint("laser_joint", "base_link", "laser_link", (0.235, 0.0, 0.2878), (pi, 0.0, 0.0)),
@@ -94,8 +93,6 @@ FETCH = Rig(
         Body("torso_lift_link", (0.20, 0.30, 0.50), (0.0, 0.0, 0.25)),
         Body("shoulder_pan_link", (0.50, 0.09, 0.09), (0.35, -0.22, -0.12)),
     ),
-    tilt=None,
-    tilt_frame="",
     tilt_joint="head_tilt_joint",
     pan_joint="head_pan_joint",
     level=TIM571,
@@ -105,7 +102,6 @@ FETCH = Rig(
     wheels=("l_wheel_joint", "r_wheel_joint"),
     wheel_radius=0.0553,
     wheel_distance=0.3748,
-    encoder=2e-4,
     topics=Topics(scan="/base_scan", depth="/head_camera/depth/image_raw"),
 )  # fmt: skip
 
@@ -114,7 +110,6 @@ FETCH = Rig(
 TIAGO = Rig(
     name="tiago",
     base="base_footprint",
-    base_height=0.0,
     joints=(
         Joint("base_footprint_joint", "base_footprint", "base_link", (0.0, 0.0, 0.0985)),
         *wheel_joints("base_link", ("wheel_left_joint", "wheel_right_joint"), 0.0985, 0.4044,
@@ -135,8 +130,6 @@ TIAGO = Rig(
         Body("torso_lift_link", (0.18, 0.26, 0.80), (-0.03, 0.0, -0.42)),
         Body("arm_1_link", (0.50, 0.09, 0.09), (0.35, -0.22, -0.30)),
     ),
-    tilt=None,
-    tilt_frame="",
     tilt_joint="head_2_joint",
     pan_joint="head_1_joint",
     level=replace(SMALL_270, range_max=20.0),
@@ -146,7 +139,6 @@ TIAGO = Rig(
     wheels=("wheel_left_joint", "wheel_right_joint"),
     wheel_radius=0.0985,
     wheel_distance=0.4044,
-    encoder=2e-4,
     topics=Topics(
         scan="/scan_raw", odom="/mobile_base_controller/odom",
         depth="/head_front_camera/depth/image_raw",
@@ -157,7 +149,6 @@ TIAGO = Rig(
 HSR = Rig(
     name="hsrb",
     base="base_footprint",
-    base_height=0.0,
     joints=(
         Joint("base_link_joint", "base_footprint", "base_link", (0.0, 0.0, 0.0)),
         *wheel_joints("base_link", ("base_l_drive_wheel_joint", "base_r_drive_wheel_joint"), 0.04,
@@ -174,8 +165,6 @@ HSR = Rig(
         Body("base_link", (0.34, 0.38, 0.10), (0.0, 0.0, 0.06)),
         Body("torso_lift_link", (0.20, 0.24, 0.50), (-0.05, 0.0, -0.1)),
     ),
-    tilt=None,
-    tilt_frame="",
     tilt_joint="head_tilt_joint",
     pan_joint="head_pan_joint",
     level=UTM_30LX,
@@ -185,7 +174,6 @@ HSR = Rig(
     wheels=("base_l_drive_wheel_joint", "base_r_drive_wheel_joint"),
     wheel_radius=0.04,
     wheel_distance=0.266,
-    encoder=2e-4,
     topics=Topics(
         scan="/base_scan", odom="/odom",
         depth="/head_rgbd_sensor/depth_registered/image_rect_raw",
@@ -197,7 +185,6 @@ HSR = Rig(
 STRETCH = Rig(
     name="stretch",
     base="base_link",
-    base_height=0.0,
     joints=(
         *wheel_joints("base_link", ("joint_left_wheel", "joint_right_wheel"), 0.0508, 0.3153, 0.0),
         Joint("joint_laser", "base_link", "laser", (0.004, 0.0, 0.1664), (0.0, 0.0, pi)),
@@ -215,8 +202,6 @@ STRETCH = Rig(
         Body("base_link", (0.30, 0.33, 0.12), (-0.10, 0.0, 0.09)),
         Body("base_link", (0.07, 0.07, 1.10), (-0.07, 0.135, 0.70)),
     ),
-    tilt=None,
-    tilt_frame="",
     tilt_joint="joint_head_tilt",
     pan_joint="joint_head_pan",
     level=replace(SMALL_270, range_max=12.0),
@@ -226,7 +211,6 @@ STRETCH = Rig(
     wheels=("joint_left_wheel", "joint_right_wheel"),
     wheel_radius=0.0508,
     wheel_distance=0.3153,
-    encoder=2e-4,
     topics=Topics(joint_states="/stretch/joint_states", depth="/camera/depth/image_rect_raw"),
 )  # fmt: skip
 

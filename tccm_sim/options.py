@@ -31,7 +31,6 @@ class Options(BaseModel):
     quantum: float | None = Field(None, ge=0, description="step of the tilting laser's ranges, m")
     faults: bool = Field(True, description="mixed pixels, lost and invalid returns")
     tilt_beams: int | None = Field(None, ge=2, description="beams of the tilting laser")
-    tilt_period: float | None = Field(None, gt=0, description="between tilting scans, s")
     cycle_period: float | None = Field(None, gt=0, description="time of one tilt cycle, s")
     tilt_limits: tuple[float, float] | None = Field(
         None, description="tilt at both ends of a tilt cycle, rad"
@@ -39,7 +38,6 @@ class Options(BaseModel):
     tilt: bool = Field(True, description="there is a tilting laser")
     level: bool = Field(True, description="there is a level laser")
     depth_camera: bool = Field(False, description="a fixed depth camera, too")
-    colour_camera: bool = Field(False, description="a colour camera that looks to the left, too")
     alike: bool = Field(False, description="all rooms of the office are furnished alike")
     lidar: bool = Field(False, description="a spinning lidar on a mast, too")
     imu: bool = Field(False, description="an IMU in the base, too")

@@ -5,35 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
-from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter, Qos
-from tccm_ros.records import (
-    CameraImage,
-    CameraInfo,
-    DepthImage,
-    Imu,
-    JointSample,
-    Odometry,
-    PointCloud,
-    RobotDescription,
-    Scan,
-)
-from tccm_ros.ros.writing import (
-    camera_image_message,
-    camera_info_message,
-    compressed_depth_message,
-    imu_message,
-    joint_sample_message,
-    odometry_message,
-    point_cloud_message,
-    robot_description_message,
-    scan_message,
-    transforms_message,
-)
+from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Imu, PointCloud, Scan
 from tccm_sim import truth
 from tccm_sim.engine import Message, Simulation
+from tccm_sim.messages import WRITERS, write_records
 from tccm_sim.options import Options
 from tccm_sim.worlds import build_world
 
@@ -41,20 +18,6 @@ Progress = Callable[[float], None]
 
 SENSOR = Qos(reliable=False, depth=5)
 """QoS of scans, the sensor data profile of drivers."""
-
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
-
-WRITERS: dict[type, tuple[str, Callable[..., Any]]] = {
-    JointSample: ("sensor_msgs/msg/JointState", joint_sample_message),
-    Imu: ("sensor_msgs/msg/Imu", imu_message),
-    Odometry: ("nav_msgs/msg/Odometry", odometry_message),
-    RobotDescription: ("std_msgs/msg/String", robot_description_message),
-    CameraInfo: ("sensor_msgs/msg/CameraInfo", camera_info_message),
-    CameraImage: (COMPRESSED, camera_image_message),
-    DepthImage: (COMPRESSED, compressed_depth_message),
-    PointCloud: ("sensor_msgs/msg/PointCloud2", point_cloud_message),
-}
-"""Message type and writer by type of record."""
 
 TRANSPORTS = {DepthImage: "/compressedDepth", CameraImage: "/compressed"}
 """Topic suffixes of image_transport for compressed images."""
@@ -152,14 +115,18 @@ def record(
     OutputError
         If `out` exists already or cannot be written.
     """
-    types = TypestoreMessages()
-    with BagWriter(out, overwrite=overwrite, typestore=types) as bag:
-        for topic, msgtype in _sensor_topics(simulation):
-            bag.add_topic(topic, msgtype, SENSOR)
+    rig = simulation.rig
+    periods = {rig.topics.scan: rig.level.period}
+    if rig.tilt is not None:
+        periods[rig.topics.tilt_scan] = rig.tilt.period
+    with BagWriter(out, overwrite=overwrite) as bag:
+        for topic, kind in _sensor_topics(simulation):
+            bag.add_topic(topic + TRANSPORTS.get(kind, ""), WRITERS[kind][0], SENSOR)
         for message in simulation.run() if messages is None else messages:
-            msgtype, content = _message(types, message, simulation)
-            topic = message.topic + TRANSPORTS.get(type(message.records[0]), "")
-            bag.write(topic, msgtype, message.log_ns, content)
+            kind = type(message.records[0])
+            topic = message.topic + TRANSPORTS.get(kind, "")
+            fields = {"scan_time": periods[message.topic]} if kind is Scan else {}
+            write_records(bag, topic, message.log_ns, *message.records, **fields)
             if progress is not None:
                 fraction = (message.log_ns - simulation.start_ns) / simulation.duration_ns
                 progress(min(fraction, 1.0))
@@ -167,38 +134,22 @@ def record(
     return Path(out)
 
 
-def _sensor_topics(simulation: Simulation) -> Iterator[tuple[str, str]]:
-    """Yield topics and types of the sensor messages."""
+def _sensor_topics(simulation: Simulation) -> Iterator[tuple[str, type]]:
+    """Yield topics and records of the sensors."""
     rig, topics = simulation.rig, simulation.rig.topics
     if rig.tilt is not None:
-        yield topics.tilt_scan, "sensor_msgs/msg/LaserScan"
-    yield topics.scan, "sensor_msgs/msg/LaserScan"
+        yield topics.tilt_scan, Scan
+    yield topics.scan, Scan
     if rig.camera is not None:
-        yield topics.depth + "/compressedDepth", COMPRESSED
-        yield topics.camera_info, "sensor_msgs/msg/CameraInfo"
+        yield topics.depth, DepthImage
+        yield topics.camera_info, CameraInfo
     if rig.colour_camera is not None:
-        yield topics.colour + "/compressed", COMPRESSED
-        yield topics.colour_info, "sensor_msgs/msg/CameraInfo"
+        yield topics.colour, CameraImage
+        yield topics.colour_info, CameraInfo
     if rig.lidar is not None:
-        yield topics.points, "sensor_msgs/msg/PointCloud2"
-    if rig.gyro is not None:
-        yield topics.imu, "sensor_msgs/msg/Imu"
-
-
-def _message(types: TypestoreMessages, message: Message, simulation: Simulation) -> (
-    tuple[str, Any]
-):  # fmt: skip
-    """Return the type and the content of a simulated message."""
-    record = message.records[0]
-    if isinstance(record, Scan):
-        tilt = simulation.rig.tilt
-        is_tilt = message.topic == simulation.rig.topics.tilt_scan
-        period = (tilt if tilt is not None and is_tilt else simulation.rig.level).period
-        return "sensor_msgs/msg/LaserScan", scan_message(types, record, scan_time=period)
-    for kind, (msgtype, write) in WRITERS.items():
-        if isinstance(record, kind):
-            return msgtype, write(types, record)
-    return "tf2_msgs/msg/TFMessage", transforms_message(types, message.transforms)
+        yield topics.points, PointCloud
+    if rig.imu is not None:
+        yield topics.imu, Imu
 
 
 def _write_truth(simulation: Simulation, folder: Path) -> None:

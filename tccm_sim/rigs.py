@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_sim.accelerometers import Accelerometer
 from tccm_sim.cameras import DepthCamera
 from tccm_sim.colour_camera import ColourCamera
-from tccm_sim.gyros import Gyro
+from tccm_sim.imu import ImuModel
 from tccm_sim.lasers import Laser
 from tccm_sim.lidars import SpinningLidar
 from tccm_sim.motion import OdometryErrors
@@ -105,7 +104,7 @@ class Topics:
         return self.colour.rsplit("/", 1)[0] + "/camera_info"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rig:
     """A robot.
 
@@ -127,10 +126,8 @@ class Rig:
         A colour camera, if there is one, and its optical frame.
     lidar, lidar_frame
         A spinning lidar, if there is one, and its frame.
-    gyro
-        A gyroscope in the base, if there is one.
-    accelerometer
-        An accelerometer beside it, if there is one.
+    imu
+        An IMU in the base, if there is one.
     wheels
         Joints of the left and the right wheel.
     wheel_radius, wheel_distance
@@ -143,18 +140,18 @@ class Rig:
 
     name: str
     base: str
-    base_height: float
+    base_height: float = 0.0
     joints: tuple[Joint, ...]
     bodies: tuple[Body, ...]
-    tilt: Laser | None
-    tilt_frame: str
+    tilt: Laser | None = None
+    tilt_frame: str = ""
     tilt_joint: str
     level: Laser
     level_frame: str
     wheels: tuple[str, str]
     wheel_radius: float
     wheel_distance: float
-    encoder: float
+    encoder: float = 2e-4
     topics: Topics = Topics()
     odom_frame: str = "odom"
     odom_start: Vector = (0.0, 0.0, 0.0)
@@ -166,8 +163,7 @@ class Rig:
     colour_frame: str = ""
     lidar: SpinningLidar | None = None
     lidar_frame: str = ""
-    gyro: Gyro | None = None
-    accelerometer: Accelerometer | None = None
+    imu: ImuModel | None = None
 
     @cached_property
     def moving(self) -> tuple[str, ...]:

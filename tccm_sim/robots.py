@@ -66,7 +66,6 @@ def wheel_joints(
 HUMANOID = Rig(
     name="humanoid",
     base="base_footprint",
-    base_height=0.0,
     joints=(
         Joint("base_joint", "base_footprint", "base_link", (0.0, 0.0, 0.30)),
         *wheel_joints("base_link", ("wheel_left_joint", "wheel_right_joint"), 0.10, 0.44, 0.30),
@@ -91,14 +90,12 @@ HUMANOID = Rig(
     wheels=("wheel_left_joint", "wheel_right_joint"),
     wheel_radius=0.10,
     wheel_distance=0.44,
-    encoder=2e-4,
 )
 """The robot of the TCCM paper: tilt axis at 1.52 m, over a waist and a neck of three joints."""
 
 SEGWAY = Rig(
     name="segway",
     base="base_link",
-    base_height=0.0,
     joints=(
         *wheel_joints("base_link", ("left_wheel_joint", "right_wheel_joint"), 0.24, 0.54, 0.0),
         Joint("lms_joint", "base_link", "lms", (0.28, 0.0, 0.34)),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import pi, radians
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_sim.flat import flat_scene, stop_and_scan
+from tccm_sim.flat import flat_scene, repeated, stop_and_scan
 from tccm_sim.joints import oscillation
 from tccm_sim.motion import Drive, Waypoint, drive
 from tccm_sim.options import Options
@@ -18,36 +17,16 @@ from tccm_sim.robots import UPSIDE_DOWN
 from tccm_sim.scene import Motion, Scene
 from tccm_sim.world import World
 
-Point = tuple[float, float]
-
 CEILING = 2.6  # m, its height
 RAMP = radians(4.0)  # slope of the ramp of `room`
 ROOM_SPEED = 0.5  # m/s, of the robot in the calibration room
 LOOK_UP, LOOK_DOWN = 0.25, -1.0  # rad; positive is up on this robot
 
 
-def box_room(scene: Scene, x: Point, y: Point, height: float = CEILING) -> None:
-    """Add four walls, a floor and a ceiling.
-
-    Parameters
-    ----------
-    scene
-        Scene to extend.
-    x, y
-        Limits between the walls, m.
-    height
-        Height of the ceiling, m.
-    """
-    scene.floor_and_ceiling((x[0] - 0.2, x[1] + 0.2), (y[0] - 0.2, y[1] + 0.2), height)
-    corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
-    for start, end in pairwise(corners):
-        scene.wall("wall", start, end, height)
-
-
 def upside_down(options: Options) -> World:
     """Return a small room with a table, scanned continuously by a laser mounted upside down."""
     scene = Scene()
-    box_room(scene, (-1.5, 3.8), (-2.0, 2.2))
+    scene.room((-1.5, 3.8), (-2.0, 2.2), CEILING)
     scene.table("table", (0.8, 1.4), 0.72, (2.0, 0.1), 0.15)
     scene.box("parcel", (0.2, 0.15, 0.12), (2.1, 0.35, 0.78), (0.0, 0.0, 0.5), role="object")
     scene.block("cabinet", (0.6, 1.6), (-2.0, -1.6), (0.0, 0.95), surface="cabinet")
@@ -57,7 +36,7 @@ def upside_down(options: Options) -> World:
         Waypoint(0.9, 0.35, -0.1, 3.0),
         Waypoint(0.5, -0.6, -0.5, 3.0),
     ]
-    path = drive(_repeated(route, options.laps), options.base_tilt, speed=0.35)
+    path = drive(repeated(route, options.laps), options.base_tilt, speed=0.35)
     end = float(path.times[-1])
     limits = options.tilt_limits or (LOOK_UP, LOOK_DOWN)
     joints = {"nod_joint": oscillation([(0.2, end)], options.cycle_period or 2.0, limits)}
@@ -67,7 +46,7 @@ def upside_down(options: Options) -> World:
 def room(options: Options) -> World:
     """Return a room with floor, ceiling and walls for calibration, with clutter and a ramp."""
     scene = Scene()
-    box_room(scene, (-3.0, 5.0), (-3.0, 3.0))
+    scene.room((-3.0, 5.0), (-3.0, 3.0), CEILING)
     scene.table("table", (0.8, 1.2), 0.74, (2.6, 1.2), 0.2)
     _clutter(scene, options.clutter)
     if options.ramp:
@@ -77,7 +56,7 @@ def room(options: Options) -> World:
         scene.box("ramp", (length, 1.6, 0.1), place, (0.0, -RAMP, 0.0))
     limits = options.tilt_limits or (-0.9, 1.0)
     pause = 2.0 * (options.cycle_period or 4.0) + 0.4
-    route = _repeated(
+    route = repeated(
         [
             Waypoint(0.0, 0.0, 0.0, pause),
             Waypoint(0.6, 0.5, 1.9, pause),
@@ -121,9 +100,9 @@ def moved(options: Options) -> World:
     """
     front, back = Waypoint(0.0, 0.0, 0.0, 5.4), Waypoint(-1.2, 0.1, pi, 5.4)
     route = [front, back, replace(front, x=0.1, y=-0.1)]
-    path = drive(_repeated(route, options.laps), options.base_tilt)
+    path = drive(repeated(route, options.laps), options.base_tilt)
     scene = Scene()
-    box_room(scene, (-2.5, 4.5), (-2.8, 2.8))
+    scene.room((-2.5, 4.5), (-2.8, 2.8), CEILING)
     change = float(path.stops[1].mean())
     shift = Motion.through([(change, 0, 0, 0), (change + 1.0, 0.6, 0.9, 0)])
     scene.table("moved table", (0.7, 1.0), 0.70, (1.8, -0.3), motion=shift)
@@ -134,7 +113,7 @@ def moved(options: Options) -> World:
     if options.people:
         start = float(path.stops[2, 0])
         scene.person("person", [(start, 0.95, -0.9), (start + 5.4, 1.0, -0.95)])
-    return stop_and_scan("moved", scene, _repeated(route, options.laps), options)
+    return stop_and_scan("moved", scene, repeated(route, options.laps), options)
 
 
 def load(options: Options) -> World:
@@ -144,13 +123,8 @@ def load(options: Options) -> World:
     changed = options.model_copy(
         update={"always": True, "cycle_period": options.cycle_period or 1.5}
     )
-    world = stop_and_scan("load", flat_scene(), _repeated(route, options.laps), changed)
+    world = stop_and_scan("load", flat_scene(), repeated(route, options.laps), changed)
     return replace(world, drive=_shortened(world.drive, 20.0 * options.laps))
-
-
-def _repeated(route: Sequence[Waypoint], laps: int) -> list[Waypoint]:
-    """Return a route repeated for a number of laps."""
-    return [*route, *(list(route[1:]) * (laps - 1))]
 
 
 def _shortened(path: Drive, duration: float) -> Drive:

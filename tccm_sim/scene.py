@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal, TypedDict, Unpack
 
 import numpy as np
@@ -209,6 +210,30 @@ class Scene:
         self.block("floor", x, y, (-0.1, 0.0), role="floor")
         if height is not None:
             self.block("ceiling", x, y, (height, height + 0.1), role="ceiling")
+
+    def room(
+        self,
+        x: tuple[float, float],
+        y: tuple[float, float],
+        height: float,
+        name: str = "wall",
+        thickness: float = 0.1,
+    ) -> None:
+        """Add four walls, a floor and a ceiling.
+
+        Parameters
+        ----------
+        x, y
+            Limits between the walls.
+        height
+            Height of the ceiling.
+        name, thickness
+            As in `wall`.
+        """
+        self.floor_and_ceiling((x[0] - 0.2, x[1] + 0.2), (y[0] - 0.2, y[1] + 0.2), height)
+        corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
+        for start, end in pairwise(corners):
+            self.wall(name, start, end, height, thickness)
 
     def wall(
         self,

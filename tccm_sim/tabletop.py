@@ -48,10 +48,14 @@ def situation(name: str) -> Callable[[Options], World]:
     """Return the builder of situation A, B, C or D (``a`` to ``d``)."""
 
     def build(options: Options) -> World:
-        scene = situation_scene(name, options.yaw, options.pitch, options.translation, room=True)
-        return _stationary(f"situation_{name}", scene, options, CYCLES)
+        return _stationary(f"situation_{name}", _scene(name, options), options, CYCLES)
 
     return build
+
+
+def _scene(name: str, options: Options, yaw: float = 0.0) -> Scene:
+    """Return the scene of a situation in a room, its subject turned by a further yaw."""
+    return situation_scene(name, options.yaw + yaw, options.pitch, options.translation, room=True)
 
 
 def walkthrough(options: Options) -> World:
@@ -59,7 +63,7 @@ def walkthrough(options: Options) -> World:
 
     A box leaves the table, another appears on it, and a stool is carried away.
     """
-    scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
+    scene = _scene("a", options)
     scene.box("box that stays", (0.12, 0.12, 0.12), (0.8, -0.4, TABLE_TOP + 0.06), role="object")
     for name, y, span in (
         ("box that leaves", 0.0, (-np.inf, 8.0)),
@@ -81,14 +85,18 @@ def _stationary(name: str, scene: Scene, options: Options, count: int) -> World:
 
     A robot with a head looks around instead.
     """
-    period = options.cycle_period or CYCLE_TIME
-    duration = options.duration or count * period + 2.0 * START
+    duration = _duration(options, count)
     if options.robot is not None:
         rig = robot(options.robot)
         window = np.array([[START, duration]])
         joints = look_around(rig, window, options.cycle_period or LOOK_TIME, options.tilt_limits)
         return World(name, scene, rig, stand(duration), joints)
     return _nodding(name, scene, HUMANOID, options, duration, {})
+
+
+def _duration(options: Options, count: int) -> float:
+    """Return the time of a number of tilt cycles, unless the options have another, s."""
+    return options.duration or count * (options.cycle_period or CYCLE_TIME) + 2.0 * START
 
 
 def _nodding(
@@ -110,26 +118,22 @@ def _nodding(
 
 def arm(options: Options) -> World:
     """Return situation A with a robot that moves an arm of seven joints over the table."""
-    scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
     duration = options.duration or CYCLES * CYCLE_TIME + 2.0 * START
-    return _nodding("arm", scene, HUMANOID_WITH_ARM, options, duration, ARM_MOTION)
+    return _nodding("arm", _scene("a", options), HUMANOID_WITH_ARM, options, duration, ARM_MOTION)
 
 
 def gripper(options: Options) -> World:
     """Return situation A with a robot that moves its gripper up and down in front of its laser."""
-    scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
     duration = options.duration or CYCLES * CYCLE_TIME + 2.0 * START
     moves = {"gripper_lift_joint": GRIPPER_MOTION}
+    scene = _scene("a", options)
     return _nodding("gripper", scene, SEGWAY_WITH_GRIPPER, options, duration, moves)
 
 
 def shelf(options: Options) -> World:
     """Return a shelf with its third drawer open, scanned while waist and neck move."""
-    scene = situation_scene(
-        "d", options.yaw - SITUATION_YAW, options.pitch, options.translation, room=True
-    )
-    period = options.cycle_period or CYCLE_TIME
-    duration = options.duration or CYCLES * period + 2.0 * START
+    scene, period = _scene("d", options, -SITUATION_YAW), options.cycle_period or CYCLE_TIME
+    duration = _duration(options, CYCLES)
     window = [(START, duration)]
     joints = {
         "laser_tilt_joint": oscillation(window, period, (-NECK_TILT, NECK_TILT)),

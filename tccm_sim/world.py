@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_sim.accelerometers import Accelerometer
-from tccm_sim.gyros import Gyro
-from tccm_sim.heads import with_colour_camera, with_depth_camera, with_lidar
+from tccm_sim.heads import with_depth_camera, with_lidar
+from tccm_sim.imu import ImuModel
 from tccm_sim.joints import Profile
 from tccm_sim.lasers import Laser
-from tccm_sim.motion import Drive
+from tccm_sim.motion import Drive, OdometryErrors
 from tccm_sim.options import Options
 from tccm_sim.panels import Panel
 from tccm_sim.rigs import Rig
@@ -82,45 +81,39 @@ def with_options(rig: Rig, options: Options) -> Rig:
     """Return the rig with the options for its sensors and its odometry."""
     if options.depth_camera:
         rig = with_depth_camera(rig)
-    if options.colour_camera and rig.colour_camera is None:
-        rig = with_colour_camera(rig)
     if options.lidar:
         rig = with_lidar(rig)
     if options.imu:
-        rig = replace(rig, gyro=Gyro(), accelerometer=Accelerometer())
+        rig = replace(rig, imu=ImuModel())
     tilt = rig.tilt if options.tilt else None
-    level, camera, errors = rig.level, rig.camera, rig.errors
     if tilt is not None:
-        tilt = _tilting_with_options(tilt, options)
-    if options.level_sigma is not None:
-        level = replace(level, sigma=options.level_sigma)
-    if not options.faults:
-        level = replace(level, mixed=0.0, lost=0.0, invalid=0.0)
-        camera = camera and replace(camera, flying=0.0, grazing=0.0, lost=0.0)
-    errors = replace(
-        errors,
-        scale=1.0 + options.odometry * (errors.scale - 1.0),
-        yaw_scale=1.0 + options.odometry * (errors.yaw_scale - 1.0),
-        drift=options.odometry * errors.drift,
-        noise=options.odometry * errors.noise,
-        yaw_noise=options.odometry * errors.yaw_noise,
+        tilt = _with_noise(_without_faults(tilt, options), options.sigma, options.quantum)
+        if options.tilt_beams is not None:
+            step = tilt.time_increment * (tilt.beams - 1) / (options.tilt_beams - 1)
+            tilt = replace(tilt, beams=options.tilt_beams, time_increment=step)
+    level = _with_noise(_without_faults(rig.level, options), options.level_sigma, None)
+    camera, errors, factor = rig.camera, rig.errors, options.odometry
+    if camera is not None and not options.faults:
+        camera = replace(camera, flying=0.0, grazing=0.0, lost=0.0)
+    drift = factor * errors.drift if options.heading_drift is None else options.heading_drift
+    errors = OdometryErrors(
+        scale=1.0 + factor * (errors.scale - 1.0),
+        yaw_scale=1.0 + factor * (errors.yaw_scale - 1.0),
+        drift=drift,
+        noise=factor * errors.noise,
+        yaw_noise=factor * errors.yaw_noise,
     )
-    if options.heading_drift is not None:
-        errors = replace(errors, drift=options.heading_drift)
     return replace(rig, tilt=tilt, level=level, camera=camera, errors=errors)
 
 
-def _tilting_with_options(tilt: Laser, options: Options) -> Laser:
-    if options.sigma is not None:
-        tilt = replace(tilt, sigma=options.sigma)
-    if options.quantum is not None:
-        tilt = replace(tilt, quantum=options.quantum)
-    if options.tilt_beams is not None:
-        scan_duration = tilt.time_increment * (tilt.beams - 1)
-        step = scan_duration / (options.tilt_beams - 1)
-        tilt = replace(tilt, beams=options.tilt_beams, time_increment=step)
-    if options.tilt_period is not None:
-        tilt = replace(tilt, period=options.tilt_period)
-    if not options.faults:
-        tilt = replace(tilt, mixed=0.0, lost=0.0, invalid=0.0)
-    return tilt
+def _with_noise(laser: Laser, sigma: float | None, quantum: float | None) -> Laser:
+    """Return a laser with another noise and step of its ranges, where given."""
+    return replace(
+        laser,
+        sigma=laser.sigma if sigma is None else sigma,
+        quantum=laser.quantum if quantum is None else quantum,
+    )
+
+
+def _without_faults(laser: Laser, options: Options) -> Laser:
+    return laser if options.faults else replace(laser, mixed=0.0, lost=0.0, invalid=0.0)

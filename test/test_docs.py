@@ -1,5 +1,6 @@
 """The documentation: links, paths, names and made pages are as the repository is."""
 
+import ast
 import re
 import runpy
 import xml.etree.ElementTree as ElementTree
@@ -20,6 +21,7 @@ FUNCTION = re.compile(r"`(test_\w+)`")
 COMMAND = re.compile(r"`(?:nice )?python ((?:bench|tools|bags)/\w+\.py)")
 TARGET = re.compile(r"`make ([a-z]+)`")
 CODE = re.compile(r"<!-- code: ([^\s:]+)(?::(\w+))? -->\n```python\n")
+STEP = re.compile(r"(?m)^\| [^|]+ \| `(tccm_ros/[\w/]+\.py)` \| (`[^|]+`) \|$")
 SUFFIXES = {"geojson", "html", "json", "mcap", "npz", "pgm", "png", "ply", "scene", "yaml"}
 """What is a file's name, though a group has it too."""
 
@@ -90,6 +92,24 @@ def test_code_in_a_page_can_be_copied_from_its_file(page):
         assert (ROOT / path).exists(), f"{path} is not there"
         marks = [f"# [{section}]\n", f"# [/{section}]\n"] if section else []
         assert all(mark in (ROOT / path).read_text() for mark in marks)
+
+
+def functions_of(module):
+    """Return the functions of a module, and its methods with and without their class."""
+    tree = ast.parse(module.read_text())
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    methods = [(c.name, n.name) for c in classes for n in c.body if isinstance(n, ast.FunctionDef)]
+    plain = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    return plain | {name for _, name in methods} | {f"{c}.{name}" for c, name in methods}
+
+
+def test_each_step_of_a_scan_is_a_function_of_its_module():
+    """The table of one scan's way from the bag to surfaces.json names functions that exist."""
+    steps = STEP.findall((ROOT / "docs" / "design" / "structure.md").read_text())
+    assert len(steps) >= 12
+    for module, names in steps:
+        missing = set(re.findall(r"`([\w.]+)`", names)) - functions_of(ROOT / module)
+        assert not missing, f"{module} has no {missing}"
 
 
 def test_every_page_that_code_names_is_there():

@@ -32,7 +32,7 @@ OUTER = """
 
     @kernel
     def outer(x):
-        return 2 * inner(x)
+        return {times} * inner(x)
 
 
     if __name__ == "__main__":
@@ -44,10 +44,10 @@ OUTER = """
 def run(tmp_path):
     """Return what runs two modules, one of which calls the other's kernel, in a process."""
 
-    def start(step="10.0", sign="+", comment="", environment=()):
+    def start(step="10.0", sign="+", comment="", times=2, environment=()):
         inner = INNER.format(step=step, sign=sign, comment=comment)
         (tmp_path / "inner.py").write_text(textwrap.dedent(inner))
-        (tmp_path / "outer.py").write_text(textwrap.dedent(OUTER))
+        (tmp_path / "outer.py").write_text(textwrap.dedent(OUTER.format(times=times)))
         command = [sys.executable, "-B", str(tmp_path / "outer.py")]
         settings = {"XDG_CACHE_HOME": str(tmp_path / "cache"), **dict(environment)}
         plain = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
@@ -76,6 +76,11 @@ def test_a_change_in_a_kernel_of_another_module_is_seen(run):
 def test_a_change_of_a_constant_of_another_module_is_seen(run):
     assert run() == (22.0, 0)
     assert run(step="20.0") == (42.0, 0)
+
+
+def test_a_kernel_from_the_cache_is_linked_into_one_that_is_compiled(run):
+    assert run() == (22.0, 0)
+    assert run(times=3) == (33.0, 0)
 
 
 def test_a_change_of_comments_and_lines_compiles_nothing(run):

@@ -15,7 +15,6 @@ from scipy.stats import chi2
 
 from tccm_ros.calibrate.estimate import Estimate
 from tccm_ros.calibrate.observability import UNITS, columns
-from tccm_ros.calibrate.solver import covariance
 from tccm_ros.errors import BagError
 
 MIN_PROBABILITY = 1e-4
@@ -126,9 +125,7 @@ def compare(bags: Sequence[str], estimates: Sequence[Estimate]) -> Agreement:
 
 def _free(estimate: Estimate) -> dict[str, tuple[float, float]]:
     """Return values and standard deviations of the free parameters, by name."""
-    cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
-    sigmas = np.full(len(estimate.free), np.nan)
-    sigmas[estimate.free] = np.sqrt(np.diag(cov))
+    sigmas = estimate.standard_deviations
     return {
         name: (float(estimate.solution.x[column]), float(sigmas[column]))
         for name, column in columns(estimate.problem.layout).items()

@@ -120,9 +120,7 @@ def _on_walls(
     problem: Problem, x: Float64, scans: LevelScans, place: int, tilt_hits: Float64, gate: float
 ) -> LevelHits:
     """Assign level laser hits to walls observed by the tilting laser."""
-    T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
-    T = scans.T_place_base @ T
-    points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
+    _, points = problem.level_points(x, scans)
     nearest, wall = np.full(len(points), gate), np.full(len(points), -1, np.int64)
     for number, found in enumerate(problem.surroundings.walls):
         mine = problem.plane == FIRST_WALL + number
@@ -148,13 +146,7 @@ def _speeds_vary(problem: Problem, values: RigValues) -> bool:
     if not len(problem.plane):
         return False
     model, step = problem.model, 2e-3
-    early, late = (
-        model.measured(
-            problem.hits,
-            replace(values, joint_time_offset=values.joint_time_offset + shift),
-        )
-        for shift in (step, -step)
-    )
+    early, late = (model.measured(problem.hits, values.delayed(shift)) for shift in (step, -step))
     speed, angle = (late - early) / (2.0 * step), (late + early) / 2.0
     A = np.column_stack([np.ones(len(angle)), angle])
     rest = speed - A @ np.linalg.lstsq(A, speed, rcond=None)[0]

@@ -19,8 +19,9 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.topics import add_latched, choose_topics
+from tccm_ros.calibrate.recording import evenly
 from tccm_ros.config import Config
-from tccm_ros.geometry import planar
+from tccm_ros.geometry import planar, transform2, wrap_angle
 from tccm_ros.records import Odometry, PosedScan
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.laser_scan import (
@@ -175,8 +176,7 @@ class BeamTimer:
         pairs = list(_turning_pairs(self._scans, track))
         if len(pairs) < MIN_PAIRS:
             return None
-        chosen = np.linspace(0, len(pairs) - 1, min(len(pairs), MAX_PAIRS)).astype(int)
-        pairs = [pairs[k] for k in chosen]
+        pairs = [pairs[k] for k in evenly(len(pairs), MAX_PAIRS)]
         limits, rotation = self._config.scan, _rotation(pairs)
         steps = [_Steps(self._config, track, pairs, limits.reverse, limits.time_offset)]
         if _mean_chi2(steps[0]) <= EXPECTED_CHI2:
@@ -278,19 +278,12 @@ def _level_scan(posed: PosedScan, track: _Track, config: Config, read_offset: fl
     in_base = (T[:2, :2] @ directions * scan.ranges[valid]).T + T[:2, 3]
     poses = track.at(beam_stamps(scan)[valid])
     odom = track.at(np.array([scan.stamp_ns]))[0]
-    odom[2] = np.arctan2(np.sin(odom[2]), np.cos(odom[2]))
-    in_odom = _moved(poses, in_base)
+    odom[2] = wrap_angle(odom[2])
+    in_odom = transform2(poses, in_base[:, None])[:, 0]
     beams = transform_points(inverse(odom), in_odom)
     origin = T[:2, 3].copy()
     points, normals = thin_with_normals(beams, origin, abs(scan.angle_increment))
     return LevelScan(scan.stamp_ns, odom, beams, origin, points, normals)
-
-
-def _moved(poses: Float64, points: Float64) -> Float64:
-    """Return points (N, 2), each transformed by its own pose (N, 3)."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    x, y = points.T
-    return np.column_stack([c * x - s * y + poses[:, 0], s * x + c * y + poses[:, 1]])
 
 
 def _in_words(error: tuple[float, float]) -> str:

@@ -217,7 +217,7 @@ def calibrate(
         alone = [estimate(one, config, floor_z, trust, bars) for one in recordings]
         agreement = compare(recording.bags, alone)
         agreement.check()
-    observability = assess_observability(estimate(recording, config, floor_z, trust, bars), floor_z)
+    observability = assess_observability(estimate(recording, config, floor_z, trust, bars))
     return Calibration(
         recording.bags, _rig(observability, config.rig), config.rig, observability, recording,
         rooms(observability, recording), agreement, _assumptions(recording, trust),

@@ -14,7 +14,7 @@ from tccm_ros.calibrate.patches import Patches, cut_patches
 from tccm_ros.calibrate.problem import Problem
 from tccm_ros.calibrate.recording import Recording
 from tccm_ros.calibrate.search import first_guess
-from tccm_ros.calibrate.solver import Solution, solve
+from tccm_ros.calibrate.solver import Solution, covariance, solve
 from tccm_ros.calibrate.surroundings import Surroundings, find_planes
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError
@@ -76,6 +76,18 @@ class Estimate:
     def values(self) -> RigValues:
         """The estimated rig."""
         return RigValues.of_vector(self.solution.x[self.problem.layout.rig])
+
+    @property
+    def covariance(self) -> Float64:
+        """Covariance of the free parameters, float64 (F, F)."""
+        return covariance(self.solution, self.free, self.sigmas)
+
+    @property
+    def standard_deviations(self) -> Float64:
+        """Standard deviations of all parameters, float64 (P,); NaN for those that are not free."""
+        found = np.full(len(self.free), np.nan)
+        found[self.free] = np.sqrt(np.diag(self.covariance))
+        return found
 
     def again(self, free: Bool, x: Float64) -> Estimate:
         """Return a solution with other free parameters."""

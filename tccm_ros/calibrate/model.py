@@ -56,6 +56,10 @@ class RigValues:
         """Return the values in the order of `RIG_PARAMETERS`, float64 (6,)."""
         return np.array([getattr(self, name) for name in RIG_PARAMETERS])
 
+    def delayed(self, shift: float) -> RigValues:
+        """Return the values with a further offset of the joint's stamps, s."""
+        return replace(self, joint_time_offset=self.joint_time_offset + shift)
+
     @classmethod
     def of_vector(cls, values: Float64) -> RigValues:
         """Return the values of a vector in the order of `RIG_PARAMETERS`."""
@@ -258,10 +262,7 @@ class RigModel:
 
         by_angle = by("tilt_offset")
         late, early = (
-            self.transform_points(
-                beams, replace(values, joint_time_offset=values.joint_time_offset + step)
-            )
-            for step in (TIME_STEP, -TIME_STEP)
+            self.transform_points(beams, values.delayed(step)) for step in (TIME_STEP, -TIME_STEP)
         )
         by_roll = np.cross(self.roll_axis, points - self.pivot)
         by_height = np.broadcast_to(np.array([0.0, 0.0, 1.0]), points.shape)

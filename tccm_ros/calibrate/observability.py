@@ -11,7 +11,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.calibrate.estimate import Estimate
 from tccm_ros.calibrate.layout import LEVEL_PARAMETERS, Layout
 from tccm_ros.calibrate.model import RIG_PARAMETERS
-from tccm_ros.calibrate.solver import covariance
 from tccm_ros.calibrate.surroundings import FLOOR
 
 LIMITS: Mapping[str, float] = {
@@ -89,14 +88,12 @@ class Observability:
         return tuple(q.name for q in self.quantities if q.is_determined)
 
 
-def assess_observability(estimate: Estimate, floor_z: float | None) -> Observability:
+def assess_observability(estimate: Estimate) -> Observability:
     """Fix undetermined parameters one by one, and solve again without them."""
-    layout, reasons = estimate.problem.layout, _never_free(estimate, floor_z)
+    layout, reasons = estimate.problem.layout, _never_free(estimate)
     column = columns(layout)
     while True:
-        cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
-        sigmas = np.full(layout.size, np.nan)
-        sigmas[estimate.free] = np.sqrt(np.diag(cov))
+        sigmas = estimate.standard_deviations
         weak = [n for n in LIMITS if estimate.free[column[n]] and sigmas[column[n]] > LIMITS[n]]
         if not weak:
             break
@@ -109,7 +106,9 @@ def assess_observability(estimate: Estimate, floor_z: float | None) -> Observabi
     )
     kept = [column[q.name] for q in quantities if q.is_determined]
     place = np.cumsum(estimate.free) - 1
-    return Observability(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
+    return Observability(
+        estimate, quantities, estimate.covariance[np.ix_(place[kept], place[kept])]
+    )
 
 
 def _estimated(estimate: Estimate) -> tuple[str, ...]:
@@ -138,25 +137,22 @@ def _without(estimate: Estimate, column: int) -> Estimate:
     free, x = estimate.free.copy(), estimate.solution.x.copy()
     free[column] = False
     rig = estimate.problem.layout.rig
-    left = np.zeros(len(x))
-    left[rig] = estimate.configured.vector()
-    x[column] = left[column]
+    x[column] = estimate.configured.vector()[column] if column in range(rig.stop) else 0.0
     return estimate.again(free, x)
 
 
-def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
+def _never_free(estimate: Estimate) -> dict[str, str]:
     """Return the reasons why parameters were not estimated at all."""
-    reasons = {
+    unseen = f"no level scans on walls that the tilting laser saw: {ADVICE['level']}"
+    return {
         "joint_time_offset": "all tilt cycles go one way at an even speed, where a delay looks "
         f"like a zero: {ADVICE['joint_time_offset']}",
-        "height": "no floor was seen"
-        if not (estimate.problem.plane == FLOOR).any()
-        else "the height of the floor in the base frame is not known: give --floor-z",
+        "height": "the height of the floor in the base frame is not known: give --floor-z"
+        if (estimate.problem.plane == FLOOR).any()
+        else "no floor was seen",
+        "pan_offset": f"no level scans on walls that the camera saw: {ADVICE['pan_offset']}",
+        **dict.fromkeys(LEVEL_PARAMETERS, unseen),
     }
-    reasons["pan_offset"] = f"no level scans on walls that the camera saw: {ADVICE['pan_offset']}"
-    for name in LEVEL_PARAMETERS:
-        reasons[name] = f"no level scans on walls that the tilting laser saw: {ADVICE['level']}"
-    return reasons
 
 
 def _too_weak(name: str, sigma: float) -> str:

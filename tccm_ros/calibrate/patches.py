@@ -7,13 +7,13 @@ whole), so patches are cut once and then transformed for any rig parameters.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.calibrate.model import Beams, RigModel, RigValues, beams_of, join_beams
-from tccm_ros.calibrate.recording import CycleScans
+from tccm_ros.calibrate.recording import CycleScans, evenly
 from tccm_ros.geometry import inverse, transform
 
 BEAMS, MIN_SIDE, MIN_HITS = 36, 3, 12
@@ -95,13 +95,13 @@ def _cut(
     flat = (widths[:, 0] < MAX_THICKNESS) & (widths[:, 0] < MAX_THICKNESS_RATIO * widths[:, 1])
     flat &= widths[:, 1] > MIN_WIDTH_RATIO * widths[:, 2]
     middle = order[np.cumsum(size) - size + size // 2]
-    T_place_laser = _laser_poses(number, beams.take(middle), model, values)
-    T_laser_place = inverse(T_place_laser)
     centers = beams.take(middle)
+    T_base_laser = model.T_base_laser(number, centers.stamps_ns, values)
+    T_laser_place = inverse(centers.T_place_base @ T_base_laser)
     points = transform(T_laser_place, mean[:, None, :])[:, 0]
     normals = np.einsum("nij,nj->ni", T_laser_place[:, :3, :3], normal)
     normals *= -np.sign(np.sum(normals * points, axis=1, keepdims=True))
-    centers = Beams(centers.cycle, centers.stamps_ns, points, centers.T_place_base)
+    centers = replace(centers, points=points)
     sample = _sample(size, flat, max_hits)
     by_time = np.argsort(beams.stamps_ns[order[sample]], kind="stable")
     new = np.cumsum(flat) - 1
@@ -157,16 +157,11 @@ def _fit(points: Float64, patch: Int64, size: Int64) -> tuple[Float64, Float64, 
     return mean, axes[:, :, 0], np.sqrt(np.maximum(spread, 0.0))
 
 
-def _laser_poses(number: int, beams: Beams, model: RigModel, values: RigValues) -> Float64:
-    T: Float64 = beams.T_place_base @ model.T_base_laser(number, beams.stamps_ns, values)
-    return T
-
-
 def _sample(size: Int64, wanted: Bool, max_hits: int) -> Int64:
     """Return the rows of up to `max_hits` hits of each selected patch, evenly spaced."""
     firsts = np.cumsum(size) - size
     rows = [
-        first + np.unique(np.linspace(0, count - 1, min(count, max_hits)).astype(np.int64))
+        first + evenly(count, max_hits)
         for first, count, ok in zip(firsts.tolist(), size.tolist(), wanted.tolist())
         if ok
     ]

@@ -157,9 +157,7 @@ class Problem:
 
     def _level_part(self, x: Float64, level: LevelHits) -> Linearised:
         layout, on = self.layout, level.wall >= 0
-        T = self.level_mount(x[layout.level], level.scans.T_base_laser) @ level.scans.T_base_laser
-        T = level.scans.T_place_base[on] @ T
-        points = np.einsum("nij,nj->ni", T[:, :3, :3], level.scans.points[on]) + T[:, :3, 3]
+        T, points = (of_all[on] for of_all in self.level_points(x, level.scans))
         place = np.full(on.sum(), level.place)
         plane = level.wall[on] + FIRST_WALL
         residuals, J, normals = self._against_planes(x, points, plane, place)
@@ -263,6 +261,12 @@ class Problem:
         shift = np.array([values[0], values[1], 0.0])
         T: Float64 = pose(R, at + shift - R @ at) @ self.T_level_mount
         return T
+
+    def level_points(self, x: Float64, scans: LevelScans) -> tuple[Float64, Float64]:
+        """Return the laser's pose (N, 4, 4) at each hit, and the hits (N, 3), m, at the place."""
+        T = self.level_mount(x[self.layout.level], scans.T_base_laser) @ scans.T_base_laser
+        T = scans.T_place_base @ T
+        return T, np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
 
     def start(self, values: RigValues, level: Float64) -> Float64:
         """Return the parameters of the found planes with horizontal bases, float64 (P,)."""

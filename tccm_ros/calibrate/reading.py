@@ -14,7 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.topics import TopicChoice, add_latched, choose_topics
-from tccm_ros.calibrate.recording import CycleScans, LevelScans, Recording, is_near
+from tccm_ros.calibrate.recording import CycleScans, LevelScans, Recording, evenly, is_near
 from tccm_ros.config import Config, Rig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.errors import BagError, FrameError, TopicError
@@ -302,7 +302,7 @@ def _spread(cycles: Sequence[CycleScans], max_cycles: int) -> list[CycleScans]:
     """Return at most `max_cycles` tilt cycles, in consecutive pairs distributed over time."""
     if len(cycles) <= max_cycles:
         return list(cycles)
-    firsts = np.unique(np.linspace(0, len(cycles) - 2, max_cycles // 2).astype(int))
+    firsts = evenly(len(cycles) - 1, max_cycles // 2)
     return [cycles[i] for i in sorted({*firsts.tolist(), *(firsts + 1).tolist()})]
 
 
@@ -323,8 +323,8 @@ def _level_scans(
         mine = [cycle for cycle, at in zip(cycles, places) if at == place]
         start_ns, end_ns = mine[0].span_ns[0], mine[-1].span_ns[1]
         scans = [p for p in level if start_ns <= p.scan.stamp_ns <= end_ns]
-        rows = np.unique(np.linspace(0, len(scans) - 1, LEVEL_SCANS).astype(int))
         if scans:
+            rows = evenly(len(scans), LEVEL_SCANS)
             found[place] = _level_points([scans[i] for i in rows], mine[0].T_place)
     return found
 

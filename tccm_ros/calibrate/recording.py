@@ -149,6 +149,11 @@ class Recording:
         return int(mine[0]), int(mine[-1]) + 1
 
 
+def evenly(count: int, max_count: int) -> Int64:
+    """Return up to `max_count` of the indices 0 to `count` - 1, evenly spaced, int64 (N,)."""
+    return np.unique(np.linspace(0, count - 1, min(count, max_count)).astype(np.int64))
+
+
 def is_near(poses: Float64, place: Float64) -> Bool:
     """Return a mask of poses float64 (..., 3), x, y, yaw, equal to a place (3,) within noise."""
     distance = np.hypot(poses[..., 0] - place[0], poses[..., 1] - place[1])

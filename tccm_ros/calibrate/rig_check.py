@@ -150,27 +150,12 @@ class RigCheck:
         )
 
     def _tilt(self) -> Finding | None:
-        size = _steady([floor.forward for floor in self._floors], MIN_TILT)
-        if size is None:
-            return None
-        return Finding(
-            "tilt zero",
-            size,
-            f"the floor {'rises' if size > 0 else 'falls'} forward by {np.rad2deg(abs(size)):.2f} "
-            "deg: wrong rig.tilt_offset, or the base is tilted; run tccm calibrate",
-        )
+        slopes = [floor.forward for floor in self._floors]
+        return _sloped("tilt zero", slopes, "forward", "wrong rig.tilt_offset")
 
     def _roll(self) -> Finding | None:
-        size = _steady([floor.left for floor in self._floors], MIN_TILT)
-        if size is None:
-            return None
-        return Finding(
-            "roll",
-            size,
-            f"the floor {'rises' if size > 0 else 'falls'} to the left by "
-            f"{np.rad2deg(abs(size)):.2f} deg: the laser's mount is rolled, or the base is tilted; "
-            "run tccm calibrate",
-        )
+        slopes = [floor.left for floor in self._floors]
+        return _sloped("roll", slopes, "to the left", "the laser's mount is rolled")
 
     def _bend(self) -> Finding | None:
         size = _steady([floor.bend for floor in self._floors], MIN_BEND)
@@ -182,6 +167,15 @@ class RigCheck:
             f"the floor is bent by {abs(size) * 1e3:.0f} mm: wrong rig.tilt_scale; run "
             "tccm calibrate",
         )
+
+
+def _sloped(name: str, slopes: list[float], side: str, cause: str) -> Finding | None:
+    """Return the error that a steady slope of the floor to a side indicates."""
+    size = _steady(slopes, MIN_TILT)
+    if size is None:
+        return None
+    text = f"the floor {'rises' if size > 0 else 'falls'} {side} by {np.rad2deg(abs(size)):.2f} deg"
+    return Finding(name, size, f"{text}: {cause}, or the base is tilted; run tccm calibrate")
 
 
 def _steady(values: list[float], min_size: float) -> float | None:

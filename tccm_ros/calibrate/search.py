@@ -16,7 +16,7 @@ import numpy as np
 from tccm_ros.arrays import Int64
 from tccm_ros.calibrate.model import RigModel, RigValues
 from tccm_ros.calibrate.patches import Patches, cut_patches
-from tccm_ros.calibrate.recording import CycleScans
+from tccm_ros.calibrate.recording import CycleScans, evenly
 
 SCALES = (
     np.exp(np.arange(-0.48, 0.481, 0.08)),
@@ -54,10 +54,7 @@ def first_guess(cycles: Sequence[CycleScans], model: RigModel, start: RigValues)
     start
         The configured values, at the centre of the grid.
     """
-    numbers = np.unique(
-        np.linspace(0, len(cycles) - 1, min(len(cycles), MAX_TRIED_CYCLES)).astype(int)
-    )
-    few = {number: cycles[number] for number in numbers.tolist()}
+    few = {number: cycles[number] for number in evenly(len(cycles), MAX_TRIED_CYCLES).tolist()}
     best = _Candidate(-1.0, start)
     for factors in SCALES:
         scale = best.values.tilt_scale
@@ -71,10 +68,7 @@ def _best_at(values: RigValues, cycles: dict[int, CycleScans], model: RigModel) 
     patches = cut_patches(cycles, model, values)
     if len(patches) == 0:
         return _Candidate(0.0, values)
-    rows = np.unique(
-        np.linspace(0, len(patches) - 1, min(len(patches), MAX_PATCHES)).astype(np.int64)
-    )
-    sample = _Normals(patches, rows, model)
+    sample = _Normals(patches, evenly(len(patches), MAX_PATCHES), model)
     best = sample.best(replace(values, tilt_offset=values.tilt_offset + o) for o in OFFSETS)
     best = sample.best(replace(best.values, roll=values.roll + roll) for roll in ROLLS)
     near = best.values.tilt_offset

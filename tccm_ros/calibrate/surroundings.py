@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.calibrate.recording import evenly
 
 FLOOR, CEILING, FIRST_WALL, NO_PLANE = 0, 1, 2, -1
 """Numbers of planes; walls are numbered from `FIRST_WALL`."""
@@ -134,7 +135,7 @@ def _walls(centers: Float64, normals: Float64, mine: Bool, place: int) -> Sequen
     while len(left) >= MIN_WALL and len(walls) < MAX_WALLS:
         flat = normals[left, :2] / np.linalg.norm(normals[left, :2], axis=1, keepdims=True)
         xy = centers[left, :2]
-        tried = np.unique(np.linspace(0, len(left) - 1, min(TRIED, len(left))).astype(np.int64))
+        tried = evenly(len(left), TRIED)
         distance = np.abs(flat[tried] @ xy.T - np.sum(flat[tried] * xy[tried], axis=1)[:, None])
         same = (distance < WALL_DISTANCE) & (flat[tried] @ flat.T > np.cos(WALL_ANGLE))
         best = int(np.argmax(same.sum(axis=1)))

@@ -57,11 +57,11 @@ class TrajectoryScore:
     truth: Float64
     stamp_unit: str = "s"
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the statistics in m and deg, rounded to 1e-6."""
         return {"missing": self.missing, **{k: _statistics(e) for k, e in self.errors.items()}}
 
-    def table(self) -> str:
+    def text(self) -> str:
         """Return the statistics as text, one row per measure."""
         head = f"{'measure':28} {'pairs':>7} {'mean m':>18} {'rms m':>8} {'max m':>8}"
         rows = [f"{head} {'mean deg':>17}"]

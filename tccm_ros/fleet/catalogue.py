@@ -23,6 +23,7 @@ import shapely
 from tccm_ros.atomic import output_file
 from tccm_ros.errors import FleetError, OutputError, one_line
 from tccm_ros.fleet.tables import TABLES, Table, read_source
+from tccm_ros.report.tables import text_table
 
 MAX_FILES = 20
 """Maximum number of unmerged files of a table. Chosen: each costs a query a millisecond of
@@ -57,12 +58,8 @@ class Answer:
     def text(self) -> str:
         """Return the result as a table for a terminal."""
         cells = [[_shown(v) for v in row] for row in self.rows]
-        widths = [max(map(len, column)) for column in zip(self.columns, *cells)]
-        lines = [self.columns, tuple("-" * width for width in widths), *cells]
-        return "\n".join(
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip()
-            for line in lines
-        )
+        rules = ["-" * max(map(len, column)) for column in zip(self.columns, *cells)]
+        return text_table([self.columns, rules, *cells])
 
 
 def _plain(value: Any) -> Any:

@@ -6,25 +6,18 @@ distinguish two floors of a building, so furniture and door signs must agree, to
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
 import shapely
 
 from tccm_ros.arrays import Float64
-from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
-from tccm_ros.errors import MapError
-from tccm_ros.fleet.map_inputs import Footprint, MapInput, NumberedSign, read_map
-from tccm_ros.fleet.record import settings_checksum, software_checksum
+from tccm_ros.fleet.map_inputs import Footprint, MapInput, NumberedSign
 from tccm_ros.geometry import between2, compose2, inverse2, transform2
-from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import Covariance3, Vector
-from tccm_ros.results.numbers import json_text
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.matching import Proposal
@@ -239,44 +232,3 @@ def compare_signs(
             is_same = one[nearest].number == sign.number
             same, others = same + is_same, others + (not is_same)
     return same, others
-
-
-def pair_file(folder: Path, one: str, other: str, config: Config) -> Path:
-    """Return the cache file of a match.
-
-    Parameters
-    ----------
-    folder
-        Folder of the cache.
-    one, other
-        Checksums of the maps.
-    config
-        Configuration of the match.
-    """
-    key = "".join((one, other, settings_checksum(config), software_checksum()))
-    return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
-
-
-def read_pair(path: Path) -> PairMatch | None:
-    """Return a cached match; None if there is none."""
-    try:
-        return read_json(path, PairMatch)
-    except MapError:
-        return None
-
-
-def match_files(one: Path, other: Path, config: Config, remembered: Path) -> None:
-    """Match the maps of two files and cache the result (a task).
-
-    Parameters
-    ----------
-    one, other
-        Map files.
-    config
-        Configuration of the match.
-    remembered
-        Cache file.
-    """
-    match = match_maps(read_map(one, config), read_map(other, config), config)
-    with output_file(remembered) as made:
-        made.write_text(json_text(match), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Mapping
 from concurrent.futures import CancelledError
@@ -10,12 +11,17 @@ from pathlib import Path
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
+from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
-from tccm_ros.errors import FleetError, one_line
+from tccm_ros.errors import FleetError, MapError, one_line
 from tccm_ros.fleet.cluster import Workers, connected
-from tccm_ros.fleet.pair_matching import PairMatch, match_files, pair_file, read_pair
+from tccm_ros.fleet.map_inputs import read_map
+from tccm_ros.fleet.pair_matching import PairMatch, match_maps
 from tccm_ros.fleet.pair_selection import Pair
+from tccm_ros.fleet.record import settings_checksum, software_checksum
 from tccm_ros.progress import Bars
+from tccm_ros.results.folder_reader import read_json
+from tccm_ros.results.numbers import json_text
 
 
 def match_all(
@@ -85,3 +91,44 @@ def _remembered_pair(file: Path) -> PairMatch:
     if match is None:
         raise FleetError(f"{file}: the match of two maps is not there; run the command again")
     return match
+
+
+def pair_file(folder: Path, one: str, other: str, config: Config) -> Path:
+    """Return the cache file of a match.
+
+    Parameters
+    ----------
+    folder
+        Folder of the cache.
+    one, other
+        Checksums of the maps.
+    config
+        Configuration of the match.
+    """
+    key = "".join((one, other, settings_checksum(config), software_checksum()))
+    return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
+
+
+def read_pair(path: Path) -> PairMatch | None:
+    """Return a cached match; None if there is none."""
+    try:
+        return read_json(path, PairMatch)
+    except MapError:
+        return None
+
+
+def match_files(one: Path, other: Path, config: Config, remembered: Path) -> None:
+    """Match the maps of two files and cache the result (a task).
+
+    Parameters
+    ----------
+    one, other
+        Map files.
+    config
+        Configuration of the match.
+    remembered
+        Cache file.
+    """
+    match = match_maps(read_map(one, config), read_map(other, config), config)
+    with output_file(remembered) as made:
+        made.write_text(json_text(match), encoding="utf-8")

@@ -147,14 +147,9 @@ class Table:
     def of(self, source: MapSource) -> pa.Table:
         """Return the rows of a map."""
         columns = _columns(self.entry)
+        head = source.map, str(source.folder)
         rows = [
-            (
-                source.map,
-                str(source.folder),
-                *(column.value(entry) for column in columns),
-                *more,
-                shapely.to_wkb(geometry),
-            )
+            (*head, *(column.value(entry) for column in columns), *more, shapely.to_wkb(geometry))
             for entry, geometry, more in self.rows(source)
         ]
         schema = self.schema
@@ -200,9 +195,7 @@ def _time(seconds: float | None) -> int | None:
     return None if seconds is None else round(seconds * 1e6)
 
 
-def _surface_rows(
-    source: MapSource,
-) -> Iterable[Row]:
+def _surface_rows(source: MapSource) -> Iterable[Row]:
     free = {places.surface: _free_area(places) for places in source.objects.free}
     for entry in source.surfaces.surfaces:
         above = entry.height - (source.surfaces.floor_z or 0.0)

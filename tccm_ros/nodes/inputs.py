@@ -270,7 +270,7 @@ class Inputs:
             )
         if entry.topic in self._incompatible and entry.count == 0:
             return self._incompatible[entry.topic]
-        if entry.watch == "event" or not self._is_silent(entry) or self._has_ended(entry):
+        if entry.watch == "event" or not self._is_silent(entry):
             return None
         if not publishers and (self._is_needed(entry) or entry.count):
             instead = "".join(f" or '{topic}'" for topic in entry.instead if not entry.count)
@@ -296,10 +296,6 @@ class Inputs:
         is_replaced = any(other.count or self.is_published(other.topic) for other in others)
         return entry.watch == "needed" and not is_replaced
 
-    def _has_ended(self, entry: Input) -> bool:
-        """Return whether all inputs ended together, as at the end of a drive or a recording."""
-        return entry.count > 0 and all(e.watch == "event" or self._is_silent(e) for e in self)
-
     def _elsewhere(self, entry: Input) -> str:
         """Return a hint if a topic of the same name and type is published in another namespace."""
         name = entry.topic.rpartition("/")[2]
@@ -316,10 +312,16 @@ class Inputs:
         return f" ({', '.join(found)} is published: is the node in the right namespace?)"
 
     def _is_silent(self, entry: Input) -> bool:
+        """Return whether an input has sent nothing for the silence period.
+
+        Once it has sent something, the time is that of the newest message of any input: inputs that
+        stop together, as at the end of a drive or in a paused recording, are not silent.
+        """
         now = self._now()
-        since = entry.last_ns if entry.last_ns is not None else self._start_ns
-        if since is None:
+        if self._start_ns is None:
             return False
-        if since > now:  # the clock was set back
-            entry.last_ns = since = now
-        return now - since > self._silence_ns
+        if entry.last_ns is None:
+            return now - self._start_ns > self._silence_ns
+        entry.last_ns = min(entry.last_ns, now)  # the clock was set back
+        newest = max((e.last_ns or 0 for e in self if e.watch != "event"), default=0)
+        return min(newest, now) - entry.last_ns > self._silence_ns

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp, ndtr
+from scipy.special import log_ndtr, ndtr
 
 from tccm_ros.arrays import Bool, Float64
 
@@ -92,7 +92,8 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     wall
         Position across of a wall that bounds the edge, m; None: no wall is near.
     """
-    across = _positions(HALF_RANGE)
+    count = round(HALF_RANGE / STEP)
+    across: Float64 = STEP * np.arange(-count, count + 1, dtype=np.float64)
     score = samples.weight @ _log_likelihoods(across - samples.last[:, None], samples)
     score = score + _log_wall(across, wall)
     density = np.exp(score - score.max())
@@ -100,44 +101,6 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     mean = float(density @ across)
     median = float(np.interp(0.5, np.cumsum(density) - 0.5 * density, across))
     return median, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))
-
-
-def rotation_scores(
-    samples: EdgeSamples, middle: float, rotations: Float64, wall: float | None = None
-) -> Float64:
-    """Return the log likelihood of rotations of an edge, marginalised over its position.
-
-    Parameters
-    ----------
-    samples
-        At least one last sample; the first guess is at 0 across.
-    middle
-        Position along the edge about which it is rotated, m.
-    rotations
-        float64 (R,), rad; a positive one moves an edge outwards at its start.
-    wall
-        As in `locate_edge`.
-
-    Returns
-    -------
-    float64 (R,)
-    """
-    across = _positions(HALF_RANGE)
-    shifts = np.rint(rotations[:, None] * (samples.at - middle) / STEP).astype(np.int64)
-    margin = int(np.abs(shifts).max(initial=0))
-    beyond = _positions(HALF_RANGE + margin * STEP) - samples.last[:, None]
-    of_sample = samples.weight[:, None] * _log_likelihoods(beyond, samples)
-    windows = np.lib.stride_tricks.sliding_window_view(of_sample, len(across), axis=1)
-    rows = np.arange(len(samples.at))
-    score = np.stack([windows[rows, margin - shift].sum(axis=0) for shift in shifts])
-    score += _log_wall(across, wall)
-    return np.asarray(logsumexp(score, axis=1), np.float64)
-
-
-def _positions(half_range: float) -> Float64:
-    """Return candidate positions across an edge, m: multiples of `STEP`, symmetric about 0."""
-    count = round(half_range / STEP)
-    return np.asarray(STEP * np.arange(-count, count + 1), np.float64)
 
 
 def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:

@@ -164,7 +164,7 @@ def _matches(a: MapFeatures, b: MapFeatures, guess: Float64) -> tuple[Float64, F
 
 def _wall_costs(a: MapFeatures, b: MapFeatures, guess: Float64) -> Float64:
     """Return the distances across walls (N, M), m; `NO_MATCH_COST` if not parallel or far."""
-    angle = _line_angle(a.directions[:, None] - (b.directions + guess[2])[None])
+    angle = line_angle(a.directions[:, None] - (b.directions + guess[2])[None])
     across = np.stack([-np.sin(a.directions), np.cos(a.directions)], axis=1)
     between = transform2(guess, b.wall_middles)[None] - a.wall_middles[:, None]
     offset = np.abs(np.einsum("nmk,nk->nm", between, across))
@@ -172,7 +172,7 @@ def _wall_costs(a: MapFeatures, b: MapFeatures, guess: Float64) -> Float64:
     return np.where((np.abs(angle) > MAX_WALL_ANGLE_RAD) | is_far, NO_MATCH_COST, offset)
 
 
-def _line_angle(difference: Float64) -> Float64:
+def line_angle(difference: Float64 | float) -> Float64:
     """Wrap differences of directions of undirected lines to (-pi/2, pi/2], rad."""
     return wrap_angle(2.0 * difference) / 2.0
 
@@ -192,7 +192,7 @@ def _refine(a: MapFeatures, b: MapFeatures, guess: Float64) -> Float64:
     surfaces, walls = _matches(a, b, guess)
     yaw = guess[2]
     if len(walls):
-        errors = _line_angle(a.directions[walls[:, 0]] - b.directions[walls[:, 1]] - yaw)
+        errors = line_angle(a.directions[walls[:, 0]] - b.directions[walls[:, 1]] - yaw)
         yaw = yaw + float(np.median(errors))
     moved = transform2(np.array([0.0, 0.0, yaw]), b.middles[surfaces[:, 1], :2])
     rows = [np.tile(np.eye(2), (len(surfaces), 1))]

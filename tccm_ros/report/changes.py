@@ -12,8 +12,7 @@ import shapely
 from shapely.affinity import translate
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import wrap_angle
-from tccm_ros.report.align import MAX_HEIGHT_DIFFERENCE_M
+from tccm_ros.report.align import MAX_HEIGHT_DIFFERENCE_M, line_angle
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 
@@ -179,7 +178,7 @@ def _normal(wall: WallEntry) -> Float64:
 
 def _is_one_wall(a: WallEntry, b: WallEntry) -> bool:
     # The normal of a wall through the origin may point either way.
-    angle = float(np.abs(wrap_angle(2.0 * (a.phi - b.phi))) / 2.0)
+    angle = abs(float(line_angle(a.phi - b.phi)))
     if angle > MAX_WALL_ANGLE_RAD or _wall_distance(a, b) > MAX_WALL_DISTANCE_M:
         return False
     tangent = np.array([-np.sin(a.phi), np.cos(a.phi)])

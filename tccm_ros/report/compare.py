@@ -16,6 +16,7 @@ import numpy as np
 from tccm_ros.errors import MapError
 from tccm_ros.report.align import find_alignment, moved_results, pose_text
 from tccm_ros.report.changes import Change, Item, Kind, surface_changes, wall_changes
+from tccm_ros.report.tables import text_table
 from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
@@ -93,15 +94,15 @@ class Comparison:
     def text(self) -> str:
         """Return the comparison as lines for a terminal."""
         head = ("", "label", "id", "height, m", "area, m2", "shift, m")
-        rows = [head, *self.surface_rows()]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-        lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip() for row in rows]
-        lines.append(f"surfaces: {self.counts(self.surfaces)}")
-        lines.append(f"walls: {self.counts(self.walls)}")
-        lines.append(f"paths: {self.path_text()}")
+        return "\n".join([text_table([head, *self.surface_rows()]), *self.notes()])
+
+    def notes(self) -> Iterator[str]:
+        """Yield the counts, the paths and the alignment, a sentence each."""
+        yield f"surfaces: {self.counts(self.surfaces)}"
+        yield f"walls: {self.counts(self.walls)}"
+        yield f"paths: {self.path_text()}"
         if self.laid_over is not None:
-            lines.append(f"the second map was laid over the first: {pose_text(self.laid_over)}")
-        return "\n".join(lines)
+            yield f"the second map was laid over the first: {pose_text(self.laid_over)}"
 
     def path_text(self) -> str:
         """Return the lengths and the difference of the paths, as text."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from matplotlib.patches import Patch
 from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.report import palette
-from tccm_ros.report.align import pose_text
 from tccm_ros.report.changes import Kind
 from tccm_ros.report.compare import Comparison
 from tccm_ros.report.drawing import (
@@ -29,6 +27,7 @@ from tccm_ros.report.drawing import (
 )
 from tccm_ros.report.label_layout import label_point
 from tccm_ros.report.map_picture import extent
+from tccm_ros.report.page import viewer_asset
 from tccm_ros.report.tables import table
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
@@ -155,16 +154,10 @@ def _legend() -> Sequence[Patch | Line2D]:
     return [*changes, Line2D([], [], color=palette.WALL, lw=3, label="wall")]
 
 
-def _alignment_html(comparison: Comparison) -> str:
-    if comparison.laid_over is None:
-        return ""
-    return f"\n<p>the second map was laid over the first: {pose_text(comparison.laid_over)}</p>"
-
-
 def _page(comparison: Comparison, drawn: bytes) -> str:
     content = base64.b64encode(drawn).decode("ascii")
-    style = files("tccm_ros.report").joinpath("viewer", "page.css").read_text(encoding="utf-8")
     head = ("change", "label", "id", "height over floor, m", "area, m²", "shift, m")
+    notes = "</p>\n<p>".join(map(escape, comparison.notes()))
     rows = table(head, comparison.surface_rows(), numbers=(5,))
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -174,13 +167,11 @@ def _page(comparison: Comparison, drawn: bytes) -> str:
 <link rel="icon" href="data:,">
 <title>tccm_ros: two maps</title>
 <style>
-{style}</style>
+{viewer_asset("page.css")}</style>
 </head>
 <body>
 <header><h1>Two maps</h1>
-<p>surfaces: {escape(comparison.counts(comparison.surfaces))}</p>
-<p>walls: {escape(comparison.counts(comparison.walls))}</p>
-<p>paths: {escape(comparison.path_text())}</p>{_alignment_html(comparison)}</header>
+<p>{notes}</p></header>
 <main>
 <section id="maps">
 <img alt="both maps" width="1150" src="data:image/png;base64,{content}">

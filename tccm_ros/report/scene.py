@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.racks.outline import box_edges
 from tccm_ros.report import palette
@@ -23,6 +24,7 @@ from tccm_ros.results.models import (
     ObjectEntry,
     PlaneEntry,
     SurfaceEntry,
+    WallEntry,
 )
 from tccm_ros.results.signs_file import SignEntry
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -45,30 +47,14 @@ HALF_LENGTH_PER_STD = 3.0**0.5
 
 def build_scene(results: Results, pack: ArrayPack) -> dict[str, Any]:
     """Return the values for the page's script; the arrays that they reference go into a pack."""
-    colors = palette.surface_colors(results.surfaces)
-    window = results.cycles.window if results.cycles else 10
-    cuboids = _newest(results.cuboids) if results.cuboids else None
-    frame = np.eye(4)
-    if results.cycles is not None and len(results.cycles):
-        frame = results.cycles.T_map_odom[-1]
-    # Transparent surfaces are painted from low to high.
-    by_height = sorted(results.surfaces, key=lambda s: (s.height, s.id))
     return {
         "ground": _round(results.ground),
         "start": results.start,
         "extent": [_list(corner) for corner in _extent(results)],
         "palette": list(palette.PALETTE),
         "colors": palette.WORLD,
-        "surfaces": [_surface(pack, s, colors[s.id], results.ground) for s in by_height],
-        "walls": [
-            {
-                "id": wall.id,
-                "ends": [_list(end) for end in wall.endpoints],
-                "length": _round(float(np.hypot(*(wall.endpoints[1] - wall.endpoints[0])))),
-                "observations": wall.observations,
-            }
-            for wall in results.walls
-        ],
+        "surfaces": _surfaces(pack, results),
+        "walls": [_wall(wall) for wall in results.walls],
         "objects": [_object(box, results) for box in results.objects],
         "surfaceIds": [surface.id for surface in results.above_floor],
         "free": list(_free(pack, results)),
@@ -77,8 +63,7 @@ def build_scene(results: Results, pack: ArrayPack) -> dict[str, Any]:
         "path": _path(pack, results),
         "places": _views(results),
         "planes": [_plane_cycle(pack, cycle, results.ground) for cycle in results.planes],
-        "final": _final(pack, cuboids, frame, window) if cuboids else None,
-        "cores": _cores(pack, cuboids) if cuboids else None,
+        **_cuboids(pack, results),
         "cycles": _cycles(pack, results),
     }
 
@@ -89,6 +74,13 @@ def _extent(results: Results) -> tuple[Float64, Float64]:
         return extent(results)
     low, high = np.percentile(results.cuboids.mean[:, :2], [2, 98], axis=0)
     return low - 0.5, high + 0.5
+
+
+def _surfaces(pack: ArrayPack, results: Results) -> list[dict[str, Any]]:
+    """Return the surfaces from low to high, the order in which transparent ones are painted."""
+    colors = palette.surface_colors(results.surfaces)
+    by_height = sorted(results.surfaces, key=lambda s: (s.height, s.id))
+    return [_surface(pack, s, colors[s.id], results.ground) for s in by_height]
 
 
 def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) -> dict[str, Any]:
@@ -124,6 +116,15 @@ def _shape(
         "v": pack.add(mesh.points, "f4"),
         "t": pack.add(mesh.triangles, "u2"),
         "rings": list(mesh.rings),
+    }
+
+
+def _wall(wall: WallEntry) -> dict[str, Any]:
+    return {
+        "id": wall.id,
+        "ends": [_list(end) for end in wall.endpoints],
+        "length": _round(float(np.hypot(*(wall.endpoints[1] - wall.endpoints[0])))),
+        "observations": wall.observations,
     }
 
 
@@ -226,6 +227,16 @@ def _plane(pack: ArrayPack, plane: PlaneEntry, ground: float) -> dict[str, Any]:
         "rms": plane.rms,
         "shape": _shape(pack, plane.boundary, plane.holes, plane.normal),
     }
+
+
+def _cuboids(pack: ArrayPack, results: Results) -> dict[str, Any]:
+    """Return the final cuboids in the frame of the last cycle, and their center cores."""
+    if not results.cuboids:
+        return {"final": None, "cores": None}
+    cycles, cuboids = results.cycles, _newest(results.cuboids)
+    frame = cycles.T_map_odom[-1] if cycles else np.eye(4)
+    window = cycles.window if cycles else Config().map.window_cycles
+    return {"final": _final(pack, cuboids, frame, window), "cores": _cores(pack, cuboids)}
 
 
 def _newest(cuboids: FinalCuboids) -> FinalCuboids:

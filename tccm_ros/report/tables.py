@@ -37,6 +37,13 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[
     return "\n".join([*lines, "</tbody></table>"])
 
 
+def text_table(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table for a terminal, with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip() for row in rows)
+    return "\n".join(lines)
+
+
 class Markup(str):
     """HTML that `table` does not escape."""
 

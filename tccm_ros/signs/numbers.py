@@ -139,9 +139,4 @@ def is_list(heights: Sequence[float], own: int) -> bool:
     own
         Index of the number's line.
     """
-    return n_alike(heights, own) >= 3
-
-
-def n_alike(heights: Sequence[float], own: int) -> int:
-    """Return how many other lines are at least about as high as the number's line."""
-    return sum(h > 0.75 * heights[own] for k, h in enumerate(heights) if k != own)
+    return sum(h > 0.75 * heights[own] for k, h in enumerate(heights) if k != own) >= 3

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -187,44 +190,64 @@ def measure_signs(detector: Detector, posed: PosedPicture, pixels: UInt8) -> lis
     pixels
         uint8 (H, W) or (H, W, 3), pixels of the picture.
     """
+    quarters = quarter_rotations(posed.T_base_sensor[0])
+    rotated = np.ascontiguousarray(np.rot90(pixels, quarters))
+    # The middle of a number that is cut off at the border is unknown.
+    size = rotated.shape[1], rotated.shape[0]
+    found = [sign for sign in detector.search(rotated).signs if _is_whole(sign, size)]
+    if not found:
+        return []
+    signs = [_in_picture(sign, quarters, posed.image.size) for sign in found]
+    measured = map(
+        partial(_measurement, posed), signs, _rays(posed, signs), _patches(rotated, found)
+    )
+    return [sign for sign in measured if np.isfinite(sign.bearing).all()]
+
+
+def _patches(pixels: UInt8, signs: Sequence[DetectedSign]) -> UInt8:
+    """Return the brightness of each number and its surroundings."""
+    boxes = np.array([[*sign.box[:2], *(sign.box[:2] + sign.box[2:])] for sign in signs])
+    return region_patches(np.asarray(Image.fromarray(pixels).convert("L")), boxes)
+
+
+def _in_picture(sign: DetectedSign, quarters: int, size: tuple[int, int]) -> DetectedSign:
+    """Return a sign of a rotated picture with the points in the original picture.
+
+    The origin of the detector is the corner of the first pixel, that of a calibration its centre.
+    """
+    pixel, corners, plate = (
+        _turned_back(points, quarters, size) - 0.5
+        for points in (sign.pixel[None], sign.corners, sign.plate)
+    )
+    return replace(sign, pixel=pixel[0], corners=corners, plate=plate)
+
+
+def _rays(posed: PosedPicture, signs: Sequence[DetectedSign]) -> Float64:
+    """Return unit vectors (N, 5, 3) to the number and the plate's four corners of each sign."""
+    assert posed.image.camera is not None
+    points = np.concatenate([np.vstack([sign.pixel, sign.plate]) for sign in signs])
+    is_rectified = is_rectified_topic(posed.role)
+    return pixel_directions(posed.image.camera, points, is_rectified=is_rectified).reshape(-1, 5, 3)
+
+
+def _measurement(
+    posed: PosedPicture, sign: DetectedSign, rays: Float64, patch: UInt8
+) -> SignMeasurement:
     camera = posed.image.camera
     assert camera is not None
-    quarters = quarter_rotations(posed.T_base_sensor[0])
-    pixels = np.ascontiguousarray(np.rot90(pixels, quarters))
-    found = detector.search(pixels).signs
-    # The middle of a number that is cut off at the border is unknown.
-    signs = [s for s in found if _is_whole(s, (pixels.shape[1], pixels.shape[0]))]
-    if not signs:
-        return []
-
-    def in_picture(points: Float64) -> Float64:
-        # The origin of the detector is the corner of the first pixel, of a calibration its centre.
-        return _turned_back(points, quarters, posed.image.size) - 0.5
-
-    middles = in_picture(np.array([sign.pixel for sign in signs]))
-    plates = in_picture(np.concatenate([sign.plate for sign in signs]))
-    bearings = pixel_directions(
-        camera, np.concatenate([middles, plates]), is_rectified=is_rectified_topic(posed.role)
+    return SignMeasurement(
+        stamp_ns=posed.stamp_ns,
+        pixel=sign.pixel,
+        bearing=rays[0],
+        T_base_camera=posed.T_base_sensor[0],
+        text=sign.text,
+        number=sign.number,
+        confidence=sign.confidence,
+        patch=patch,
+        corners=sign.corners,
+        plate=rays[1:],
+        focal_length=float(camera.K[0, 0] / camera.binning[0]),
     )
-    boxes = np.array([np.append(sign.box[:2], sign.box[:2] + sign.box[2:]) for sign in signs])
-    patches = region_patches(np.asarray(Image.fromarray(pixels).convert("L")), boxes)
-    return [
-        SignMeasurement(
-            stamp_ns=posed.stamp_ns,
-            pixel=middles[k],
-            bearing=bearings[k],
-            T_base_camera=posed.T_base_sensor[0],
-            text=sign.text,
-            number=sign.number,
-            confidence=sign.confidence,
-            patch=patches[k],
-            corners=in_picture(sign.corners),
-            plate=bearings[len(signs) + 4 * k :][:4],
-            focal_length=float(camera.K[0, 0] / camera.binning[0]),
-        )
-        for k, sign in enumerate(signs)
-        if np.isfinite(bearings[k]).all()
-    ]
 
 
 def quarter_rotations(T_base_camera: Float64) -> int:

@@ -14,6 +14,7 @@ from tccm_ros.arrays import Float32, Float64, UInt8
 from tccm_ros.signs.classifier import SignClassifier, read_classifier
 from tccm_ros.signs.measurement import DetectedSign, SearchedText
 from tccm_ros.signs.numbers import is_doubtful, is_list, normalised, room_number
+from tccm_ros.signs.plates import LIST_DISTANCE, MIN_CONFIDENCE, OTHER_CONFIDENCE
 from tccm_ros.signs.reading import TextLine, TextReader, bounding_corners
 from tccm_ros.signs.saliency import salient_boxes
 
@@ -41,18 +42,8 @@ MAX_SCALE = 2.0
 MAX_LINES = 3
 """Maximum number of lines read per plate. Chosen."""
 
-LIST_DISTANCE = (1.0, 6.0)
-"""Maximum distance beside and above or below a number of other lines, in its heights. Chosen: three
-rows of a list, which also covers its first and last rows; no poster beside a plate."""
-
 LIST_LINE = 14.0
 """Height of the number in that search, pixels. Chosen: the finder finds lines of ten and more."""
-
-MIN_CONFIDENCE = 0.8
-"""Minimum mean probability of the characters of a number. Chosen."""
-
-OTHER_CONFIDENCE = 0.6
-"""The same for the other lines. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -158,12 +149,8 @@ class SaliencyDetector:
                 continue
             if is_list([line.height for line in lines], k) or self._is_row(whole, lines[k], low):
                 return None
-            sign = self._sign(picture, lines, k, (normalised(text), number, confidence))
-            own = sign.box + np.append(low, [0.0, 0.0])
-            corners = sign.corners + low
-            return replace(
-                sign, pixel=sign.pixel + low, box=own, corners=corners, plate=sign.plate + low
-            )
+            read = normalised(text), number, confidence
+            return _moved(self._sign(picture, lines, k, read), low)
         return None
 
     def _is_row(self, whole: Image.Image, line: TextLine, low: Float64) -> bool:
@@ -217,6 +204,17 @@ class SaliencyDetector:
         box = np.append(low, high - low)
         plate = bounding_corners([lines[k] for k in texts])
         return DetectedSign(joined, read[1], lines[own].center, box, read[2], corners, plate)
+
+
+def _moved(sign: DetectedSign, low: Float64) -> DetectedSign:
+    """Return a sign of a region in the picture, for the region's left and top (2,)."""
+    return replace(
+        sign,
+        pixel=sign.pixel + low,
+        box=sign.box + np.append(low, [0.0, 0.0]),
+        corners=sign.corners + low,
+        plate=sign.plate + low,
+    )
 
 
 def _corners(box: Float64) -> Float64:

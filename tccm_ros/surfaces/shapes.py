@@ -2,8 +2,7 @@
 
 The model is selected for the outline of the area that the views cover (`outlines.shape_models`).
 The position of each edge is then estimated from the last points of all views and the walls
-(`outlines.edge_position`; circles and ellipses: `round_edges`). All edges of a rectangle or an L
-rotate together.
+(`outlines.edge_position`; circles and ellipses: `round_edges`).
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
+from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.outlines.shape_models import (
     CAP_CORNERS,
     FACING,
@@ -42,9 +41,6 @@ from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.round_edges import edge_jacobian, refine_round
 from tccm_ros.surfaces.views import View
 
-ROUNDS = 2
-"""Number of iterations of the refinement of a model's edges; chosen."""
-
 MIN_LENGTH = 0.08
 """Min length of an edge that is refined, m; chosen: shorter edges have few points."""
 
@@ -66,16 +62,6 @@ beams."""
 RAGGED = 0.012
 """Most last points of an occluded edge are short of the furthest one by more than the sample
 distance plus this, m; chosen: twice the noise of each. Last points at a true edge are collinear."""
-
-MAX_ROTATION = 0.07
-"""Max rotation of an edge in an iteration, rad; chosen."""
-
-ROTATIONS = np.linspace(-MAX_ROTATION, MAX_ROTATION, 29)
-"""Candidate rotations, rad: steps of 2.5 mm at the ends of an edge of 1 m."""
-
-ROTATION_SIGMA = 0.05
-"""Standard deviation of the directions of the outline of points, rad; chosen: a distance of scan
-lines over the length of an edge."""
 
 FREE_SIGMA = 0.02
 """Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
@@ -165,9 +151,7 @@ def fit_shape(
         return _free(sampler, samples, others)
     sigmas = np.full(0, np.nan)
     if isinstance(model, StraightModel):
-        at_wall: set[int] = set()
-        for _ in range(ROUNDS):
-            model, sigmas = _refined(model, sampler, near, at_wall)
+        model, sigmas = _refined(model, sampler, near)
         model = _to_ends_of_fronts(model, sampler, samples, walls)
     else:
         model, sigmas = _refined_round(model, sampler)
@@ -214,40 +198,22 @@ def _yaws(outline: Polygon, walls: Float64) -> Float64:
 
 
 def _refined(
-    model: StraightModel, sampler: EdgeSampler, walls: Float64, at_wall: set[int]
+    model: StraightModel, sampler: EdgeSampler, walls: Float64
 ) -> tuple[StraightModel, Float64]:
-    """Refine the edges of a model by last points; return the model and the edges' sigmas, m.
-
-    Occluded edges that end at a wall are added to `at_wall`, and stay there.
-    """
-    corners = model.corners()
-    if not np.isfinite(corners).all():
-        return model, np.full(len(corners), np.nan)
-    edges = _edges_of(corners)
-    across = [wall_across(edge, walls) for edge in edges]
-    samples = [
-        doubting_wall_points(sampler.edge_samples(edge), wall) for edge, wall in zip(edges, across)
-    ]
-    rotations = _rotations(model, edges, samples, across)
-    normals, offsets = model.normals.copy(), model.offsets.copy()
-    sigmas = np.full(len(edges), np.nan)
-    for k, (edge, found, rotation) in enumerate(zip(edges, samples, rotations.tolist())):
-        middle = 0.5 * (edge.start + edge.end)
-        c, s = np.cos(rotation), np.sin(rotation)
-        normals[k] = np.array([[c, -s], [s, c]]) @ model.normals[k]
-        offsets[k] = normals[k] @ middle
+    """Refine the edges of a model by last points; return the model and the edges' sigmas, m."""
+    corners, offsets = model.corners(), model.offsets.copy()
+    sigmas = np.full(len(corners), np.nan)
+    for k, edge in enumerate(_edges_of(corners) if np.isfinite(corners).all() else ()):
+        wall = wall_across(edge, walls)
+        found = doubting_wall_points(sampler.edge_samples(edge), wall)
         if edge.length < MIN_LENGTH or not len(found.at):
             continue
-        wall = across[k]
-        if wall is not None and (k in at_wall or _reaches_wall(edge, found, wall, sampler)):
-            at_wall.add(k)
+        if wall is not None and _reaches_wall(edge, found, wall, sampler):
             offsets[k] += wall
             continue
-        # The rotation changes the distance across of points away from the middle of the edge.
-        last = found.last + rotation * (found.at - 0.5 * edge.length)
-        shift, sigmas[k] = locate_edge(found._replace(last=last), wall)
+        shift, sigmas[k] = locate_edge(found, wall)
         offsets[k] += shift
-    return replace(model, normals=normals, offsets=offsets), sigmas
+    return replace(model, offsets=offsets), sigmas
 
 
 def _refined_round(model: RoundModel, sampler: EdgeSampler) -> tuple[RoundModel, Float64]:
@@ -324,29 +290,6 @@ def doubting_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSample
         return samples
     is_on_wall = (np.abs(samples.last - wall) <= AT_WALL) & ~samples.ends
     return samples._replace(weight=np.where(is_on_wall, WALL_WEIGHT, 1.0) * samples.weight)
-
-
-def _rotations(
-    model: StraightModel,
-    edges: Sequence[Edge],
-    samples: Sequence[EdgeSamples],
-    across: Sequence[float | None],
-) -> Float64:
-    """Return the rotation of each edge, float64 (E,), rad; edges of a model with axes have one."""
-    scores = np.zeros((len(edges), len(ROTATIONS)))
-    for k, (edge, found) in enumerate(zip(edges, samples)):
-        if edge.length >= MIN_LENGTH and len(found.at):
-            scores[k] = rotation_scores(found, 0.5 * edge.length, ROTATIONS, across[k])
-    if model.has_axes:
-        scores[:] = scores.sum(axis=0)
-    return _mean_rotations(scores)
-
-
-def _mean_rotations(scores: Float64) -> Float64:
-    """Return the mean rotation of each edge, rad, by log likelihoods (E, R) of `ROTATIONS`."""
-    scores = scores - 0.5 * (ROTATIONS / ROTATION_SIGMA) ** 2
-    likelihood = np.exp(scores - scores.max(axis=1, keepdims=True))
-    return np.asarray(likelihood @ ROTATIONS / likelihood.sum(axis=1))
 
 
 def _edges(

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from tccm_ros.arrays import Float64
@@ -242,10 +243,7 @@ class RerunLog:
     def _log_signs(self, solution: SurfaceSolution) -> None:
         for sign in solution.slam.signs:
             self._at(min((view.stamp_ns for view in sign.views), default=solution.stamp_ns))
-            arrow = rr.Arrows3D(
-                origins=[sign.position], vectors=[0.3 * sign.normal], labels=[sign.text],
-                colors=rgb(palette.LANDMARK),
-            )  # fmt: skip
+            arrow = sign_arrow(sign.position, sign.normal, sign.text)
             self._stream.log(f"map/signs/{sign.id}", arrow)
 
     def _log_walls(self, solution: SurfaceSolution, floor: float) -> None:
@@ -315,6 +313,13 @@ def rerun_file(path: Path | str, config: Config) -> Iterator[RerunLog]:
         stream.send_blueprint(log.blueprint())
         stream.flush()
         stream.disconnect()
+
+
+def sign_arrow(position: ArrayLike, normal: ArrayLike, text: str) -> rr.Arrows3D:
+    """Return a door sign as an arrow along its normal, with its text."""
+    along = AXIS_M * np.asarray(normal)
+    color = rgb(palette.LANDMARK)
+    return rr.Arrows3D(origins=[position], vectors=[along], labels=[text], colors=color)
 
 
 def _times(stamps_ns: Iterable[int]) -> rr.TimeColumn:

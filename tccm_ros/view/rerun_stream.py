@@ -19,7 +19,15 @@ import rerun.blueprint as rrb
 from tccm_ros.errors import ConfigError, one_line
 from tccm_ros.report import palette
 from tccm_ros.view.live_state import LiveState
-from tccm_ros.view.rerun_log import AXIS_M, RADIUS_M, STAMP, WALL_HEIGHT_M, rgb, with_first_point
+from tccm_ros.view.rerun_log import (
+    AXIS_M,
+    RADIUS_M,
+    STAMP,
+    WALL_HEIGHT_M,
+    rgb,
+    sign_arrow,
+    with_first_point,
+)
 
 BASE = "map/base"
 """Entity of the base's frame."""
@@ -179,16 +187,20 @@ def _wall(stream: rr.RecordingStream, entity: str, value: Any, ground: float) ->
     stream.log(entity, rr.LineStrips3D([face], colors=rgb(palette.WALL), radii=RADIUS_M))
 
 
+def _sign(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> None:
+    stream.log(entity, sign_arrow(value["at"], value["normal"], value["text"]))
+
+
 def _path(stream: rr.RecordingStream, entity: str, value: Any, ground: float) -> None:
     xy = np.reshape(value["xy"], (-1, 2))
     line = np.column_stack([xy, np.full(len(xy), ground)])
     stream.log(entity, rr.LineStrips3D([line], colors=rgb(palette.PATH), radii=RADIUS_M))
 
 
-WRITERS = {"surface": _surface, "object": _object, "wall": _wall, "path": _path}
+WRITERS = {"surface": _surface, "object": _object, "sign": _sign, "wall": _wall, "path": _path}
 """By kind of the entity on the live page."""
 
-NAMES = {"surface": "surfaces", "object": "objects", "wall": "walls"}
+NAMES = {"surface": "surfaces", "object": "objects", "sign": "signs", "wall": "walls"}
 """Where a recording of a replay has such entities, too."""
 
 

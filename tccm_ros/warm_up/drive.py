@@ -6,8 +6,6 @@ surface messages. The kernels of tilt cycles are not needed here and would take 
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from tccm_ros.config import Config
@@ -15,8 +13,7 @@ from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-from tccm_ros.warm_up.level_drive import level_drive
-from tccm_ros.warm_up.made_robot import PERIOD_NS, START_NS, with_own_robot
+from tccm_ros.warm_up.made_robot import PERIOD_NS, START_NS, level_drive, with_own_robot
 
 SURFACES = ((0.0, 2.0), (0.7, 0.5), (0.73, 0.1))
 """Height and half width of floor, table, and a step on it, m."""
@@ -26,13 +23,8 @@ VIEW_SCANS = (20, 60, 100)
 
 
 def warm_up_slam(config: Config) -> None:
-    """Process a drive in a temporary SLAM processor; once per process for equal settings."""
-    _drive_once(config.model_dump_json())
-
-
-@cache
-def _drive_once(config_json: str) -> None:
-    config = with_own_robot(Config.model_validate_json(config_json))
+    """Process a drive in a temporary SLAM processor."""
+    config = with_own_robot(config)
     robot, slam = Robot(config, default_streams(config)), SurfaceSlam(config)
     for role, record in level_drive():
         for event in robot.add(role, record):

@@ -1,12 +1,14 @@
-"""The synthetic robot whose recordings call the kernels before the first record."""
+"""The synthetic robot whose recordings call the kernels before the first record, and its drive."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.records import RobotDescription, Scan
+from tccm_ros.records import Odometry, RobotDescription, Scan
 from tccm_ros.records.building import scan_record
 
 START_NS = 1_000_000_000_000
@@ -18,6 +20,9 @@ HEIGHT = 1.5
 
 BEAM_S = 2e-5
 """Time between two beams, s, during which base and joints move."""
+
+DRIVE_SCANS, DRIVE_STEP = 150, 0.15
+"""Number of level scans, and maximum distance between two of them, m."""
 
 LEVEL = "level_laser"
 """Frame of the level laser; that of the tilting one is `laser`."""
@@ -60,3 +65,18 @@ def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> 
     end, duration = float(bearings[-1]), BEAM_S * len(bearings)
     numbers = (first, end, step, BEAM_S, duration, 0.05, 30.0)
     return scan_record(stamp_ns, frame, numbers, ranges.astype(np.float32))
+
+
+def level_drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
+    """Yield the level scans of a drive back and forth in a room of 7 by 5 m, with loops."""
+    yield "robot_description", ROBOT
+    bearings = np.linspace(-2.0, 2.0, BEAMS)
+    for k in range(DRIVE_SCANS):
+        stamp_ns, x = START_NS + k * PERIOD_NS, 1.5 * float(np.sin(DRIVE_STEP / 1.5 * k))
+        T_odom_base = np.eye(4)
+        T_odom_base[0, 3] = x
+        yield "odom", Odometry(stamp_ns, "odom", "base", T_odom_base)
+        c, s = np.cos(bearings), np.sin(bearings)
+        ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
+        ranges = np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9))
+        yield "scan", made_scan(stamp_ns, LEVEL, bearings, ranges)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from tccm_ros.config import Config
 
 PARTS = {"tccm": ("tilt", "outlines"), "slam": ("drive",)}
@@ -29,7 +31,7 @@ def warm_up(processor_name: str, config: Config) -> None:
 
 
 def run_part(part: str, config: Config) -> None:
-    """Compile or load the kernels of a part, without importing the modules of other parts.
+    """Compile or load the kernels of a part, once per process for equal settings.
 
     Parameters
     ----------
@@ -38,6 +40,13 @@ def run_part(part: str, config: Config) -> None:
     config
         Configuration of the processor.
     """
+    _run_once(part, config.model_dump_json())
+
+
+@cache
+def _run_once(part: str, config_json: str) -> None:
+    """Run a part without importing the modules of other parts."""
+    config = Config.model_validate_json(config_json)
     if part == "tilt":
         from tccm_ros.warm_up.tilt import warm_up_tccm
 

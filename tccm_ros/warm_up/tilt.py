@@ -7,7 +7,6 @@ two walls, a table with objects on it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache
 
 import numpy as np
 
@@ -57,14 +56,9 @@ BOXES = (
 
 
 def warm_up_tccm(config: Config) -> None:
-    """Process tilt cycles in a temporary TCCM processor; once per process for equal settings."""
-    _tilt_once(config.model_dump_json())
-
-
-@cache
-def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
-    config = with_own_robot(Config.model_validate_json(config_json))
-    _measure_once(config)
+    """Process tilt cycles in a temporary TCCM processor."""
+    config = with_own_robot(config)
+    _measure(config)
     robot, processor = Robot(config, default_streams(config)), TccmProcessor(config)
     results: list[CycleResult] = []
     for role, record in _tilt():
@@ -76,10 +70,9 @@ def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
     check = RigCheck()
     for result in results:
         check.add(result)
-    return tuple(results)
 
 
-def _measure_once(config: Config) -> None:
+def _measure(config: Config) -> None:
     """Measure small images and clouds with all types of depths and times."""
     K = np.array([[40.0, 0.0, 20.0], [0.0, 40.0, 15.0], [0.0, 0.0, 1.0]])
     camera = CameraInfo(START_NS, "", 40, 30, "", np.zeros(0), K, np.zeros((3, 4)))

@@ -6,24 +6,16 @@ the solver process loads its own.
 
 from __future__ import annotations
 
-from functools import cache
-
 from tccm_ros.config import Config
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.slam.tracking import Tracker
-from tccm_ros.warm_up.level_drive import level_drive
-from tccm_ros.warm_up.made_robot import with_own_robot
+from tccm_ros.warm_up.made_robot import level_drive, with_own_robot
 
 
 def warm_up_tracking(config: Config) -> None:
-    """Track the synthetic robot through a room; once per process for equal settings."""
-    _track_once(config.model_dump_json())
-
-
-@cache
-def _track_once(config_json: str) -> None:
-    config = with_own_robot(Config.model_validate_json(config_json))
+    """Track the synthetic robot through a room."""
+    config = with_own_robot(config)
     robot, tracker = Robot(config, default_streams(config)), Tracker(config)
     for role, record in level_drive():
         for event in robot.add(role, record):

@@ -204,8 +204,8 @@ def test_a_result_is_compared_with_each_kind_of_truth(tmp_path):
     truth = write_tum(tmp_path / "truth.tum", poses, stamps)
     score = score_trajectory(result, truth)
     assert score.errors["absolute, aligned"].translation.max() < 1e-6
-    assert "relative over 10 m" in score.table()
-    assert score.as_dict()["missing"] == 0
+    assert "relative over 10 m" in score.text()
+    assert score.to_json()["missing"] == 0
     relations = write_relations(tmp_path / "truth.relations", poses, stamps, [(0, 40), (5, 9)])
     score = score_trajectory(result, relations)
     assert [len(e) for e in score.errors.values()] == [2, 2]

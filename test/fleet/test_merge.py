@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from map_truth import surface_errors, wall_errors
 from split_bag import split_bag
 
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError
+from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.merge import merge_maps
 from tccm_ros.geometry import inverse2, transform2
 from tccm_ros.replay.replay import replay
@@ -35,7 +37,15 @@ def maps(session_files, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def workers():
+    """A worker in this process, which has loaded its kernels."""
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        yield Workers(scheduler=cluster.scheduler_address)
+
+
+@pytest.fixture(scope="module")
 def merged(maps, tmp_path_factory):
+    """The map of both halves, which a process of its own has matched."""
     out = tmp_path_factory.mktemp("merged") / "flat"
     return merge_maps([maps / "first", maps / "second"], out, Config())
 
@@ -76,10 +86,10 @@ def test_the_merged_map_is_a_map(merged, maps):
     assert found.views == sum(c.views for c in counts)
 
 
-def test_a_map_of_another_place_is_matched_alone_and_stays_by_itself(merged, maps):
+def test_a_map_of_another_place_is_matched_alone_and_stays_by_itself(merged, maps, workers):
     sources = [maps / name for name in ("first", "second", "elsewhere")]
     before = (merged.out / "surfaces.json").read_bytes()
-    again = merge_maps(sources, merged.out, Config())
+    again = merge_maps(sources, merged.out, Config(), workers=workers)
     assert again.matched == 2, "what was matched before is remembered"
     assert [len(c.maps) for c in again.content.components] == [2, 1]
     assert (again.out / "surfaces.json").read_bytes() == before
@@ -104,14 +114,14 @@ def with_signs(folder, map_folder, T_first_map, texts):
 
 @pytest.mark.parametrize(("other", "sizes"), [("1", [2]), ("2", [1, 1])])
 def test_signs_tell_two_buildings_with_the_same_walls_and_furniture(
-    merged, maps, tmp_path, other, sizes
+    merged, maps, workers, tmp_path, other, sizes
 ):
     (component,) = merged.content.components
     sources = [
         with_signs(tmp_path, maps / name, entry.T_map_old, [f"{floor}0{k}" for k in range(3)])
         for name, entry, floor in zip(("first", "second"), component.maps, ("1", other))
     ]
-    found = merge_maps(sources, tmp_path / "out", Config())
+    found = merge_maps(sources, tmp_path / "out", Config(), workers=workers)
     assert [len(c.maps) for c in found.content.components] == sizes
     (pair,) = found.content.pairs
     assert ("3 of 3 door signs read otherwise" in pair.reason) == (other == "2")

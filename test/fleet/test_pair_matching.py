@@ -1,4 +1,4 @@
-"""Furniture tells two floors with the same walls from each other; a match is remembered."""
+"""Furniture tells two floors with the same walls from each other."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -11,16 +11,10 @@ from tccm_ros.config import Config
 from tccm_ros.fleet import pair_matching
 from tccm_ros.fleet.map_inputs import Footprint, NumberedSign
 from tccm_ros.fleet.pair_matching import (
-    PairLoop,
-    PairMatch,
-    PairReason,
     compare_furniture,
     compare_signs,
-    pair_file,
-    read_pair,
 )
 from tccm_ros.geometry import inverse2, transform2
-from tccm_ros.results.numbers import json_text
 
 FLOOR = Footprint(0, shapely.box(-4, -3, 4, 3), 0.0, True)
 TABLE = Footprint(1, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
@@ -144,27 +138,3 @@ def test_signs_of_both_maps_are_given_to_the_search(monkeypatch):
     other = walls_with_signs(3, [(9, 2, 0), (7, 2, 1), (1, 0, 0)])
     assert pair_matching.match_walls(one, other, Config()) == []
     assert given == [[(1, 3)], [(1, 2)], [], [(7, 4), (9, 4)]]
-
-
-def test_a_match_is_read_as_it_was_written(tmp_path):
-    loop = PairLoop(3, 4, np.array([1.0, 2.0, 0.5]), np.diag([1e-4, 2e-4, 1e-5]), 0.9, 0.8, 2.0)
-    match = PairMatch(PairReason.ACCEPTED, np.array([1.0, 2.0, 0.5]), (loop,), 1.5, 0.75)
-    path = tmp_path / "pair.json"
-    path.write_text(json_text(match))
-    read = read_pair(path)
-    assert read.is_accepted
-    assert np.array_equal(read.loops[0].cov, loop.cov)
-    assert (read.compared_area, read.agreement) == (1.5, 0.75)
-    assert read_pair(tmp_path / "none.json") is None
-
-
-def test_a_match_is_of_two_maps_in_their_order_and_of_the_configuration(tmp_path):
-    other = Config.model_validate({"loops": {"min_score": 0.5}})
-    files = {
-        pair_file(tmp_path, "a", "b", Config()),
-        pair_file(tmp_path, "b", "a", Config()),
-        pair_file(tmp_path, "a", "c", Config()),
-        pair_file(tmp_path, "a", "b", other),
-    }
-    assert len(files) == 4
-    assert pair_file(tmp_path, "a", "b", Config()) in files

@@ -9,8 +9,8 @@ from tccm_ros.config import Config
 from tccm_ros.errors import FleetError
 from tccm_ros.fleet import pair_tasks
 from tccm_ros.fleet.cluster import Workers
-from tccm_ros.fleet.pair_matching import PairMatch, PairReason
-from tccm_ros.fleet.pair_tasks import match_all
+from tccm_ros.fleet.pair_matching import PairLoop, PairMatch, PairReason
+from tccm_ros.fleet.pair_tasks import match_all, pair_file, read_pair
 from tccm_ros.progress import Silent
 from tccm_ros.results.numbers import json_text
 
@@ -69,3 +69,27 @@ def test_a_pair_whose_workers_die_is_an_error_of_one_line(tmp_path, monkeypatch)
     with pytest.raises(FleetError, match=r"a and .*b: ") as error:
         match_all(maps, tmp_path / "pairs", Config(), Workers(), Silent())
     assert "\n" not in str(error.value)
+
+
+def test_a_match_is_read_as_it_was_written(tmp_path):
+    loop = PairLoop(3, 4, np.array([1.0, 2.0, 0.5]), np.diag([1e-4, 2e-4, 1e-5]), 0.9, 0.8, 2.0)
+    match = PairMatch(PairReason.ACCEPTED, np.array([1.0, 2.0, 0.5]), (loop,), 1.5, 0.75)
+    path = tmp_path / "pair.json"
+    path.write_text(json_text(match))
+    read = read_pair(path)
+    assert read.is_accepted
+    assert np.array_equal(read.loops[0].cov, loop.cov)
+    assert (read.compared_area, read.agreement) == (1.5, 0.75)
+    assert read_pair(tmp_path / "none.json") is None
+
+
+def test_a_match_is_of_two_maps_in_their_order_and_of_the_configuration(tmp_path):
+    other = Config.model_validate({"loops": {"min_score": 0.5}})
+    files = {
+        pair_file(tmp_path, "a", "b", Config()),
+        pair_file(tmp_path, "b", "a", Config()),
+        pair_file(tmp_path, "a", "c", Config()),
+        pair_file(tmp_path, "a", "b", other),
+    }
+    assert len(files) == 4
+    assert pair_file(tmp_path, "a", "b", Config()) in files

@@ -18,6 +18,7 @@ from fleet_bags import contents, write_bad_recordings, write_recordings
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError
 from tccm_ros.fleet import run
+from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.run import run_fleet
 from tccm_ros.fleet.task import Outcome
 from tccm_ros.replay.replay import replay
@@ -25,9 +26,13 @@ from tccm_ros.replay.replay import replay
 PATIENCE_S = 300.0
 
 
+COUNT = 3
+"""Recordings: one may end while a test waits for another that is replayed."""
+
+
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
-    return write_recordings(tmp_path_factory.mktemp("fleet") / "bags", 4)
+    return write_recordings(tmp_path_factory.mktemp("fleet") / "bags", COUNT)
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +84,14 @@ def scheduler():
         yield address
 
 
+@pytest.fixture(scope="module")
+def cluster():
+    """The address of a scheduler with two workers, and these."""
+    with ExitStack() as stack:
+        address, _ = stack.enter_context(scheduled())
+        yield address, [stack.enter_context(worker(address)) for _ in range(2)]
+
+
 def worker(address):
     return started("-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny",
                    "--no-dashboard")  # fmt: skip
@@ -103,7 +116,7 @@ def finished(out):
     return {path.name.partition("-")[0]: path for path in out.glob("recordings/[!.]*")}
 
 
-def check_whole(out, single, count):
+def assert_whole(out, single, count=COUNT):
     """Assert that each recording has the results of a single replay, and nothing else is there."""
     found = finished(out)
     assert set(found) == {f"robot_{k}" for k in range(count)}
@@ -112,17 +125,14 @@ def check_whole(out, single, count):
     assert unfinished(out) == []
 
 
-def test_two_workers_over_tcp_write_what_a_single_replay_writes(scheduler, bags, single, tmp_path):
+def test_two_workers_over_tcp_write_what_a_single_replay_writes(cluster, bags, single, tmp_path):
     bad, out = write_bad_recordings(tmp_path / "bad", bags), tmp_path / "out"
-    with ExitStack() as stack:
-        for _ in range(2):
-            stack.enter_context(worker(scheduler))
-        with fleet(bags, out, bad, "--scheduler", scheduler, "--json") as process:
-            text, _ = process.communicate(timeout=PATIENCE_S)
+    with fleet(bags, out, bad, "--scheduler", cluster[0], "--json") as process:
+        text, _ = process.communicate(timeout=PATIENCE_S)
     summary = json.loads(text)
     assert process.returncode == 1
-    assert (summary["done"], summary["unchanged"], summary["failed"]) == (4, 0, 5)
-    check_whole(out, single, 4)
+    assert (summary["done"], summary["unchanged"], summary["failed"]) == (COUNT, 0, 5)
+    assert_whole(out, single)
     failures = [json.loads(path.read_text()) for path in (out / "failures").iterdir()]
     assert {f["source"] for f in failures} == {str(path) for path in bad.iterdir()}
     assert all(f["reason"] for f in failures)
@@ -136,17 +146,17 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(scheduler, bags, single,
         with worker(scheduler):
             text, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, text
-    assert "4 replayed, 0 unchanged, 0 failed" in text
-    check_whole(out, single, 4)
+    assert f"{COUNT} replayed, 0 unchanged, 0 failed" in text
+    assert_whole(out, single)
 
 
-def go_on(bags, out, single):
+def assert_the_next_run_completes(bags, out, single, workers):
     """Assert that the next run does what is missing, and that alone."""
     done = len(finished(out))
-    assert 0 < done < 4
-    summary = run_fleet([str(bags)], out, Config(), pictures=False)
-    assert summary.counts == {Outcome.DONE: 4 - done, Outcome.UNCHANGED: done}
-    check_whole(out, single, 4)
+    assert 0 < done < COUNT
+    summary = run_fleet([str(bags)], out, Config(), workers=workers, pictures=False)
+    assert summary.counts == {Outcome.DONE: COUNT - done, Outcome.UNCHANGED: done}
+    assert_whole(out, single)
 
 
 def is_midway(out):
@@ -154,32 +164,33 @@ def is_midway(out):
 
 
 def test_a_run_that_is_killed_is_gone_on_with(bags, single, tmp_path):
+    """Both with a worker of its own."""
     out = tmp_path / "out"
     with fleet(bags, out, "--workers", "1") as process:
         wait_until(lambda: is_midway(out), "the second recording")
         process.kill()
         process.wait()
-    go_on(bags, out, single)
+    assert_the_next_run_completes(bags, out, single, Workers())
 
 
 def test_a_client_that_is_killed_leaves_scheduler_and_workers_to_the_next(
-    scheduler, bags, single, tmp_path
+    cluster, bags, single, tmp_path
 ):
-    out, options = tmp_path / "out", ("--scheduler", scheduler)
-    with worker(scheduler) as working, worker(scheduler):
-        with fleet(bags, out, *options) as process:
-            wait_until(lambda: is_midway(out), "the second recording")
-            process.kill()
-            process.wait()
-        with fleet(bags, out, *options) as process:
-            text, _ = process.communicate(timeout=PATIENCE_S)
-        assert working.poll() is None
+    address, working = cluster
+    out, options = tmp_path / "out", ("--scheduler", address)
+    with fleet(bags, out, *options) as process:
+        wait_until(lambda: is_midway(out), "the last recording")
+        process.kill()
+        process.wait()
+    with fleet(bags, out, *options) as process:
+        text, _ = process.communicate(timeout=PATIENCE_S)
+    assert all(one.poll() is None for one in working)
     assert process.returncode == 0, text
     assert ", 0 failed" in text
-    check_whole(out, single, 4)
+    assert_whole(out, single)
 
 
-def test_a_scheduler_that_is_killed_ends_the_run_with_a_word(bags, single, tmp_path):
+def test_a_scheduler_that_is_killed_ends_the_run_with_a_word(cluster, bags, single, tmp_path):
     out = tmp_path / "out"
     with ExitStack() as stack:
         address, scheduling = stack.enter_context(scheduled())
@@ -191,7 +202,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_word(bags, single, tmp_p
     assert process.returncode == 1, text
     assert "the scheduler ended; run the same command again" in text
     assert "Traceback" not in text
-    go_on(bags, out, single)
+    assert_the_next_run_completes(bags, out, single, Workers(scheduler=cluster[0]))
 
 
 def test_an_interrupt_stops_cleanly(bags, single, tmp_path):
@@ -220,7 +231,7 @@ def test_a_recording_that_kills_its_workers_is_set_aside(bags, tmp_path, monkeyp
 
     monkeypatch.setattr(run, "process", dies_for_one)
     summary = run_fleet([str(bags)], tmp_path / "out", Config())
-    assert summary.counts == {Outcome.DONE: 3, Outcome.FAILED: 1}
+    assert summary.counts == {Outcome.DONE: COUNT - 1, Outcome.FAILED: 1}
     (failure,) = summary.failures.values()
     assert failure.reason.startswith("its worker died, 3 times")
     assert (tmp_path / "out" / "deaths").read_text() == "xxx"

@@ -16,7 +16,7 @@ from tccm_sim.flat import stop_and_scan
 from tccm_sim.motion import Waypoint
 from tccm_sim.options import Options
 from tccm_sim.recording import record
-from tccm_sim.rooms import box_room
+from tccm_sim.rooms import CEILING
 from tccm_sim.scene import Scene
 from tccm_sim.truth import map_from_world
 from tccm_sim.world import with_options
@@ -66,7 +66,7 @@ def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
     """Return the rack of a seed, for a kind of sensor; `settings` are simulator options."""
     rng = np.random.default_rng(seed)
     scene = Scene()
-    box_room(scene, (0.0, ROOM[0]), (0.0, ROOM[1]))
+    scene.room((0.0, ROOM[0]), (0.0, ROOM[1]), CEILING)
     width, depth = rng.uniform(0.6, 1.2), rng.uniform(0.28, 0.45)
     thickness, yaw = rng.uniform(0.018, 0.03), rng.uniform(-0.25, 0.25) + pi / 2
     count = int(rng.integers(2, 7))
@@ -106,7 +106,7 @@ def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
 def seat_below_table(sensor: str = "laser") -> Rack:
     """Return a table with a seat half below it, which is no rack."""
     rng, scene = np.random.default_rng(0), Scene()
-    box_room(scene, (0.0, ROOM[0]), (0.0, ROOM[1]))
+    scene.room((0.0, ROOM[0]), (0.0, ROOM[1]), CEILING)
     front, options = np.array([ROOM[0] / 2, 2.6]), Options(**SENSORS[sensor])
     place = _Place(scene, front, pi / 2, 1.1, 0.8)
     place.box("table", (0.0, 0.8), (-0.55, 0.55), (0.70, 0.73), surface="table")

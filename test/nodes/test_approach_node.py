@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from approach_driver import ABORTED, CANCELED, SUCCEEDED
 from approach_world import circle, l_shape, simple_flat
+from geometry_msgs.msg import PointStamped
 from live_robot import Listener
 
 from tccm_ros.approach.approach import Approach
@@ -111,10 +112,15 @@ def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):
         status, result = driver.ask(**fields)
         assert (status, result.reason) == (ABORTED, reason), result.message
         assert words in result.message
-    assert not driver.robot.commands
     status, result = driver.ask(1, distance=9.0)
     assert (status, result.reason) == (ABORTED, Reason.BAD_GOAL)
     assert not driver.robot.commands
+    spot = PointStamped()  # the middle of the table, 0.65 m from the base before any of its edges
+    spot.header.frame_id = "map"
+    status, result = driver.ask(spot=spot, reach=0.4)
+    assert (status, result.reason) == (ABORTED, Reason.NO_PLACE)
+    assert "from which the spot is within 0.4 m" in result.message
+    assert all(speeds == (0.0, 0.0) for speeds in driver.robot.commands)
 
 
 def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_second(drive):

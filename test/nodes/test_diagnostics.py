@@ -19,6 +19,7 @@ class Statuses:
     """The newest status of each name on /diagnostics."""
 
     def __init__(self, ros):
+        self._ros = ros
         self._arrays = Listener(ros, "monitor").listen(DiagnosticArray, "/diagnostics")
 
     def __getitem__(self, name):
@@ -32,6 +33,10 @@ class Statuses:
         """Return whether a status has a level and some words."""
         status = self[name]
         return status and status.level == level and all(w in status.message for w in words)
+
+    def assert_becomes(self, name, level, *words) -> None:
+        """Wait until a status has a level and some words."""
+        self._ros.spin_until(lambda: self.is_at(name, level, *words), what=f"{name}: {words}")
 
     def values(self, name) -> dict[str, str]:
         return {item.key: item.value for item in self[name].values}
@@ -50,20 +55,16 @@ def test_no_input_at_all_is_an_error_of_both_nodes(ros):
     tccm(ros, qos__silence=SILENCE)
     slam(ros, namespace="/elsewhere", qos__silence=SILENCE)
     error = DiagnosticStatus.ERROR
-    ros.spin_until(lambda: statuses.is_at("tccm", error, "nobody publishes '/tilt_scan'"))
-    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", error))
-    ros.spin_until(
-        lambda: statuses.is_at("elsewhere/surface_slam", error, "nothing to map", "/elsewhere/scan")
-    )
+    statuses.assert_becomes("tccm", error, "nobody publishes '/tilt_scan'")
+    statuses.assert_becomes("tccm: /tilt_scan", error)
+    statuses.assert_becomes("elsewhere/surface_slam", error, "nothing to map", "/elsewhere/scan")
 
 
 def test_the_wrong_namespace_is_an_error_that_names_the_right_topic(ros):
     statuses, node, robot = Statuses(ros), tccm(ros, namespace="/a", qos__silence=SILENCE), None
     robot = ros.robot(namespace="/b")
     robot.play(recording(1))
-    ros.spin_until(
-        lambda: statuses.is_at("a/tccm", DiagnosticStatus.ERROR, "/b/tilt_scan", "namespace")
-    )
+    statuses.assert_becomes("a/tccm", DiagnosticStatus.ERROR, "/b/tilt_scan", "namespace")
     assert node.inputs.counts()["/a/tilt_scan"] == 0
 
 
@@ -71,17 +72,15 @@ def test_no_odometry_is_an_error_of_the_tccm_and_a_warning_of_slam(ros):
     statuses, nodes, robot = Statuses(ros), [tccm(ros), slam(ros)], ros.robot()
     robot.play(without(recording(3), "odom"), *nodes)
     words = ("nobody publishes '/odom'", "no tf")
-    ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, *words, "stand still"))
-    ros.spin_until(lambda: statuses.is_at("surface_slam", DiagnosticStatus.WARN, *words))
+    statuses.assert_becomes("tccm", DiagnosticStatus.ERROR, *words, "stand still")
+    statuses.assert_becomes("surface_slam", DiagnosticStatus.WARN, *words)
 
 
 def test_no_level_laser_is_a_warning_of_slam(ros):
     nodes = [tccm(ros, qos__silence=SILENCE), slam(ros, qos__silence=SILENCE)]
     statuses, robot = Statuses(ros), ros.robot()
     robot.play(without(recording(3), "scan"), *nodes)
-    ros.spin_until(
-        lambda: statuses.is_at("surface_slam", DiagnosticStatus.WARN, "level laser", "'/scan'")
-    )
+    statuses.assert_becomes("surface_slam", DiagnosticStatus.WARN, "level laser", "'/scan'")
     assert statuses.is_at("tccm", DiagnosticStatus.OK)
 
 
@@ -196,13 +195,13 @@ def test_an_input_whose_messages_are_refused_is_an_error_until_they_are_used(ros
     ):
         robot.publish("tilt_scan", bad, node)
     words = ("all messages of 'tilt_scan' are refused", "angle_increment nan", "expected at most")
-    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.ERROR, *words))
-    ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, *words))
+    statuses.assert_becomes("tccm: /tilt_scan", DiagnosticStatus.ERROR, *words)
+    statuses.assert_becomes("tccm", DiagnosticStatus.ERROR, *words)
     robot.play(recording(3), node)
     word = "some messages of 'tilt_scan' are refused"
-    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN, word))
+    statuses.assert_becomes("tccm: /tilt_scan", DiagnosticStatus.WARN, word)
     clock_s[0] += WINDOW_S + 1.0
-    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.OK))
+    statuses.assert_becomes("tccm: /tilt_scan", DiagnosticStatus.OK)
     ros.spin_until(lambda: any(m.name == "tccm" and "is over" in m.msg for m in said))
 
 
@@ -211,7 +210,7 @@ def test_a_bad_frame_is_over_with_the_next_good_one(ros):
     records = list(recording(2))
     wrong = [(t, replace(r, frame_id="nowhere") if t == "tilt_scan" else r) for t, r in records]
     robot.play(wrong, node)
-    ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, "nowhere"))
+    statuses.assert_becomes("tccm", DiagnosticStatus.ERROR, "nowhere")
     robot.play(recording(3, start_ns=records[-1][1].stamp_ns + 1), node)
     ros.spin_until(lambda: node.processor.counts["cycles"])
     before = statuses["tccm"]
@@ -229,7 +228,7 @@ def test_an_input_that_lags_behind_the_others_is_a_warning_with_the_figure(ros):
         now_ns = node.get_clock().now().nanoseconds - (lag_ns if topic == "tilt_scan" else 0)
         robot.play([(topic, replace(record, stamp_ns=now_ns))], node)
     words = ("'/tilt_scan' comes 2.", "s later than the other inputs")
-    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN, *words))
+    statuses.assert_becomes("tccm: /tilt_scan", DiagnosticStatus.WARN, *words)
     ros.spin_until(lambda: statuses["tccm"] and words[0] in statuses["tccm"].message)
 
 
@@ -237,9 +236,7 @@ def test_a_publisher_that_has_sent_nothing_yet_is_waited_for(ros):
     node, statuses, robot = tccm(ros, qos__silence=SILENCE), Statuses(ros), ros.robot()
     said = Listener(ros, "log").listen(Log, "/rosout", latched=True)
     robot.node.create_publisher(LaserScan, "tilt_scan", 10)
-    ros.spin_until(
-        lambda: statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN, "waits for '/tilt_scan'")
-    )
+    statuses.assert_becomes("tccm: /tilt_scan", DiagnosticStatus.WARN, "waits for '/tilt_scan'")
     assert not any(m.name == "tccm" and "'/tilt_scan'" in m.msg and m.level >= 40 for m in said)
     assert node.inputs.counts()["/tilt_scan"] == 0
 

@@ -72,3 +72,26 @@ def test_the_problem_of_a_silent_input_ends_with_a_message(ros):
     ros.spin_until(lambda: len(received) == 1)
     assert inputs.problems() == []
     assert inputs.counts() == {"/tilt_scan": 1}
+
+
+def test_inputs_that_pause_one_after_the_other_are_not_silent(ros, monkeypatch):
+    inputs, scans = watched(ros, silence=5.0)
+    joints, now_s = [], [0.0]
+    joint_type = "sensor_msgs/msg/JointState"
+    inputs.subscribe(joint_type, "joint_states", joints.append, sensor(), watch="stream")
+    monkeypatch.setattr(inputs, "_now", lambda: round(now_s[0] * 1e9))
+    talker = ros.add(Node("talker", context=ros.context))
+    scan = talker.create_publisher(LaserScan, "tilt_scan", 10)
+    joint = talker.create_publisher(JointState, "joint_states", 10)
+    ros.connect(talker, inputs._node, "/tilt_scan", "/joint_states")
+    inputs.problems()
+    for now_s[0], publisher, message in ((1.0, joint, JointState()), (2.0, scan, LaserScan())):
+        before = len(scans) + len(joints)
+        publisher.publish(message)
+        ros.spin_until(lambda b=before: len(scans) + len(joints) > b)
+    now_s[0] = 6.5  # only the joints are older than 5 s
+    assert inputs.problems() == []
+    scan.publish(LaserScan())
+    ros.spin_until(lambda: len(scans) == 2)
+    (problem,) = inputs.problems()
+    assert problem.startswith("'/joint_states' is silent")

@@ -139,3 +139,29 @@ def test_a_user_sees_the_flat_grow_corrects_asks_and_names(ros, page, tmp_path):
     assert "the token is wrong" in page.answer("#save button")
     again.close()
     driver.close()
+
+
+def test_a_page_survives_a_restart_of_slam_node(ros, page):
+    tilt_node, node, view = tccm(ros), slam(ros), serve(ros)
+
+    def connect(node):
+        for topic in ("surfaces", "view", "object_boxes"):
+            ros.connect(tilt_node, node, f"/tccm/{topic}")
+        ros.connect(node, view, "/surface_slam/events", "/surface_slam/surface_map", "/pose")
+
+    connect(node)
+    page.run(lambda: page.browser.call("Page.navigate", url=view.page.url))
+    play_bag(ros, FLAT, tilt_node, node, duration=LOOK_S)
+    page.wait("window.tccmLive && tccmLive.ofKind('surface').some((s) => s.label === 'table')")
+    ros.remove(node)
+    page.wait("document.querySelector('#headline').textContent === 'slam_node does not run'")
+    # The new node has no map: it has that of the second view alone, without the table.
+    again = slam(ros)
+    connect(again)
+    page.wait("!document.querySelector('#headline').classList.contains('lost')")
+    play_bag(ros, FLAT, tilt_node, again, start=LOOK_S, duration=MORE_S)
+    page.wait("tccmLive.ofKind('surface').some((s) => s.label === 'seat')")
+    page.wait("document.querySelector('#headline').textContent.includes('tracking')")
+    newest = again.solver.newest.stamp_ns * 1e-9
+    page.wait(f"tccmLive.ofKind('surface').every((s) => s.last <= {newest + 1.0})")
+    view.close()

@@ -482,3 +482,4 @@ def test_what_came_last_is_solved_when_input_has_ended(ros, is_time_standing):
         lambda: node.solver.newest is not None and node.solver.newest.stamp_ns == last_ns,
         what="a solution with all that has come",
     )
+    assert node.solver.newest.stamp_ns == last_ns

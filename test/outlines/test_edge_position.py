@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
 from scipy.stats import norm
 
 from tccm_ros.outlines.edge_position import (
@@ -14,7 +13,6 @@ from tccm_ros.outlines.edge_position import (
     SIGMA,
     EdgeSamples,
     locate_edge,
-    rotation_scores,
 )
 
 
@@ -106,35 +104,6 @@ def test_points_of_a_wall_behind_an_edge_do_not_move_it():
     clean, _ = locate_edge(samples([-0.01] * 8, 0.02))
     disturbed, _ = locate_edge(samples([-0.01] * 8 + [0.06] * 2, 0.02))
     assert disturbed == pytest.approx(clean, abs=2e-3)
-
-
-@pytest.mark.parametrize("front", [0.0, 0.6])
-@pytest.mark.parametrize("ends", [True, False])
-def test_a_rotation_is_as_likely_as_the_edge_is_wherever_it_is_then(front, ends):
-    """The integral over the positions of an edge that is rotated about its middle."""
-    rng = np.random.default_rng(8)
-    found = samples(rng.uniform(-0.05, 0.01, 9), 0.04, front=front, ends=ends)
-    rotations = np.array([-0.06, -0.01, 0.0, 0.03])
-    across = np.arange(-HALF_RANGE, HALF_RANGE, 2e-4)
-    expected = []
-    for rotation in rotations:
-        rotated = found._replace(last=found.last + rotation * (found.at - 0.5))
-        expected.append(logsumexp(log_density(rotated, across)))
-    scores = rotation_scores(found, 0.5, rotations)
-    assert np.diff(scores) == pytest.approx(np.diff(expected), abs=0.4)
-
-
-def test_scan_lines_at_a_small_angle_to_an_edge_do_not_rotate_it():
-    """Two lines at a distance of 0.1 m pass below an edge of 1 m: their points end in two teeth."""
-    at = np.linspace(0.0, 1.0, 33)
-    last = -0.1 * ((1.7 * at + 0.7) % 1.0)
-    found = samples(last, 0.1)
-    rotations = np.linspace(-0.07, 0.07, 29)
-    scores = rotation_scores(found, 0.5, rotations)
-    likelihood = np.exp(scores - scores.max())
-    assert likelihood @ rotations / likelihood.sum() == pytest.approx(0.0, abs=0.01)
-    slope = np.polyfit(at, last, 1)[0]
-    assert abs(slope) > 0.02  # what a line through the points would say
 
 
 def test_the_outermost_points_of_a_front_are_further_out_than_the_front():

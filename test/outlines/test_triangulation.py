@@ -35,7 +35,7 @@ def star(rng, n, low, high, centre):
     return ring * rng.uniform(low, high, (n, 1)) + centre
 
 
-def check_fills(triangles, polygon):
+def assert_fills(triangles, polygon):
     """Assert that triangles are counter-clockwise, do not overlap and fill the polygon."""
     assert (areas(triangles) > 0.0).all()
     assert areas(triangles).sum() == pytest.approx(polygon.area)
@@ -55,7 +55,7 @@ def test_triangles_have_the_polygon_s_area_and_do_not_overlap(seed, n, holes, is
         return
     rings = [ring[::-1].copy() if is_reversed else ring for ring in rings]
     triangles = filled(rings)
-    check_fills(triangles, polygon)
+    assert_fills(triangles, polygon)
     assert len(triangles) <= sum(map(len, rings)) - 2 + 2 * holes
 
 
@@ -71,7 +71,7 @@ def test_rings_that_cross_are_filled(seed, n, with_hole):
         for part in shapely.get_parts(shapely.make_valid(Polygon(shell, rings[1:])))
         if isinstance(part, Polygon)
     ]
-    check_fills(filled(rings), shapely.union_all(enclosed))
+    assert_fills(filled(rings), shapely.union_all(enclosed))
 
 
 def test_collinear_corners_give_no_triangle():
@@ -83,7 +83,7 @@ def test_an_l_with_a_hole_in_each_leg_is_filled():
     shell = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]], float)
     square = np.array([[0.4, 0.4], [0.4, 0.6], [0.6, 0.6], [0.6, 0.4]])
     rings = [shell, square + np.array([2.0, 0.0]), square + np.array([0.0, 2.0])]
-    check_fills(filled(rings), Polygon(shell, rings[1:]))
+    assert_fills(filled(rings), Polygon(shell, rings[1:]))
 
 
 # --- outlines in space -------------------------------------------------------------------------

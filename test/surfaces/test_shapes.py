@@ -11,12 +11,10 @@ from surface_maps import above_floor, build, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
+from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edge_samples import Edge
 from tccm_ros.surfaces.shapes import (
-    ROTATIONS,
-    _mean_rotations,
     _reaches_wall,
     _yaws,
     doubting_wall_points,
@@ -204,14 +202,3 @@ def test_a_board_that_reaches_a_wall_ends_there():
 def last_points(at, last, gap):
     n = len(at)
     return EdgeSamples(at, last, np.full(n, gap), np.zeros(n), np.ones(n, bool), np.ones(n))
-
-
-@pytest.mark.parametrize("slope", [-0.05, 0.0, 0.04])
-def test_an_edge_is_rotated_onto_its_last_points(slope):
-    """Points in lines across it, 4 mm from beam to beam; one is of an object before it."""
-    rng = np.random.default_rng(2)
-    at = np.linspace(0.05, 1.95, 40)
-    last = slope * (at - 1.0) - rng.uniform(0.0, 0.004, len(at))
-    last[7] -= 0.08
-    scores = rotation_scores(last_points(at, last, gap=0.004), 1.0, ROTATIONS)
-    assert _mean_rotations(scores[None]) == pytest.approx(-slope, abs=0.005)

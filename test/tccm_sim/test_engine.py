@@ -166,7 +166,7 @@ def test_transforms_on_tf_are_those_of_the_joints():
     joints = {"ptu_tilt_joint": Profile.rest(0.4)}
     options = EXACT.model_copy(update={"publish_tf": True})
     messages = Simulation(bare_world(joints=joints), 0, options).run()
-    turned = {t.child: t for m in islice(messages, 12) if m.topic == "/tf" for t in m.transforms}
+    turned = {t.child: t for m in islice(messages, 12) if m.topic == "/tf" for t in m.records}
     R = turned["ptu_tilt"].T_parent_child[:3, :3]
     assert R[:, 0] == pytest.approx([np.cos(0.4), 0, -np.sin(0.4)], abs=1e-3)
     assert turned["base_link"].parent == "odom"

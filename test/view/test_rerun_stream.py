@@ -32,6 +32,7 @@ MAP = {
     "wall/0": {"id": 0, "ends": [[-0.5, -0.5], [3.0, -0.5]]},
     "object/7": {"corners": [[0.1, 0.1], [0.2, 0.1], [0.2, 0.2], [0.1, 0.2]],
                  "low": 0.7, "high": 0.9},
+    "sign/2": {"id": 2, "text": "Room 12", "at": [1.0, -0.5, 1.5], "normal": [0.0, 1.0, 0.0]},
     "free/3": {"on": "table", "v": [], "rings": []},
     "path": path_entity(np.array([[2.0, 0.0], [2.5, 1.0]])),
 }  # fmt: skip
@@ -83,6 +84,8 @@ def test_a_server_that_comes_late_gets_the_map_then_the_changes(tmp_path, sent):
     np.testing.assert_allclose(strips[0][0][:-1], SQUARE)
     _, names = rows(store, "/map/surfaces/3/name", "Points3D:labels")
     assert names == [["table 3, 0.70 m"], ["counter 3, 0.70 m"]]
+    stamps, texts = rows(store, "/map/signs/2", "Arrows3D:labels")
+    assert (stamps.tolist(), texts) == ([5.0], [["Room 12"]])
     # What has not changed is not sent again.
     assert rows(store, "/map/surfaces/4/outline", "LineStrips3D:strips")[0].tolist() == [5.0]
     stamps, places = rows(store, "/map/base", "Transform3D:translation")

@@ -22,6 +22,7 @@ from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.consistency import consistent_with
 from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loops.path_lengths import PathLengths
+from tccm_ros.slam.loops.place_confirmation import PlaceConfirmation
 from tccm_ros.slam.loops.search import PATCH_HALF, LoopSearch, is_same_place
 from tccm_ros.slam.loops.submaps import Patch, make_patch
 from tccm_ros.slam.matching.level_scan import LevelScan
@@ -50,21 +51,6 @@ UNJOINED = (
 
 MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
 """Minimum half width of that search: poses set by hand are no more accurate (chosen)."""
-
-CERTAIN_INLIERS = 0.9
-"""A scan with this inlier fraction at exactly one place is localised without confirmation, unless
-an earlier scan had several places. ``bench/bench_relocalise.py``: 0.90 to 1.00 at the right place
-of 8 flats, at most 0.86 in a map of other rooms."""
-
-PROBABLE_INLIERS, SPACING_M = 0.75, 1.0
-"""During relocalisation, matches with at least this inlier fraction confirm each other if their
-scans are at least this distance (m) from each other: at one spot, the same mistake repeats itself.
-``bench/bench_relocalise.py``: 0.62 to 0.94 in a real arena with moved furniture, mostly 0.45 to 0.7
-in a map of other rooms."""
-
-REPEATED = 2
-"""Number of consecutive searches with a unique result after an ambiguous one (chosen): in ten equal
-offices, one scan in thirty gives a wrong unique result, never two in a row."""
 
 SEARCH_PERIOD_NS = 500_000_000
 """Time between two searches of the whole map with scans that are no keyframes (chosen): a search of
@@ -142,8 +128,7 @@ class LoopCloser:
         self._guessed = -1
         self._expected: Float64 | None = None
         self._searched_ns = -SEARCH_PERIOD_NS
-        self._ambiguous: set[int] = set()
-        self._alone: list[Proposal] = []
+        self._confirmations: dict[int, PlaceConfirmation] = {}
 
     def note_guess(self, guess: PoseGuess) -> None:
         """Relocalise the session that begins with the next keyframe around a user-supplied pose."""
@@ -174,13 +159,7 @@ class LoopCloser:
         k = keyframe.id
         # Only this scan: surroundings of the keyframe may have changed.
         patch = make_patch([replace(keyframe, scan=scan)], 0, 0)
-        found = self._look_everywhere(k, patch)
-        back = inverse(tracked.pose)
-        self._note_places(
-            k,
-            scan.stamp_ns,
-            [replace(p, b=k, delta=compose(p.delta, back), cov=p.cov + tracked.cov) for p in found],
-        )
+        self._place(k, patch, scan, tracked)
         self._begin_trajectory(k, scan.stamp_ns)
         return keyframe.session in self._localised
 
@@ -191,7 +170,7 @@ class LoopCloser:
         found = self._search.look_everywhere(k, patch, self.poses, self._localised)
         others = set(self.unjoined.values()) - {own} if self._begins_trajectories else set()
         for root in sorted(others):
-            if any(not p.reason or _is_ambiguous(p) for p in found):
+            if any(not p.reason or p.is_ambiguous for p in found):
                 break
             found = self._search.look_everywhere(k, patch, self.poses, self._sessions_of(root))
         return found
@@ -351,7 +330,7 @@ class LoopCloser:
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
         if keyframe.session not in self._localised:
             patch = make_patch(self._chain.keyframes, k, PATCH_HALF)
-            self._note_places(k, keyframe.scan.stamp_ns, self._look_everywhere(k, patch))
+            self._place(k, patch, keyframe.scan)
             if keyframe.session not in self.unjoined:
                 return
         for proposal in self._search.look(k, self.poses, self._lengths):
@@ -360,39 +339,38 @@ class LoopCloser:
             else:
                 self.rejected.append(proposal)
 
-    def _note_places(self, k: int, stamp_ns: int, found: Sequence[Proposal]) -> None:
-        """Accept a place that the search of the whole map has found for keyframe k.
+    def _place(
+        self, k: int, patch: Patch, scan: LevelScan, tracked: TrackedPose | None = None
+    ) -> None:
+        """Search the whole map for a patch; accept the place once it is confirmed.
 
-        A unique match with many inliers suffices; one with fewer needs confirmations.
+        Parameters
+        ----------
+        k
+            The newest keyframe.
+        patch
+            Patch around it, or around a later scan.
+        scan
+            The central scan of the patch.
+        tracked
+            The pose of the later scan in the keyframe.
         """
-        self._searched_ns = stamp_ns
-        self.waits_for = NOWHERE
-        driven, session = self._lengths.driven, self._chain.keyframes[k].session
-        root = self._root(k)
-        # Confirmations must follow each other: the right place keeps fitting, a wrong one does not.
-        places = [p for p in self._recent if self._root(p.a) != root]
-        if places and driven[k] - driven[places[-1].b] >= 2.0 * SPACING_M:
-            self._recent = [p for p in self._recent if self._root(p.a) == root]
-            places = []
-        for proposal in found:
-            spaced = [p.b for p in places if driven[k] - driven[p.b] < SPACING_M]
-            if proposal.reason:
-                self.rejected.append(proposal)
-                is_ambiguous = _is_ambiguous(proposal)
-                self.waits_for = AMBIGUOUS if is_ambiguous else NOWHERE
-                if is_ambiguous and proposal.inliers >= PROBABLE_INLIERS:
-                    self._ambiguous.add(session)
-                    self._alone = []
-            elif proposal.inliers >= CERTAIN_INLIERS:
-                if self._alone and not is_same_place(self._alone[-1], proposal, self.poses):
-                    self._alone = []
-                self._alone.append(proposal)
-                if session not in self._ambiguous or len(self._alone) >= REPEATED:
-                    self._accept([proposal])
-            elif proposal.inliers >= PROBABLE_INLIERS:
-                self.waits_for = UNCONFIRMED
-                if not spaced and session not in self._ambiguous:
-                    self._confirm(proposal)
+        self._searched_ns, session = scan.stamp_ns, self._chain.keyframes[k].session
+        found, agreement = next(iter(self._look_everywhere(k, patch)), None), 0.0
+        if found is not None:
+            agreement = self._search.agreement(found, scan)
+        if found is not None and tracked is not None:
+            delta = compose(found.delta, inverse(tracked.pose))
+            found = replace(found, b=k, delta=delta, cov=found.cov + tracked.cov)
+        self.waits_for = UNCONFIRMED
+        if found is None or found.reason:
+            self.waits_for = AMBIGUOUS if found is not None and found.is_ambiguous else NOWHERE
+        if found is not None and found.reason:
+            self.rejected.append(found)
+        confirmation = self._confirmations.setdefault(session, PlaceConfirmation())
+        accepted = confirmation.add(found, agreement, self.poses, self._lengths.driven)
+        if accepted:
+            self._accept(accepted)
         if session in self._localised:
             self.waits_for = ""
         elif session in self.unjoined:
@@ -509,8 +487,3 @@ class LoopCloser:
             k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
         ]
         self.poses[known] = self._graph.planar_poses([self._chain.keys[k] for k in known])
-
-
-def _is_ambiguous(proposal: Proposal) -> bool:
-    """Return whether a proposal is rejected because another place fits as well."""
-    return proposal.reason.startswith("ambiguous")

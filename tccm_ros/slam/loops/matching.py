@@ -142,6 +142,11 @@ class Proposal:
     reason: str = ""
 
     @property
+    def is_ambiguous(self) -> bool:
+        """Whether it is rejected because another place fits as well."""
+        return self.reason.startswith("ambiguous")
+
+    @property
     def spread(self) -> float:
         """Variance (m2) of the position in its least certain direction, as along a corridor."""
         a, b, c = float(self.cov[0, 0]), float(self.cov[0, 1]), float(self.cov[1, 1])

@@ -18,7 +18,9 @@ from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loops.matching import COARSE_STEP, LoopReason, Proposal, Window, propose
 from tccm_ros.slam.loops.path_lengths import PathLengths
 from tccm_ros.slam.loops.submaps import Patch, Submap, make_patch, make_submap
+from tccm_ros.slam.matching.alignment import seen_through
 from tccm_ros.slam.matching.correlation import correlate
+from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between, compose
 
 QUERY_STEP = 3
@@ -191,6 +193,15 @@ class LoopSearch:
         if any(not is_same_place(best[0], p, poses) for p in rivals):
             return [replace(best[0], reason=LoopReason.TWO_PLACES_IN_MAP)]
         return best[:1]
+
+    def agreement(self, proposal: Proposal, scan: LevelScan) -> float:
+        """Return how well a scan agrees with the map at the place of a proposal, -1..1.
+
+        The fraction of matched points, minus the fraction of confirmed surfaces in view that the
+        scan sees through.
+        """
+        lines = self._submap(proposal.a, CACHED_LOST).lines
+        return proposal.inliers - seen_through(proposal.delta, scan, lines)
 
     def _likely_first(self, patch: Patch, centres: list[int]) -> list[int]:
         """Return submap centres ranked by a coarse match.

@@ -274,8 +274,8 @@ def test_stamps_of_truth_in_another_unit_are_recognised_and_said(tmp_path, unit,
     truth.write_text("".join(" ".join(row) + "\n" for row in scaled))
     score = score_trajectory(found, truth)
     assert len(score.errors["absolute, aligned"]) == 80
-    assert f"the stamps of the truth are taken as {unit}, expected s" in score.table()
-    assert "taken as" not in score_trajectory(found, found).table()
+    assert f"the stamps of the truth are taken as {unit}, expected s" in score.text()
+    assert "taken as" not in score_trajectory(found, found).text()
 
 
 def test_no_poses_have_no_errors():

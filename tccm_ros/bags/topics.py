@@ -21,7 +21,7 @@ from tccm_ros.bags.depth_topics import (
 from tccm_ros.bags.reader import CDR, DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
+from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError, UrdfError
 from tccm_ros.records import CameraImage, DepthImage, PointCloud, Scan
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import MountKind, Robot, Stream
@@ -50,6 +50,9 @@ ROBOT_ROLES = ("odom", "joint_states")
 
 OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
 """Roles that define frames: without any of them, a level laser or a lidar is the base."""
+
+LATCHED = ("robot_description", "tf_static")
+"""Roles whose records hold at any time."""
 
 LASER = READERS["scan"].message_type
 
@@ -393,8 +396,34 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
     return tilts
 
 
+def add_latched(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> None:
+    """Give a robot the first description and static transforms of a bag: they hold at any time.
+
+    What is refused is not counted, since all records are given to the robot again.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    topics
+        Topics by role.
+    robot
+        Receives the records.
+    """
+    known = set()
+    with suppress(TccmError):  # the replay itself reports damage
+        for role, _, record in reader.records({role: topics[role] for role in LATCHED}):
+            what = role, getattr(record, "child", "")
+            if what not in known:
+                known.add(what)
+                with suppress(UrdfError):
+                    robot.add(role, record)
+    robot.refused.clear()
+    reader.dropped.clear()
+
+
 def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> bool:
-    """Feed a robot with the frames and joints in the first seconds of a bag.
+    """Feed a robot with the frames of a bag, and with the joints in its first seconds.
 
     Parameters
     ----------
@@ -410,7 +439,9 @@ def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robo
     bool
         Whether the bag has a robot description or tf.
     """
-    of_robot = {role: topic for role, topic in topics.items() if role in _robot_inputs()}
+    add_latched(reader, topics, robot)
+    moving = set(_robot_inputs()) - set(LATCHED)
+    of_robot = {role: topic for role, topic in topics.items() if role in moving}
     with suppress(TccmError):  # the replay itself reports damage and wrong types
         for role, log_ns, record in reader.records(of_robot):
             if log_ns - reader.start_ns > MAX_READ_NS:

@@ -18,7 +18,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.bags.reader import BagReader
-from tccm_ros.bags.topics import choose_topics
+from tccm_ros.bags.topics import add_latched, choose_topics
 from tccm_ros.calibrate.recording import evenly
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar, transform2, wrap_angle
@@ -140,6 +140,7 @@ def read_beam_timing(
         topics = {role: choice.topics[role] for role in (*OF_ROBOT, "scan", "odom")}
         streams = [stream for stream in choice.streams if stream.role == LEVEL_SCAN.role]
         robot, timer = Robot(config, streams, expects_odometry=True), BeamTimer(config)
+        add_latched(reader, topics, robot)
         for role, log_ns, record in reader.records(topics):
             for event in robot.add(role, record):
                 timer.add(event)

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from tccm_ros.bags.reader import BagReader
-from tccm_ros.bags.topics import choose_topics
+from tccm_ros.bags.topics import add_latched, choose_topics
 from tccm_ros.config import Config
 from tccm_ros.records import Posed, PosedScan
 from tccm_ros.robot import Robot
@@ -57,6 +57,7 @@ def level_scans_help(path: Path | str, source: Literal["points", "depth"]) -> bo
         reader.add_readers(choice.readers)
         robot = Robot(config, choice.streams, expects_odometry=choice.counts["odom"] > 0)
         projector, next_ns = LevelProjector(config), -(2**62)
+        add_latched(reader, choice.topics, robot)
         for role, _, record in reader.records(choice.topics):
             events = robot.add(role, record)
             posed = [e for e in events if isinstance(e, Posed) and e.stamp_ns >= next_ns]

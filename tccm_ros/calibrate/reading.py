@@ -13,7 +13,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.bags.reader import BagReader
-from tccm_ros.bags.topics import TopicChoice, choose_topics
+from tccm_ros.bags.topics import TopicChoice, add_latched, choose_topics
 from tccm_ros.calibrate.recording import CycleScans, LevelScans, Recording, evenly, is_near
 from tccm_ros.config import Config, Rig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
@@ -115,6 +115,7 @@ def read_recording(
         found = _CycleReader(raw, role, choice.streams, choice.counts["odom"] > 0)
         bars.start("read", reader.duration, "s")
         last_ns = reader.start_ns
+        add_latched(reader, topics, found.robot)
         for role, log_ns, record in reader.records(topics):
             bars.advance((log_ns - last_ns) * 1e-9)
             last_ns = log_ns

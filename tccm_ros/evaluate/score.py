@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from tccm_ros.evaluate.trajectory_errors import (
     relation_errors,
 )
 from tccm_ros.evaluate.truth_files import (
+    STAMP_UNITS,
     Reference,
     Relations,
     read_stamps,
@@ -46,12 +47,15 @@ class TrajectoryScore:
         Number of truth rows without a pose in the trajectory.
     positions, truth
         float64 (N, 2) and (M, 2), m; empty for relations.
+    stamp_unit
+        Unit of the truth's stamps, a key of `STAMP_UNITS`.
     """
 
     errors: Mapping[str, Errors]
     missing: int
     positions: Float64
     truth: Float64
+    stamp_unit: str = "s"
 
     def to_json(self) -> dict[str, Any]:
         """Return the statistics in m and deg, rounded to 1e-6."""
@@ -69,6 +73,8 @@ class TrajectoryScore:
             )
         if self.missing:
             rows.append(f"{self.missing} rows of the truth have no pose in the trajectory")
+        if self.stamp_unit != "s":
+            rows.append(f"the stamps of the truth are taken as {self.stamp_unit}, expected s")
         return "\n".join(rows)
 
 
@@ -96,6 +102,8 @@ def score_trajectory(
 ) -> TrajectoryScore:
     """Compare the trajectory of a result with truth.
 
+    Stamps of the truth that are not in the time of the trajectory are tried as ms, us and ns.
+
     Parameters
     ----------
     result
@@ -113,10 +121,28 @@ def score_trajectory(
     """
     path = Path(result)
     path = path / "trajectory.tum" if path.is_dir() else path
-    found, known = read_tum(path), read_truth(truth)
+    found = read_tum(path)
     if not len(found):
         raise LogError(f"{path}: no rows")
-    index, logged = _find_stamps(stamps, path.parent, Path(truth).parent)
+    errors = []
+    for unit, per_second in STAMP_UNITS.items():
+        try:
+            known = read_truth(truth, per_second=per_second)
+            return replace(_score(found, path, known, Path(truth), stamps), stamp_unit=unit)
+        except LogError as error:
+            errors.append(error)
+    raise errors[-1]
+
+
+def _score(
+    found: Trajectory,
+    path: Path,
+    known: Trajectory | Relations | Reference,
+    truth: Path,
+    stamps: Path | str | None,
+) -> TrajectoryScore:
+    """Compare a trajectory with truth; `path` and `truth` name their files."""
+    index, logged = _find_stamps(stamps, path.parent, truth.parent)
     if isinstance(known, Relations):
         score = _score_relations(found, _restamped(known, logged))
     elif isinstance(known, Reference):
@@ -124,7 +150,11 @@ def score_trajectory(
     else:
         score = _score_trajectory(found, known)
     if not any(len(errors) for errors in score.errors.values()):
-        raise LogError(f"{truth}: no row is in the time of {path}")
+        start, end = found.stamps[[0, -1]]
+        raise LogError(
+            f"{truth}: no row is in the time of {path}, {start:.3f} to {end:.3f} s, whether its "
+            f"stamps are {', '.join(STAMP_UNITS)}; are they relative to the start?"
+        )
     return score
 
 

@@ -27,6 +27,9 @@ TUM_COLUMNS = 8
 PLANAR_COLUMNS = 5
 """Two stamps, x, y and yaw."""
 
+STAMP_UNITS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+"""Units of stamps, and how many of them are a second; files are expected in s."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relations:
@@ -64,7 +67,7 @@ class Reference:
     poses: Float64
 
 
-def read_relations(path: Path | str) -> Relations:
+def read_relations(path: Path | str, *, per_second: int = 1) -> Relations:
     """Read ``stamp stamp x y z roll pitch yaw`` lines, the format of the SLAM benchmark.
 
     Lines of five columns are planar: ``stamp stamp x y yaw``.
@@ -75,14 +78,14 @@ def read_relations(path: Path | str) -> Relations:
         If the file is missing or has another format.
     """
     if min(len(row) for row in _rows(path)) == PLANAR_COLUMNS:
-        stamps, values = number_columns(path, stamps=2, numbers=3)
+        stamps, values = number_columns(path, stamps=2, numbers=3, per_second=per_second)
         return Relations(stamps[:, 0], stamps[:, 1], spatial(values))
-    stamps, values = number_columns(path, stamps=2, numbers=6)
+    stamps, values = number_columns(path, stamps=2, numbers=6, per_second=per_second)
     deltas = np.stack([pose_from_rpy(row) for row in values])
     return Relations(stamps[:, 0], stamps[:, 1], deltas)
 
 
-def read_reference(path: Path | str) -> Reference:
+def read_reference(path: Path | str, *, per_second: int = 1) -> Reference:
     """Read ``raw_scan_index stamp x y theta ...`` lines.
 
     Raises
@@ -90,8 +93,9 @@ def read_reference(path: Path | str) -> Reference:
     LogError
         If the file is missing or has another format.
     """
-    stamps, values = number_columns(path, stamps=2, numbers=3)
-    return Reference(stamps[:, 0] // 1_000_000_000, stamps[:, 1], spatial(values))
+    stamps, values = number_columns(path, stamps=2, numbers=3, per_second=per_second)
+    index = stamps[:, 0] * per_second // 1_000_000_000
+    return Reference(index, stamps[:, 1], spatial(values))
 
 
 def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, int]:
@@ -113,20 +117,27 @@ def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, i
         raise LogError(f"{path}: not a stamps.csv; columns raw_scan_index, stamp") from None
 
 
-def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
+def read_truth(path: Path | str, *, per_second: int = 1) -> Trajectory | Relations | Reference:
     """Read a truth file of any kind, recognised by its numbers.
 
     If most quaternions have length 1, it is a trajectory, whose rows may begin with an index. A
     reference begins with integers. Other files are relations.
+
+    Parameters
+    ----------
+    path
+        The file.
+    per_second
+        Unit of the stamps, a value of `STAMP_UNITS`.
 
     Raises
     ------
     LogError
         If the file is missing or of no such kind.
     """
-    number_columns(path, stamps=2, numbers=3)
+    number_columns(path, stamps=2, numbers=3, per_second=max(STAMP_UNITS.values()))
     if Path(path).suffix == ".relations":
-        return read_relations(path)
+        return read_relations(path, per_second=per_second)
     full = _numbers(path)
     index = full[:, 0]
     is_indexed = bool(np.all(index == np.rint(index)) and np.all(index < 1e8))
@@ -135,11 +146,11 @@ def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
         norms = np.linalg.norm(full[:, first + 4 :], axis=1)
         is_unit = np.abs(norms - 1.0) < MAX_NORM_ERROR
         if full.shape[1] == first + TUM_COLUMNS and is_unit.mean() > 0.5:
-            return read_tum(path, first=first)
+            return read_tum(path, first=first, per_second=per_second)
     if is_indexed:
-        return read_reference(path)
+        return read_reference(path, per_second=per_second)
     if full.shape[1] in (8, PLANAR_COLUMNS):
-        return read_relations(path)
+        return read_relations(path, per_second=per_second)
     raise LogError(f"{path}: neither a trajectory (TUM), relations, nor a reference")
 
 

@@ -208,6 +208,8 @@ class DepthImage:
         Camera calibration; None until it is known.
     is_rectified
         Whether the image is rectified; then P of the calibration applies.
+    remark
+        Remark on an unusual message; empty for a usual one.
     """
 
     stamp_ns: int
@@ -215,6 +217,7 @@ class DepthImage:
     depth: UInt16 | Float32
     camera: CameraInfo | None = None
     is_rectified: bool = False
+    remark: str = ""
 
     @property
     def encoding(self) -> str:
@@ -268,12 +271,15 @@ class PointCloud:
         float32 (N, 3), m, in the frame; rows that are not finite are invalid points.
     since_ns
         int64 (N,), time of each point after the stamp, ns; None where all points have the stamp's.
+    remark
+        Remark on an unusual message; empty for a usual one.
     """
 
     stamp_ns: int
     frame_id: str
     points: Float32
     since_ns: Int64 | None = None
+    remark: str = ""
 
     @property
     def time_span(self) -> tuple[int, int]:

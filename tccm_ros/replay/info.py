@@ -23,12 +23,13 @@ from tccm_ros.bags.topics import (
     with_level_scans,
 )
 from tccm_ros.calibrate.beam_timing import read_beam_timing
+from tccm_ros.calibrate.joint_timing import joint_timing
 from tccm_ros.calibrate.level_geometry import level_scans_help
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, UrdfError
 from tccm_ros.records import DepthImage, PointCloud
 from tccm_ros.records.building import frame_name
-from tccm_ros.robot import MountKind, Robot
+from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.robot.urdf import read_urdf
 from tccm_ros.sensors.camera_rays import has_known_lens
 from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
@@ -85,7 +86,8 @@ def bag_info(path: Path | str) -> BagInfo:
 
     Messages are read only if a topic has an unusual name, and then only those of the first seconds;
     of images and calibrations only the first. Level scans and odometry of the first two minutes are
-    read to estimate the times of the beams.
+    read to estimate the times of the beams, and the first tilt cycles to compare the stamps of a
+    tilting laser and its joint.
 
     Raises
     ------
@@ -105,6 +107,18 @@ def _beam_notes(path: Path | str) -> list[str]:
     except TccmError:  # reported elsewhere, or by the replay
         return []
     return [timing.text()] if timing is not None and timing.is_significant else []
+
+
+def _joint_notes(reader: BagReader, choice: TopicChoice, config: Config) -> list[str]:
+    """Return a line if the stamps of the tilting laser and its joint contradict each other."""
+    reader.add_readers(choice.readers)
+    try:
+        timing = joint_timing(reader, choice, config)
+    except TccmError:  # reported elsewhere, or by the replay
+        return []
+    if timing is None or not timing.is_significant:
+        return []
+    return [f"{timing.text()}; a replay corrects that, nodes need it as a parameter"]
 
 
 def _level_notes(path: Path | str, source: Literal["points", "depth"]) -> list[str]:
@@ -147,7 +161,9 @@ def _notes(reader: BagReader) -> list[str]:
     notes += _faults_of_description(reader, choice.topics["robot_description"])
     notes += _faults_of_cameras(reader)
     images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
-    notes += unreadable_topics(reader, images)
+    notes += _joint_notes(reader, choice, config)
+    said = "\n".join(notes)
+    notes += [line for line in unreadable_topics(reader, images) if line not in said]
     notes += [*choice.notes, *choice.doubt_lines()]
     order = [*DEFAULT_TOPICS, *choice.topics]
     taken = {role: choice.topics[role] for role in choice.found_roles}
@@ -180,7 +196,18 @@ def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
             continue
         base = f"on base '{mount.base}'" if mount.base else "on no known base"
         notes.append(f"{stream.role}: {topic} in frame '{frame}' {base}")
+        notes += [f"{topic}: {fault} (its first message)" for fault in _faults_of(stream, message)]
     return notes
+
+
+def _faults_of(stream: Stream, message: Any) -> list[str]:
+    """Return why a message of a sensor is dropped, or the remark on it."""
+    try:
+        records = stream.reader.of_message(message)
+    except MessageError as error:
+        return [str(error)]
+    found = (stream.rejection_reason(record) or stream.remark(record) for record in records)
+    return [fault for fault in found if fault is not None]
 
 
 def _faults_of_description(reader: BagReader, topic: str) -> list[str]:

@@ -9,6 +9,7 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.records import PlaneKind
 from tccm_ros.results.cycles_file import CycleHistory
+from tccm_ros.results.surface_counts import MIN_COUNTED_AREA_M2, count_surfaces
 from tccm_ros.slam.occupancy import OCCUPIED
 from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
@@ -60,13 +61,25 @@ class Outcome:
 
     def why_empty(self) -> list[str]:
         """Return the reasons why there are no surfaces or no walls, one line each."""
-        found = [surface.label for surface in self.solution.surfaces]
-        lines = []
-        if all(label == "floor" for label in found):
+        surfaces, lines = count_surfaces(self.solution.surfaces), []
+        if not surfaces.counted and surfaces.small:
+            lines.append(
+                f"no surface of {MIN_COUNTED_AREA_M2} m²: {self._why_small(surfaces.small)}"
+            )
+        elif not surfaces.counted:
             lines.append(f"no surfaces: {self._why_no_surfaces()}")
         if not self.solution.slam.walls:
             lines.append(f"no walls: {self._why_no_walls()}")
         return lines
+
+    def _why_small(self, count: int) -> str:
+        planes = [plane for cycle in self.cycles for plane in cycle.planes]
+        levels = [plane for plane in planes if plane.kind is PlaneKind.HORIZONTAL]
+        largest = max(s.area for s in self.solution.surfaces if s.label != "floor")
+        return (
+            f"the largest of {count} has {largest:.3f} m²; {len(self.cycles)} tilt cycles have "
+            f"{len(planes)} planes, {len(levels)} of them horizontal"
+        )
 
     def _why_no_surfaces(self) -> str:
         if not self.cycles:

@@ -9,10 +9,12 @@ from functools import partial
 from tccm_ros.bags.reader import BagPaths, BagReader
 from tccm_ros.bags.topics import (
     TopicChoice,
+    add_latched,
     choose_topics,
     sensor_is_base,
     with_level_scans,
 )
+from tccm_ros.calibrate.joint_timing import JointTiming, joint_timing, with_joint_timing
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.progress import Bars, Silent
@@ -86,6 +88,8 @@ def run_bag(
             choice = choose_topics(reader, config, remap)
         topics = choice.topics
         reader.add_readers(choice.readers)
+        timing = joint_timing(reader, choice, config)
+        config, asked = with_joint_timing(config, timing), config
         compile_kernels(_processors(choice), config, bars)
         pipeline = Pipeline(
             config,
@@ -97,6 +101,7 @@ def run_bag(
             on_event=on_event,
             clock=clock,
         )
+        add_latched(reader, topics, pipeline.robot)
         messages = _feed(pipeline, reader, topics, on_progress, bars)
         bars.start("solve", 1.0)
         pipeline.finish()
@@ -124,6 +129,7 @@ def run_bag(
             saved is not None,
             (
                 *choice.notes,
+                *_timing_lines(timing, is_corrected=config is not asked),
                 *_lasers_that_are_bases(pipeline, choice),
                 *pipeline.robot.remarks,
                 *_missing_extra(pipeline),
@@ -218,6 +224,12 @@ def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[
     for role, sensor in pipeline.robot.sensors.items():
         if sensor.posed and sensor.mount.is_base and choice.counts[role]:
             yield sensor_is_base(choice.topics[role], sensor.stream.record)
+
+
+def _timing_lines(timing: JointTiming | None, *, is_corrected: bool) -> Iterator[str]:
+    """Yield what is wrong with the stamps of a tilting laser or its joint, and what is done."""
+    if timing is not None and timing.is_significant:
+        yield f"{timing.text()}; {'it is used' if is_corrected else 'it is not what you set'}"
 
 
 def _missing_extra(pipeline: Pipeline) -> Iterator[str]:

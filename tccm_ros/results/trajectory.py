@@ -77,7 +77,7 @@ class Trajectory:
         )
 
 
-def read_tum(path: Path | str, *, first: int = 0) -> Trajectory:
+def read_tum(path: Path | str, *, first: int = 0, per_second: int = 1) -> Trajectory:
     """Read ``stamp x y z qx qy qz qw`` lines; the last row of equal stamps is kept.
 
     Parameters
@@ -86,13 +86,15 @@ def read_tum(path: Path | str, *, first: int = 0) -> Trajectory:
         The file.
     first
         Number of columns before the stamp, which are skipped.
+    per_second
+        Unit of the stamps, as in `number_columns`.
 
     Raises
     ------
     LogError
         If the file is missing or has another format.
     """
-    stamps, values = number_columns(path, stamps=1, numbers=7, first=first)
+    stamps, values = number_columns(path, stamps=1, numbers=7, first=first, per_second=per_second)
     if not len(stamps):
         return Trajectory(np.zeros(0, np.int64), np.zeros((0, 4, 4)))
     norms = np.linalg.norm(values[:, 3:], axis=1)
@@ -122,7 +124,7 @@ def text_rows(path: Path | str) -> list[list[str]]:
 
 
 def number_columns(
-    path: Path | str, *, stamps: int, numbers: int, first: int = 0
+    path: Path | str, *, stamps: int, numbers: int, first: int = 0, per_second: int = 1
 ) -> tuple[Int64, Float64]:
     """Read the columns of a text file: stamps first, then numbers.
 
@@ -131,11 +133,13 @@ def number_columns(
     path
         The file.
     stamps
-        Number of stamp columns, s.
+        Number of stamp columns.
     numbers
         Number of columns with numbers after the stamps.
     first
         Number of columns before the stamps, which are skipped.
+    per_second
+        Unit of the stamps: 1 for s, 1000 for ms.
 
     Returns
     -------
@@ -153,7 +157,7 @@ def number_columns(
     for k, row in enumerate(text_rows(path)):
         row = row[first:]
         try:
-            times.append([nanoseconds(x) for x in row[:stamps]])
+            times.append([nanoseconds(x, per_second) for x in row[:stamps]])
             values.append([float(x) for x in row[stamps : stamps + numbers]])
         except LogError as error:
             raise LogError(f"{path}: row {k}: {error}") from None
@@ -169,19 +173,19 @@ def number_columns(
     return np.array(times, np.int64).reshape(-1, stamps), np.array(values).reshape(-1, numbers)
 
 
-def nanoseconds(text: str) -> int:
-    """Return a time in s as integer nanoseconds, exactly.
+def nanoseconds(text: str, per_second: int = 1) -> int:
+    """Return a time in s, or another unit, as integer nanoseconds, exactly.
 
     Raises
     ------
     ValueError, InvalidOperation
         If the text is not a finite number.
     LogError
-        If it is too large for a stamp in s.
+        If it is too large for a stamp.
     """
-    number = Decimal(text)
+    number = Decimal(text) / per_second
     if not number.is_finite():
         raise ValueError(text)
     if abs(number) > MAX_STAMP_S:
-        raise LogError(f"stamp {text[:40]} is no time in s; divide stamps in ns by 1e9")
+        raise LogError(f"stamp {text[:40]} is no time in s")
     return int((number * 1_000_000_000).to_integral_value())

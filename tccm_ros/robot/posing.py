@@ -67,10 +67,10 @@ class Posing:
         expects_odometry
             Whether records without odometry are dropped.
         """
+        if not sensor.check_times():
+            return TOO_LONG
         record, mount, motion = sensor.waiting[0], sensor.mount, self._motion
         start_ns, end_ns = sensor.stream.time_span(record)
-        if sensor.lasts_too_long(end_ns - start_ns):
-            return TOO_LONG
         late = ended or now_ns is None or now_ns > end_ns + self.wait_ns
         if not late and (sensor.is_next_overtaken or sensor.awaits_nothing_new):
             return None

@@ -22,6 +22,9 @@ MAX_COMPANIONS = 50
 TOO_LONG = "lasts longer than the time between stamps: look at the unit of its times"
 """Reason of a drop: time_increment, or the times of points, are in a wrong unit."""
 
+AT_ONCE = "times of points are ignored: they are far from the stamp for the time between stamps"
+"""Remark on records of which all measurements are taken to be at the stamp."""
+
 TOO_SHORT = "times of points span less than 1 % of the time between stamps: look at their unit"
 """Remark on records whose times may be in a wrong unit."""
 
@@ -68,6 +71,7 @@ class Sensor:
         self.posed = 0
         self.longest_ns = 0
         self.awaited: tuple[Track, int] | None = None
+        self._clean = stream.make_cleaner()
         self._companions: deque[Any] = deque()
         self._order = StampOrder(round(config.reorder_window * 1e9))
         self._clock_jump_ns = round(config.clock_jump * 1e9)
@@ -79,18 +83,19 @@ class Sensor:
 
     def add(self, record: Any) -> None:
         """Queue a record in stamp order, or drop it."""
+        record, cleaned = self._clean(record)
         reason = self.stream.rejection_reason(record) or self._fault_of_stamp(record.stamp_ns)
         if reason is not None:
             self.refuse(reason)
             return
         self.received += 1
-        remark = self.stream.remark(record)
-        if remark is not None:
-            self.remarks[remark] += 1
-        start_ns, end_ns = self.stream.time_span(record)
-        if self.lasts_too_long(end_ns - start_ns):
+        self.remarks.update(r for r in (cleaned, self.stream.remark(record)) if r is not None)
+        in_time = self._in_time(record)
+        if in_time is None:
             self.dropped[TOO_LONG] += 1
             return
+        record = in_time
+        start_ns, end_ns = self.stream.time_span(record)
         period_ns = self._order.period_ns
         if period_ns is not None and 0 < end_ns - start_ns < PERIODS[1] * period_ns:
             self.remarks[TOO_SHORT] += 1
@@ -111,15 +116,29 @@ class Sensor:
         is_far_back = reason == LATE and stamp_ns < newest_ns - self._clock_jump_ns
         return ANOTHER_CLOCK if is_far_back else reason
 
-    def lasts_too_long(self, span_ns: int) -> bool:
-        """Return whether a record lasts longer than the steps between stamps allow.
+    def _in_time(self, record: Any) -> Any | None:
+        """Return a record whose measurements are as near its stamp as the steps between stamps say.
 
-        `longest_ns` is then corrected for long records from before the steps were known.
+        Where they are not, all are taken to be at the stamp, or None is returned. `longest_ns` is
+        then corrected for such records from before the steps were known.
         """
+        start_ns, end_ns = self.stream.time_span(record)
+        span_ns = max(end_ns, record.stamp_ns) - min(start_ns, record.stamp_ns)
         period_ns = self._order.period_ns
         if period_ns is None or span_ns <= PERIODS[0] * period_ns:
-            return False
+            return record
         self.longest_ns = min(self.longest_ns, round(PERIODS[0] * period_ns))
+        if self.stream.at_once is None:
+            return None
+        self.remarks[AT_ONCE] += 1
+        return self.stream.at_once(record)
+
+    def check_times(self) -> bool:
+        """Return whether the oldest waiting record can be used, now that more stamps are known."""
+        record = self._in_time(self.waiting[0])
+        if record is None:
+            return False
+        self.waiting[0] = record
         return True
 
     @property

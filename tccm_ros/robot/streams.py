@@ -11,6 +11,10 @@ from tccm_ros.config import Config
 from tccm_ros.records import Posed
 from tccm_ros.robot.chain_finder import MountKind
 
+Cleaner = Callable[[Any], tuple[Any, str | None]]
+"""Function that returns a record without what it has learned to be no measurement, and a remark on
+that; the record itself and None where there is nothing."""
+
 
 def instant(record: Any) -> tuple[int, int]:
     """Return the time span of a record that was measured all at once."""
@@ -20,6 +24,11 @@ def instant(record: Any) -> tuple[int, int]:
 def no_remark(record: Any) -> str | None:
     """Return None: no rejection and no remark."""
     return None
+
+
+def no_cleaner() -> Cleaner:
+    """Return a function that leaves all records as they are."""
+    return lambda record: (record, None)
 
 
 def unchanged(record: Any, config: Config) -> Any:
@@ -78,6 +87,11 @@ class Stream:
     remark
         Function that returns a remark on an unusual record that is used anyway; remarks are
         counted. None where the record is as usual.
+    make_cleaner
+        Function that returns a new `Cleaner`, which is given all records of one sensor in order.
+    at_once
+        Function that returns a record with all measurements at its stamp, for records whose times
+        are wrong; None where these records are rejected.
     fault_of_pose
         Function that returns why a posed record is rejected; None where it is not.
     correct
@@ -106,6 +120,8 @@ class Stream:
     time_span: Callable[[Any], tuple[int, int]] = instant
     rejection_reason: Callable[[Any], str | None] = no_remark
     remark: Callable[[Any], str | None] = no_remark
+    make_cleaner: Callable[[], Cleaner] = no_cleaner
+    at_once: Callable[[Any], Any] | None = None
     fault_of_pose: Callable[[Posed], str | None] = no_remark
     correct: Callable[[Any, Config], Any] = unchanged
     sees_robot: bool = False

@@ -12,6 +12,7 @@ from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import MessageError, suggest
 from tccm_ros.records import PointCloud
 from tccm_ros.records.building import MAX_SCAN_S, frame_name, stamp_ns_from_message
+from tccm_ros.sensors.byte_order import SWAPPED, is_swapped
 
 MAX_POINTS = 4_000_000
 """Maximum number of points of a cloud; the largest lidars have some 500,000."""
@@ -30,6 +31,10 @@ ABSOLUTE_NS = 1.0e14
 3,000,000 or later, in ns they are on the second day of the clock or later. Livox writes ns as
 float64, Hesai and RoboSense write s."""
 
+NOT_FINITE = "times of points are ignored: they are not finite"
+TOO_FAR_FROM_STAMP = f"times of points are ignored: more than {MAX_SCAN_S:g} s from the stamp"
+"""Remarks on clouds of which all points are taken to be at the stamp."""
+
 _MAX_FIELDS = 1000
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -40,8 +45,7 @@ def point_cloud_from_message(message: Any) -> PointCloud:
     Raises
     ------
     MessageError
-        For missing fields x, y and z, inconsistent sizes, too many points, and times more than
-        `MAX_SCAN_S` from the stamp.
+        For missing fields x, y and z, inconsistent sizes, and too many points.
     """
     width, height = int(message.width), int(message.height)
     stamp_ns = stamp_ns_from_message(message.header.stamp)
@@ -55,12 +59,17 @@ def point_cloud_from_message(message: Any) -> PointCloud:
     rows = _rows(message, _layout(message, fields, names), width, height)
     if any(rows.dtype[name].kind != "f" for name in "xyz"):
         raise MessageError("point cloud has x, y, z that are not float32 or float64")
-    points = np.empty((len(rows), 3), np.float32)
-    for k, name in enumerate("xyz"):
-        points[:, k] = rows[name]
+    remarks, xyz = [], _coordinates(rows)
+    if is_swapped(xyz):
+        rows = rows.view(rows.dtype.newbyteorder())
+        remarks, xyz = [SWAPPED], _coordinates(rows)
+    points = xyz.astype(np.float32, copy=False)
     frame = frame_name(message.header.frame_id)
-    since_ns = None if time is None else _since_stamp(rows[time], stamp_ns, points)
-    return PointCloud(stamp_ns, frame, points, since_ns)
+    since_ns = None
+    if time is not None:
+        since_ns, fault = _since_stamp(rows[time], stamp_ns, points)
+        remarks += [fault] if fault else []
+    return PointCloud(stamp_ns, frame, points, since_ns, "; ".join(remarks))
 
 
 def _layout(message: Any, fields: dict[str, Any], names: list[str]) -> np.dtype[Any]:
@@ -106,20 +115,26 @@ def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArr
     return np.concatenate([np.frombuffer(data, layout, width, k * line) for k in range(height)])
 
 
-def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> Int64:
-    """Return the times of points relative to the stamp, ns.
+def _coordinates(rows: NDArray[Any]) -> NDArray[Any]:
+    """Return x, y and z, (N, 3), in the byte order of this machine."""
+    return np.stack([rows[name].astype(rows.dtype[name].newbyteorder("=")) for name in "xyz"], 1)
+
+
+def _since_stamp(
+    times: NDArray[Any], stamp_ns: int, points: NDArray[Any]
+) -> tuple[Int64 | None, str]:
+    """Return the times of points relative to the stamp, ns, or None and why they are ignored.
 
     The time of a point without a return is undefined in messages; here it is 0.
     """
     known = has_returned(points)
+    if not np.isfinite(times[known]).all():
+        return None, NOT_FINITE
     since = np.zeros(len(times), np.int64)
     since[known] = _ns_since(times[known], stamp_ns)
     if len(since) and int(np.abs(since).max()) > MAX_SCAN_S * 1e9:
-        raise MessageError(
-            f"point cloud has points {float(np.abs(since).max()) * 1e-9:.1f} s from its stamp, "
-            f"expected at most {MAX_SCAN_S:g} s"
-        )
-    return since
+        return None, TOO_FAR_FROM_STAMP
+    return since, ""
 
 
 def has_returned(points: Float32) -> Bool:
@@ -130,8 +145,6 @@ def has_returned(points: Float32) -> Bool:
 
 def _ns_since(times: NDArray[Any], stamp_ns: int) -> Int64:
     """Return times relative to the stamp, ns: integers are in ns, floats in s or, if large, ns."""
-    if not np.isfinite(times).all():
-        raise MessageError("point cloud has times that are not finite")
     largest = float(np.abs(times.astype(np.float64)).max(initial=0.0))
     if times.dtype.kind != "f":
         whole = times.astype(np.int64)

@@ -88,6 +88,10 @@ def is_rectified(topic: str) -> bool:
 
 
 TOO_FAR = "depths beyond scan.max_range: 32FC1 is m, are they millimetres?"
+TOO_FAR_MM = "depths beyond scan.max_range: 16UC1 is mm, are they in another unit, or no depths?"
+TOO_NOISY = "nearly all depths are beyond what is mapped (sensors.max_sigma): is their unit right?"
+"""Remark on images of which hardly any depth is precise enough."""
+
 NOT_OPTICAL = "z of the image's frame points up: an optical frame is expected (z forward, y down)"
 """Reasons of dropped images."""
 
@@ -108,13 +112,27 @@ def rejection_reason(image: DepthImage, max_range: float = math.inf) -> str | No
     max_range
         Maximum mapped depth, m.
     """
-    if image.depth.dtype == np.uint16:
-        return None if image.depth.any() else "no depths"
-    known = np.isfinite(image.depth) & (image.depth > 0.0)
-    if not known.any():
+    fraction = _fraction_within(image, max_range)
+    if fraction is None:
         return "no depths"
-    within = np.count_nonzero(known & (image.depth <= np.float32(max_range)))
-    return TOO_FAR if within < LOST_FRACTION * np.count_nonzero(known) else None
+    is_in_mm = image.depth.dtype == np.uint16
+    return (TOO_FAR_MM if is_in_mm else TOO_FAR) if fraction < LOST_FRACTION else None
+
+
+def _fraction_within(image: DepthImage, limit: float) -> float | None:
+    """Return the fraction of an image's depths up to a limit, m; None without depths."""
+    is_in_mm = image.depth.dtype == np.uint16
+    known = image.depth > 0 if is_in_mm else np.isfinite(image.depth) & (image.depth > 0.0)
+    count = np.count_nonzero(known)
+    within = known & (image.depth <= np.float32(1e3 * limit if is_in_mm else limit))
+    return np.count_nonzero(within) / count if count else None
+
+
+def remark(image: DepthImage, max_depth: float) -> str | None:
+    """Return a remark on an unusual image that is used; `max_depth` is the mapped one, m."""
+    fraction = _fraction_within(image, max_depth)
+    is_noisy = fraction is not None and fraction < LOST_FRACTION
+    return image.remark or (TOO_NOISY if is_noisy else None)
 
 
 def fault_of_pose(posed: Posed) -> str | None:
@@ -194,7 +212,7 @@ def depth_stream(topic: str, config: Config | None = None) -> Stream:
     The configuration gives `scan.max_range`. If the topic is remapped, use `depth_reader` with the
     resolved name.
     """
-    max_range = (config or Config()).scan.max_range
+    config = config or Config()
     return Stream(
         role=topic,
         record=DepthImage,
@@ -202,7 +220,8 @@ def depth_stream(topic: str, config: Config | None = None) -> Stream:
         mount=MountKind.ANY,
         processor="tccm",
         event=PosedImage,
-        rejection_reason=partial(rejection_reason, max_range=max_range),
+        rejection_reason=partial(rejection_reason, max_range=config.scan.max_range),
+        remark=partial(remark, max_depth=max_mapped_depth(config)),
         fault_of_pose=fault_of_pose,
         sees_robot=True,
         companion=Companion(camera_info_topic(topic), CameraInfo, CAMERA_INFO_READER, join_camera),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraInfo, DepthImage
 from tccm_ros.records.building import frame_name, stamp_ns_from_message
+from tccm_ros.sensors.byte_order import SWAPPED, is_swapped
 from tccm_ros.sensors.compressed_depth import MAX_PIXELS, read_compressed_depth
 
 DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -51,6 +53,8 @@ def depth_image_from_message(message: Any) -> DepthImage:
         data = np.concatenate([data, np.zeros(step * height - len(data), np.uint8)])
     lines = data[: step * height].reshape(height, step)[:, :used]
     depth = np.ascontiguousarray(lines).view(dtype).astype(kind, copy=False)
+    if is_swapped(depth):
+        return replace(_depth_image(message.header, depth.byteswap()), remark=SWAPPED)
     return _depth_image(message.header, depth)
 
 

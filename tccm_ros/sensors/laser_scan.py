@@ -22,6 +22,7 @@ from tccm_ros.records import PosedScan, Scan
 from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_message
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
+from tccm_ros.sensors.no_returns import NoReturns
 
 NOTHING_SEEN = "nothing seen"
 NO_LIMITS = "range_min is not below range_max"
@@ -118,6 +119,7 @@ TILT_SCAN = Stream(
     time_span=time_span,
     rejection_reason=rejection_reason,
     remark=remark,
+    make_cleaner=NoReturns,
     sees_robot=True,
 )
 

@@ -6,6 +6,7 @@ Each point has the pose at its own time. Points are thinned to the resolution of
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -73,6 +74,16 @@ def rejection_reason(cloud: PointCloud, max_range: float = math.inf) -> str | No
     return TOO_FAR if within < LOST_FRACTION * points else None
 
 
+def remark(cloud: PointCloud) -> str | None:
+    """Return a remark on an unusual cloud that is used anyway; None for a usual one."""
+    return cloud.remark or None
+
+
+def at_once(cloud: PointCloud) -> PointCloud:
+    """Return a cloud with all points at its stamp."""
+    return replace(cloud, since_ns=None)
+
+
 def cloud_stream(topic: str, config: Config | None = None, *, can_be_base: bool = False) -> Stream:
     """Return the stream of the point clouds on a topic, whose name is the role of the stream.
 
@@ -88,6 +99,8 @@ def cloud_stream(topic: str, config: Config | None = None, *, can_be_base: bool 
         event=PosedCloud,
         time_span=time_span,
         rejection_reason=partial(rejection_reason, max_range=max_range),
+        remark=remark,
+        at_once=at_once,
         sees_robot=True,
         max_waiting=MAX_WAITING,
         can_be_base=can_be_base,

@@ -32,6 +32,17 @@ def edited(source, path, edit):
     return path
 
 
+def late(source, path, topics, late_ns):
+    """Write a copy of a bag in which the messages of some topics were recorded later."""
+    with BagReader(source) as reader, BagWriter(path, typestore=TYPESTORE) as writer:
+        kept = [
+            m._replace(log_ns=m.log_ns + late_ns * (m.topic in topics)) for m in reader.messages()
+        ]
+        for m in sorted(kept, key=lambda m: m.log_ns):
+            writer.write(m.topic, m.msgtype, m.log_ns, TYPESTORE.deserialize(m.msgtype, m.data))
+    return path
+
+
 def stamp_of(message):
     return stamp_ns_from_message(message.header.stamp)
 
@@ -89,6 +100,10 @@ def in_metres(topic, message):
 def big_endian_with_padding(topic, message):
     data = b"".join(line.astype(">u2").tobytes() + b"\xff" * 12 for line in depths_mm(message))
     return [(topic, IMAGE, image_of(message, data, is_bigendian=1, step=2 * W + 12))]
+
+
+def falsely_called_big_endian(topic, message):
+    return [(topic, IMAGE, image_of(message, bytes(message.data), is_bigendian=1))]
 
 
 def called_mono16(topic, message):
@@ -246,3 +261,18 @@ def every_other(msgtype, spoil):
         return [(topic, kind, message)]
 
     return edit
+
+
+GARBAGE = lidar(
+    "/ouster/points", [*XYZ, ("t", "<u4")],
+    lambda s, d: np.random.default_rng(s % 1000).integers(0, 2**32, len(d)),
+)  # fmt: skip
+
+
+def falsely_big_endian(topic, msgtype, message):
+    """Edit to an Ouster's clouds with a false is_bigendian."""
+    edits = OUSTER(topic, msgtype, message)
+    for _, kind, cloud in edits:
+        if kind == CLOUD:
+            cloud.is_bigendian = True
+    return edits

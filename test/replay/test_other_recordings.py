@@ -32,6 +32,16 @@ RECORDINGS = {
     "livox": eb.LIVOX,
 }
 
+UNUSUAL = {
+    "a lidar with a clock of its own": (eb.ANOTHER_CLOCK, "times of points are ignored: more than"),
+    "times of points that are garbage": (eb.GARBAGE, "times of points are ignored: they are far"),
+    "a false is_bigendian of clouds": (eb.falsely_big_endian, "is_bigendian contradicts"),
+    "a false is_bigendian of images": (
+        eb.of_camera(eb.falsely_called_big_endian), "is_bigendian contradicts",
+    ),
+}  # fmt: skip
+"""Edits, and what is said."""
+
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
@@ -54,6 +64,71 @@ def test_the_table_is_found_in_recordings_of_others(source, tmp_path, name):
     # The last clouds end after the last odometry.
     assert set(counts.dropped) <= {"no odometry"}
     assert sum(counts.dropped.values()) <= 1
+
+
+@pytest.mark.parametrize("name", UNUSUAL)
+def test_the_table_is_found_where_messages_contradict_themselves_and_it_is_said(
+    source, tmp_path, name
+):
+    edit, said = UNUSUAL[name]
+    bag = eb.edited(source, tmp_path / "bag", edit)
+    summary = replay(bag, tmp_path / "out", read_config(None), pictures=False)
+    surfaces = json.loads((tmp_path / "out" / "surfaces.json").read_text())["surfaces"]
+    heights = [s["height"] for s in surfaces if s["label"] != "floor"]
+    np.testing.assert_allclose(heights, [TOP], atol=0.003)
+    assert said in summary.text()
+
+
+def test_depths_in_tenths_of_millimetres_are_named(source, tmp_path):
+    def finer(topic, message):
+        finest = np.minimum(10 * eb.depths_mm(message).astype(int), 65535).astype("<u2")
+        return [(topic, eb.IMAGE, eb.image_of(message, finest.tobytes()))]
+
+    bag = eb.edited(source, tmp_path / "bag", eb.of_camera(finer))
+    summary = replay(bag, tmp_path / "out", read_config(None), pictures=False)
+    said = "nearly all depths are beyond what is mapped"
+    assert said in summary.text()
+    assert said in "\n".join(bag_info(bag).notes)
+
+
+def test_depths_of_the_largest_number_alone_are_named(source, tmp_path):
+    def largest(topic, message):
+        return [(topic, eb.IMAGE, eb.image_of(message, b"\xff" * len(message.data)))]
+
+    bag = eb.edited(source, tmp_path / "bag", eb.of_camera(largest))
+    with pytest.raises(TccmError, match=r"depths beyond scan\.max_range: 16UC1 is mm"):
+        replay(bag, tmp_path / "out", read_config(None), pictures=False)
+
+
+def test_descriptions_and_static_transforms_hold_from_the_start_when_they_come_late(tmp_path):
+    """All tilt cycles are as in the recording in which they come first."""
+    latched = {"/robot_description", "/tf_static"}
+    bag = eb.late(BUNDLED / "upside_down", tmp_path / "bag", latched, 7 * 10**9)
+    late = replay(bag, tmp_path / "late", read_config(None), pictures=False)
+    early = replay(BUNDLED / "upside_down", tmp_path / "early", read_config(None), pictures=False)
+    assert late.content.counts == early.content.counts
+    for name in ("surfaces.json", "walls.json", "trajectory.tum"):
+        assert (tmp_path / "late" / name).read_bytes() == (tmp_path / "early" / name).read_bytes()
+
+
+def test_a_delay_of_the_tilt_joint_is_said_and_corrected(tmp_path):
+    def delayed(topic, msgtype, message):
+        if msgtype == "sensor_msgs/msg/JointState":
+            eb.set_stamp(message, eb.stamp_of(message) + 300_000_000)
+        return [(topic, msgtype, message)]
+
+    bag = eb.edited(BUNDLED / "upside_down", tmp_path / "bag", delayed)
+    said = "rig.joint_time_offset=-0.30 makes tilting up and down agree"
+    assert said in "\n".join(bag_info(bag).notes)
+    summary = replay(bag, tmp_path / "out", read_config(None), pictures=False)
+    assert said in summary.text()
+    assert summary.content.config["rig"]["joint_time_offset"] == pytest.approx(-0.3, abs=0.005)
+    plain = replay(BUNDLED / "upside_down", tmp_path / "plain", read_config(None), pictures=False)
+    assert "joint_time_offset" not in plain.text()
+    assert summary.content.counts.surfaces == plain.content.counts.surfaces
+    mine = replay(bag, tmp_path / "mine", read_config(None, ["rig.joint_time_offset=-0.3"]),
+                  pictures=False)  # fmt: skip
+    assert "joint_time_offset" not in mine.text()
 
 
 def test_a_rectified_image_has_not_the_intrinsics_of_the_raw_one(source, tmp_path):
@@ -125,7 +200,7 @@ def test_info_says_what_is_wrong_with_a_description(source, tmp_path):
 
 def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
     bag = eb.edited(source, tmp_path / "clock", eb.ANOTHER_CLOCK)
-    assert "/gps: point cloud has points" in "\n".join(bag_info(bag).notes)
+    assert "/gps: times of points are ignored" in "\n".join(bag_info(bag).notes)
 
     def jpeg(topic, message):
         packed = eb.quantised(topic, message)[0][2]

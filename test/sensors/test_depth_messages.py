@@ -338,9 +338,12 @@ def test_a_cloud_that_contradicts_itself_is_refused(changes, why):
         point_cloud_from_message(message)
 
 
-def test_times_far_from_the_stamp_are_refused():
+@pytest.mark.parametrize(
+    ("times", "said"), [([1.6e9, 1.6e9], "more than 60 s"), ([np.nan, 0.0], "not finite")]
+)
+def test_times_that_are_none_are_ignored_and_said(times, said):
     layout = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f8")]
-    with pytest.raises(MessageError, match="from its stamp"):
-        point_cloud_from_message(cloud_of(layout, time=[1.6e9, 1.6e9]))
-    with pytest.raises(MessageError, match="not finite"):
-        point_cloud_from_message(cloud_of(layout, time=[np.nan, 0.0]))
+    cloud = point_cloud_from_message(cloud_of(layout, time=times))
+    assert cloud.since_ns is None
+    assert said in cloud.remark
+    assert cloud.points[:, 0].tolist() == [1.0, 1.0]

@@ -24,7 +24,14 @@ from shared_data import shared
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config, parameters
 from tccm_ros.cuboids.timed_cycles import TimedCycles
-from tccm_ros.records import JointSample, ObjectBoxes, Odometry, PosedScan, ViewIntervals
+from tccm_ros.records import (
+    JointSample,
+    ObjectBoxes,
+    Odometry,
+    PosedScan,
+    SurfaceCloud,
+    ViewIntervals,
+)
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.surfaces.labels import label_surfaces
 from tccm_ros.surfaces.object_tracks import track_objects
@@ -213,14 +220,15 @@ def views():
     return [r for room, pose, stamp in LOOKS for r in room.look(pose, stamp, noise=0.004)]
 
 
-def surfaces(config):
+def surfaces(config, viewpoint=None):
     slam = SurfaceSlam(config)
     drive = plan.drive(plan.box(-3, -3, 4, 3), np.array([pose for _, pose, _ in LOOKS]), beams=361)
     for scan, (_, _, stamp) in zip(drive.scans, LOOKS, strict=True):
         at = replace(scan.record, stamp_ns=stamp)
         slam.walls.add_scan(replace(scan, record=at, pose_stamps_ns=np.array([stamp])))
     for item in views():
-        slam.add(item)
+        is_cloud = isinstance(item, SurfaceCloud)
+        slam.add(replace(item, viewpoint=viewpoint) if is_cloud else item)
     solution = slam.solve()
     mapped = solution.mapped
     return digest(
@@ -231,6 +239,7 @@ def surfaces(config):
         mapped.floor_z,
         mapped.points,
         [[k, rings] for k, rings in sorted(solution.free_places.items())],
+        [list(space) for space in solution.unseen],
     )
 
 
@@ -271,6 +280,7 @@ STAGES = {
     "slipping": lambda c: walls(c, run=slipping()),
     "saved walls": lambda c: walls(c, saved_lap()),
     "surfaces": surfaces,
+    "seen from": lambda c: surfaces(c, np.float32([0.0, 0.0, 1.2])),
     "tracked": tracked,
     "labels": labels,
 }
@@ -379,6 +389,7 @@ CASES = {
     "surfaces.min_area": ("surfaces", 0.2, {}),
     "surfaces.max_floor_height": ("surfaces", -1.0, {}),
     "surfaces.registration": ("surfaces", False, {}),
+    "surfaces.unseen_space": ("seen from", True, {}),
     **{
         f"labels.{rule}": ("labels", NOWHERE, {})
         for rule in (

@@ -45,7 +45,9 @@ def seen_space(
     high = np.array([size[0] + CELL, 0.5 * size[1] + BESIDE, size[2]])
     shape = np.ceil((high - low) / CELL).astype(np.int64)
     seen, hit = seen_cells(T_map_front, low, shape, np.full(3, CELL), hits, views)
-    return SpaceGrid(low, CELL, seen, hit)
+    padded = np.pad(seen, 1, mode="edge")
+    closed = binary_closing(padded, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1]
+    return SpaceGrid(low, CELL, (closed | seen) & ~hit, hit)
 
 
 def seen_cells(
@@ -56,7 +58,7 @@ def seen_cells(
     hits: Hits,
     views: Sequence[SeenView],
 ) -> tuple[Bool, Bool]:
-    """Return which cells of a grid are free, and in which beams ended.
+    """Return which cells of a grid beams passed, and in which they ended.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def seen_cells(
     Returns
     -------
     seen : bool, as `shape`
-        Beams passed the cell, or cells on both sides of it, and none ended in it.
+        Beams passed the cell.
     hit : bool, as `shape`
         Beams ended in the cell.
     """
@@ -88,9 +90,7 @@ def seen_cells(
         rest = np.flatnonzero(~seen.ravel())
         at = transform(inverse(view.T_map_view) @ T_map_grid, middles[rest])
         seen.ravel()[rest[view.free.contains(at)]] = True
-    padded = np.pad(seen, 1, mode="edge")
-    closed = binary_closing(padded, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1]
-    return (closed | seen) & ~hit, hit
+    return seen, hit
 
 
 def cell_middles(low: Float64, shape: Int64, cell: Float64) -> Float64:

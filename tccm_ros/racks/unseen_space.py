@@ -72,7 +72,8 @@ def unseen_spaces(
     for k, surface in enumerate(above):
         near = hits.near(outlines[k], NEAR_RACK).still_there()
         T, low, cell, shape = _grid(surface, floor_z)
-        seen = _wide(seen_cells(T, low, shape, cell, near, views)[0])
+        passed, hit = seen_cells(T, low, shape, cell, near, views)
+        seen = _wide(passed & ~hit)
         middles = transform(T, cell_middles(low, shape, cell).reshape(-1, 3))
         unseen = ~seen & shapely.contains_xy(outlines[k], *middles[:, :2].T).reshape(shape)
         for lower, outline in zip(above[:k], outlines[:k]):

@@ -464,7 +464,7 @@ def with_level_scans(config: Config, choice: TopicChoice) -> Config:
     """Return the configuration; if a point cloud is the only input, level scans are made of it."""
     sensors = [s for s in choice.streams if choice.counts[s.role] and not s.is_occasional]
     is_alone = [sensor.record for sensor in sensors] == [PointCloud]
-    if not (choice.is_bare and is_alone) or "level_from" in config.sensors.model_fields_set:
+    if not (choice.is_bare and is_alone) or config.sensors.level_from != "none":
         return config
     made = config.model_copy(deep=True)
     made.sensors.level_from = "points"

@@ -57,7 +57,8 @@ def arc_range(scan: Scan) -> float | None:
 
     A flat surface perpendicular to the middle of a run over an angle a bows by
     ``r (1 / cos(a / 2) - 1)``. A run is an arc where that exceeds the resolution of the ranges: the
-    smallest step between the scan's ranges, and what `NO_RETURN_SHELL` allows for.
+    smallest step between the scan's ranges, and what `NO_RETURN_SHELL` allows for. A scan of one
+    range alone does not tell its resolution.
     """
     ranges = scan.ranges
     is_range = (ranges > max(scan.range_min, 0.0)) & (ranges <= scan.range_max)
@@ -70,7 +71,9 @@ def arc_range(scan: Scan) -> float | None:
     if bow <= max(NO_RETURN_SHELL * value, NO_RETURN_SHELL_M):
         return None
     levels = np.unique(ranges[np.isfinite(ranges)])
-    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+    if len(levels) < 2:
+        return None
+    step = float(np.diff(levels).min())
     return value if bow > STEPS_OF_RESOLUTION * step else None
 
 

@@ -5,7 +5,6 @@ from bag_copies import foreign_bag
 from depth_room import START_NS, camera, image_at
 from sample_bags import SCAN, TYPES
 
-from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.records import PointCloud, Scan
 from tccm_ros.replay.info import bag_info
@@ -56,7 +55,7 @@ def test_a_bare_cloud_is_mapped_as_info_says_and_moves_as_matching_says(tmp_path
     info = bag_info(bag)
     assert line in info.notes
     assert info.notes[-1] == f"try tccm replay {bag} --out map --remap points:=/lidar_points"
-    summary = replay(bag, tmp_path / "map", Config(), pictures=False)
+    summary = replay(bag, tmp_path / "map", read_config(None), pictures=False)
     assert line in summary.found_topics
     assert summary.content.counts.surfaces >= 1
     path = np.loadtxt(tmp_path / "map" / "trajectory.tum")

@@ -113,12 +113,10 @@ def test_a_tilting_laser_that_pauses_while_the_robot_drives_is_ok(ros):
     node, statuses, robot = tccm(ros, qos__silence=SILENCE), Statuses(ros), ros.robot()
     records = list(recording(4))
     robot.play(records, node)
-    driving = list(recording(4, start_ns=records[-1][1].stamp_ns + 1, tilt=False))
     (laser,) = (entry for entry in node.inputs if entry.topic == "/tilt_scan")
     while not node.inputs._is_silent(laser):  # odometry and joints go on meanwhile
-        robot.play(driving[:20], node)
-        driving = driving[20:]
-        assert driving, "the pause was too short"
+        records = list(recording(1, start_ns=records[-1][1].stamp_ns + 1, tilt=False))
+        robot.play(records, node)
     assert robot.node.count_publishers("/tilt_scan") == 1
     assert node.inputs.problem(laser) is None
     before = statuses["tccm"]

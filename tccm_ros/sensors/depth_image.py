@@ -128,9 +128,9 @@ def _fraction_within(image: DepthImage, limit: float) -> float | None:
     return np.count_nonzero(within) / count if count else None
 
 
-def remark(image: DepthImage, max_depth: float) -> str | None:
-    """Return a remark on an unusual image that is used; `max_depth` is the mapped one, m."""
-    fraction = _fraction_within(image, max_depth)
+def remark(image: DepthImage, config: Config) -> str | None:
+    """Return a remark on an unusual image that is used."""
+    fraction = _fraction_within(image, max_mapped_depth(config))
     is_noisy = fraction is not None and fraction < LOST_FRACTION
     return image.remark or (TOO_NOISY if is_noisy else None)
 
@@ -221,7 +221,7 @@ def depth_stream(topic: str, config: Config | None = None) -> Stream:
         processor="tccm",
         event=PosedImage,
         rejection_reason=partial(rejection_reason, max_range=config.scan.max_range),
-        remark=partial(remark, max_depth=max_mapped_depth(config)),
+        remark=partial(remark, config=config),
         fault_of_pose=fault_of_pose,
         sees_robot=True,
         companion=Companion(camera_info_topic(topic), CameraInfo, CAMERA_INFO_READER, join_camera),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely.affinity
 from room import Board, Room, Screen
 from surface_maps import TABLE, above_floor, poses_at
 
@@ -139,12 +140,15 @@ def test_the_lines_of_several_views_make_a_surface():
         surface_map.add_view(replace(line_view(x), stamp_ns=10 + k))
     places = np.stack([np.eye(4)] * 3)
     places[:, 0, 3] = [0.0, 0.3, 0.6]  # different places: none replaces another
-    for k in range(3):
-        view = surface_map.views[k]
+    for view, x in zip(list(surface_map.views), places[:, 0, 3]):
         patch = view.patches[0]
-        moved = patch.points - np.float32([places[k, 0, 3], 0.0, 0.0])
-        patch = replace(patch, points=moved, mean=patch.mean - [places[k, 0, 3], 0.0, 0.0])
-        surface_map.add_view(replace(view, patches=(patch,)))
+        moved = replace(
+            patch,
+            points=patch.points - np.float32([x, 0.0, 0.0]),
+            mean=patch.mean - [x, 0.0, 0.0],
+            outline=shapely.affinity.translate(patch.outline, -x),
+        )
+        surface_map.add_view(replace(view, patches=(moved,)))
     (ledge,) = surface_map.build(poses_at(places)).surfaces
     assert ledge.area == pytest.approx(0.08 * 0.8, abs=0.03)
     assert ledge.height == pytest.approx(1.2, abs=1e-6)

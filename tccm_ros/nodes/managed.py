@@ -122,7 +122,7 @@ class ManagedNode(SensorNode, LifecycleNode):
             self.intake.stop()
             self.unsubscribe()
             self.worker.close()
-            self.release()
+        self.release()
         for entity, destroy in list(self._entities()):
             if id(entity) not in self._kept_entities:
                 destroy(entity)

@@ -12,8 +12,8 @@ import sys
 import time
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,7 @@ class SensorNode(Node):
     """
 
     def __init__(self, name: str, processor_name: str, shared: SharedRobot | None, **kwargs: Any):
+        self._ends = ExitStack()
         super().__init__(name, **kwargs)
         self._processor_name, self._shared = processor_name, shared
         self.is_active = False
@@ -123,6 +124,7 @@ class SensorNode(Node):
         self.types = RosidlMessages()
         self.bulk_types = TypestoreMessages()
         self.intake = shared.intake if shared else Intake(self, partial(self.refuse, "intake"))
+        self.at_end(self.intake.close)
         self.inputs = Inputs(self, self.config.qos.silence, self.intake)
         self.refusals = Refusals(self.get_logger().error)
         self.overload: Counter[str] = Counter()
@@ -140,6 +142,7 @@ class SensorNode(Node):
         )
         self._status = NodeStatus(self.config, self.inputs, self.refusals)
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
+        self.at_end(self._clock_watch.close)
         self.warming = Warming(processor_name, self.config, self._say_progress, self._become_ready)
         self.robot.hold()
         self.worker.post(self.warming.wait_until_loaded)
@@ -316,10 +319,16 @@ class SensorNode(Node):
         """Destroy the subscriptions; the intake must be stopped."""
         self.inputs.unsubscribe()
 
+    def at_end(self, close: Callable[[], object]) -> None:
+        """Register a function that ends a part; `release` calls the last one first."""
+        self._ends.callback(close)
+
     def release(self) -> None:
-        """End the threads created by `configure`, except the worker, which `close` ends."""
-        self.intake.close()
-        self._clock_watch.close()
+        """End the parts created by `configure`, except the worker, which `close` ends.
+
+        After a `configure` that failed half-way, these are the parts created until then.
+        """
+        self._ends.close()
 
     def _say_progress(self, text: str) -> None:
         dropped = self.robot.too_early.total()

@@ -80,7 +80,9 @@ class SlamNode(SensorNode):
         """Create the tracker, the solver process, publishers and services."""
         super().configure()
         self.solver = Solver(self.config, self._on_answer)
+        self.at_end(self.solver.close)
         self.signs = SignReader(self.config, self._on_signs)
+        self.at_end(self.signs.close)
         self.live = LivePosePublisher(self, self.types, self.config, self.intake, self.robot)
         self.localisation = LocalisationPublisher(
             self,
@@ -95,6 +97,7 @@ class SlamNode(SensorNode):
             self.localisation.name_map,
             partial(self.refuse, "saving"),
         )
+        self.at_end(self.saver.close)
         self._is_external = self.config.localisation.is_external
         topics = {**offered(SOLUTION_TOPICS), KEEPOUT_TOPIC: GRID}
         if self._is_external:  # the external localisation owns the grid and initialpose
@@ -109,6 +112,7 @@ class SlamNode(SensorNode):
         self._client_api = ClientApi(
             self, self.live, self.begin_named_save, self.load_named, self.begin_correction
         )
+        self.at_end(self._client_api.close)
         self.session = MapSession(
             self.config,
             self.solver,
@@ -120,6 +124,7 @@ class SlamNode(SensorNode):
             self.context.ok,
         )
         self.add_post_set_parameters_callback(self._on_parameters)
+        self.at_end(lambda: self.remove_post_set_parameters_callback(self._on_parameters))
         self.create_service(Trigger, "~/load_map", self._on_load_map)
         self._look = steady_timer(
             self, LOOK_S, lambda: self.worker.post(self.session.solve_when_quiet)
@@ -137,15 +142,6 @@ class SlamNode(SensorNode):
         """End the subscriptions."""
         super().unsubscribe()
         self.localisation.unsubscribe(self)
-
-    def release(self) -> None:
-        """End the solver process and the threads."""
-        self.remove_post_set_parameters_callback(self._on_parameters)
-        self._client_api.close()
-        self.saver.close()
-        self.signs.close()
-        self.solver.close()
-        super().release()
 
     def _on_parameters(self, _: object) -> None:
         self.worker.post(self.session.take_config)

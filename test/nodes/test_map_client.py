@@ -160,14 +160,14 @@ def test_the_hundredth_question_takes_no_more_steps_than_the_first(ros):
     for kind, name in MAP_SERVICES.items():
         server.create_service(kind, f"~/{name}", answer)
     own = ros.add(Node("asker", context=ros.context))
-    client, steps, step = SurfaceMapClient(own), [], ros.executor.spin_once_until_future_complete
+    client, steps, step = SurfaceMapClient(own), [], ros.executor.wait_for_ready_callbacks
+    ros.spin_until(lambda: client.has_services)
 
     def counted(*args):
         steps[-1] += 1
-        step(*args)
+        return step(*args)
 
-    ros.executor.spin_once_until_future_complete = counted
-    ros.spin_until(lambda: client.has_services)
+    ros.executor.wait_for_ready_callbacks = counted
     for _ in range(100):
         steps.append(0)
         ros.executor.spin_until_future_complete(client.list_maps())

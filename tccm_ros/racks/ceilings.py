@@ -41,6 +41,9 @@ MIN_COVERED = 0.2
 """Minimum fraction of the area of an underside that its hits cover; chosen: there are gaps between
 scan lines."""
 
+LEVELS = 4
+"""Levels of height in `FLAT`, at which undersides are looked for."""
+
 MIN_FRONT_CELLS = 3
 """Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
 
@@ -173,14 +176,17 @@ def _unnamed(
     z = ends[:, 2]
     flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)
     inner = ((ends[:, :2] > low) & (ends[:, :2] < high)).all(axis=1) & flat
-    wanted = MIN_COVERED * part.area / CUBE**2
-    heights = np.sort(z[inner])
-    last = np.searchsorted(heights, heights + FLAT)
-    enough = np.flatnonzero(last - np.arange(len(heights)) >= wanted)
+    cells = np.floor((ends[inner, :2] - low) / CUBE).astype(np.int64)
+    levels = np.floor((z[inner] - MIN_HEIGHT) * (LEVELS / FLAT)).astype(np.int64)
+    count, (nx, ny) = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT), np.ceil((high - low) / CUBE)
+    is_hit = np.zeros((count + LEVELS, int(nx), int(ny)), np.bool_)
+    is_hit[levels, cells[:, 0], cells[:, 1]] = True
+    covered = np.array([is_hit[k : k + LEVELS].any(axis=0).sum() for k in range(count)])
+    enough = np.flatnonzero(covered >= MIN_COVERED * part.area / CUBE**2)
     if not len(enough):
         return
-    first = enough[0]
-    height = float(np.median(heights[first : last[first]]))
+    first = enough[0] + int(covered[enough[0] :][: LEVELS + 1].argmax())
+    height = float(np.median(z[inner][(levels >= first) & (levels < first + LEVELS)]))
     on = ends[inner & (np.abs(z - height) <= FLAT)]
     low, high = np.maximum(low, on[:, :2].min(axis=0)), np.minimum(high, on[:, :2].max(axis=0))
     if (high - low).min() >= MIN_EXTENT:

@@ -76,3 +76,12 @@ def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below()
 
 def test_a_small_lower_side_is_none():
     assert list(ceilings(SIZE, [], *lower_side(0.5, x=(0.0, 0.15), y=(0.0, 0.15)))) == []
+
+
+def test_a_small_lower_side_that_many_views_saw_is_none_and_does_not_lower_the_one_above_it():
+    """Its hits are more than those of the ceiling, but cover less."""
+    small = [np.concatenate(30 * [a]) for a in lower_side(0.46, x=(-0.5, 0.5), y=(0.12, 0.16))]
+    assert list(ceilings(SIZE, [], *small)) == []
+    both = (np.concatenate(parts) for parts in zip(small, lower_side(0.5)))
+    (found,) = ceilings(SIZE, [], *both)
+    assert found.height == pytest.approx(0.5)

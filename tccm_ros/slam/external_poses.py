@@ -10,8 +10,12 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, planar, wrap_angle
 from tccm_ros.records import MapOdom
+from tccm_ros.robust import median_sigma
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
+
+MEDIAN_VARIANCE = 0.5 * np.pi
+"""Variance of the median of many normal variates, over that of their mean."""
 
 ROUNDS = 10
 """Number of reweighting iterations; weights converge earlier."""
@@ -47,31 +51,58 @@ class MapOdomTrack:
     ) -> dict[int, tuple[Float64, Float64]]:
         """Return the external poses of keyframes, by id.
 
-        Each is the median over the transforms until the next keyframe. Their errors are correlated,
-        so that the covariance does not decrease with their number. Without transforms in that
+        Each is the median over the transforms until the next keyframe. Without transforms in that
         interval, the previous one is used; keyframes before the first transform get no pose.
+
+        The error of a transform has two parts. One is independent of the next transform's; its
+        variance follows from successive differences (von Neumann), and decreases with the number of
+        transforms. The rest of the variance is common to all transforms of a keyframe.
 
         Parameters
         ----------
         keyframes
             Keyframes in order.
         sigma
-            Standard deviation of position (m) and yaw (rad).
+            Standard deviation of position (m) and yaw (rad) of one transform.
 
         Returns
         -------
         poses float64 (3,) in map and covariances float64 (3, 3) of (x, y, yaw) in map
         """
-        cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
         begins = [self._count_before(k.scan.stamp_ns) for k in keyframes]
-        external = {}
+        samples: dict[int, Float64] = {}
         for keyframe, begin, end in zip(keyframes, begins, [*begins[1:], len(self._samples)]):
             held = self._samples[max(begin - 1, 0) if end <= begin else begin : end]
             if held:
                 poses = compose2(np.array([pose for _, pose in held]), keyframe.scan.odom)
                 poses[:, 2] = poses[-1, 2] + wrap_angle(poses[:, 2] - poses[-1, 2])
-                external[keyframe.id] = np.median(poses, axis=0), cov
-        return external
+                samples[keyframe.id] = poses
+        stated = np.square([sigma[0], sigma[0], sigma[1]])
+        white = white_variance([*samples.values()])
+        common = np.maximum(stated - white, 0.0)
+        return {
+            k: (np.median(p, axis=0), np.diag(common + white * min(1.0, MEDIAN_VARIANCE / len(p))))
+            for k, p in samples.items()
+        }
+
+
+def white_variance(groups: Sequence[Float64]) -> Float64:
+    """Return the variance of the independent part of the errors of poses that should be equal.
+
+    Parameters
+    ----------
+    groups
+        Poses float64 (N, 3) of one base pose each, in order of stamps, yaw without wraps.
+
+    Returns
+    -------
+    float64 (3,) of (x, y, yaw): half the square of a robust standard deviation of successive
+    differences; zero for poses that are mostly repeated
+    """
+    steps = np.concatenate([np.zeros((0, 3)), *(np.diff(poses, axis=0) for poses in groups)])
+    if not len(steps):
+        return np.zeros(3)
+    return np.array([0.5 * median_sigma(step) ** 2 for step in steps.T])
 
 
 def reweigh(chain: Chain) -> None:

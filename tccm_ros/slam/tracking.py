@@ -234,6 +234,8 @@ class Tracker:
     def _add_scan(self, posed: PosedScan) -> None:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
+        if self._is_external:
+            return
         level = make_level_scan(posed, self._config)
         keyframe = self._front.add(level, self._start(level.odom)).keyframe
         if keyframe != self._newest_keyframe:

@@ -27,7 +27,7 @@ def test_the_pose_and_the_surfaces_are_in_the_map_of_the_other_program(ros):
     both = {"localisation__source": "tf"}
     node, other = slam(ros, **both), tccm(ros, **both)
     robot, viewer = ros.robot(), Listener(ros)
-    assert not {"/map", "/initialpose", "/scan"} & topics_of(node)
+    assert not {"/map", "/initialpose"} & topics_of(node)
     poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
     ros.connect(node, viewer.node, "/pose")
     ros.connect(other, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")

@@ -133,7 +133,7 @@ def tracked(config):
     rows = np.array([[1.05, 0.05, 0.5, 1.5]], np.float32)
     boxes = ObjectBoxes(
         1, "base", np.array([[1.05, 0.05, 0.8]]), np.full((1, 3), 0.04), np.zeros(1),
-        np.array([50], np.uint32),
+        np.array([50], np.uint32), np.zeros(1, bool),
     )  # fmt: skip
     seen = [with_objects(empty_view(k, 0, config), boxes) for k in (1, 2)]
     through = with_intervals(empty_view(3, 0, config), ViewIntervals(3, "base", rows))

@@ -351,4 +351,5 @@ def object_boxes(
         np.array([item.size for item in objects]).reshape(-1, 3),
         yaw,
         np.array([item.points for item in objects], np.uint32),
+        np.array([item.is_round for item in objects], np.bool_),
     )

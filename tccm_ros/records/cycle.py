@@ -8,7 +8,7 @@ from enum import IntEnum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.arrays import Float32, Float64
+from tccm_ros.arrays import Bool, Float32, Float64
 
 
 class SensorKind(IntEnum):
@@ -84,6 +84,8 @@ class ObjectBoxes:
         float64 (N,), yaw of the box's x axis, rad.
     points
         uint32 (N,), points measured on it.
+    is_round
+        bool (N,), whether it is a vertical cylinder, as wide as its box.
     """
 
     stamp_ns: int
@@ -92,6 +94,7 @@ class ObjectBoxes:
     size: Float64
     yaw: Float64
     points: NDArray[np.uint32]
+    is_round: Bool
 
 
 class PlaneKind(StrEnum):
@@ -167,6 +170,8 @@ class TabletopObject:
         float64 (N, 2), open ring, convex.
     points
         Points measured on it.
+    is_round
+        Whether it is a vertical cylinder, as wide as its box.
     """
 
     id: int
@@ -176,3 +181,4 @@ class TabletopObject:
     yaw: float
     footprint: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
     points: int = 0
+    is_round: bool = False

@@ -349,6 +349,8 @@ class ObjectEntry:
         Class assigned by detectors; empty if there is none.
     confidence
         Mean score of that class, 0 to 1; null if there is none.
+    is_round
+        Whether it is a vertical cylinder, as wide as its box.
     """
 
     id: int
@@ -358,6 +360,7 @@ class ObjectEntry:
     yaw: float
     label: str = ""
     confidence: float | None = None
+    is_round: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -472,7 +475,7 @@ class ObjectsFile:
 def _object_entry(item: SceneObject) -> ObjectEntry:
     score = None if item.label is None else item.label.score
     box = item.id, item.surface, item.center, item.size, item.yaw
-    return ObjectEntry(*box, item.class_id, score)
+    return ObjectEntry(*box, item.class_id, score, item.is_round)
 
 
 # --- racks.json ---------------------------------------------------------------------------------

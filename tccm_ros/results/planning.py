@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
 from tccm_ros.geometry import quaternion
 from tccm_ros.racks.compartment import Compartment
 from tccm_ros.racks.unseen_space import UnseenSpace
@@ -36,7 +35,9 @@ def scene_text(
         T = np.eye(4)
         if isinstance(shape, Box):
             T = shape.T_map_box
-            lines += ["box", _numbers(shape.size)]
+            x, _, z = shape.size.tolist()
+            kind, lengths = ("cylinder", [0.5 * x, z]) if shape.is_round else ("box", shape.size)
+            lines += [kind, _numbers(lengths)]
         else:
             lines += ["mesh", f"{len(shape.vertices)} {len(shape.triangles)}"]
             lines += [_numbers(vertex) for vertex in shape.vertices]
@@ -45,5 +46,5 @@ def scene_text(
     return "\n".join([*lines, ".", ""])
 
 
-def _numbers(values: Float64) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return " ".join(f"{rounded(v):.6f}" for v in values)

@@ -1,8 +1,8 @@
 """Planning scenes as moveit_msgs/CollisionObject and moveit_msgs/PlanningScene.
 
 A surface is a thin slab below its plane: a box, or a mesh if a box would block a much larger area
-than the surface (`surface_shape`). An object is its bounding box. The pose of a box is that of its
-collision object, so that a MOVE needs no shape.
+than the surface (`surface_shape`). An object is a cylinder or its bounding box. The pose of a solid
+is that of its collision object, so that a MOVE needs no shape.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PLANNING_SCENE = "moveit_msgs/msg/PlanningScene"
 ADD, REMOVE, MOVE = 0, 1, 3
 """Operations of moveit_msgs/CollisionObject; ADD replaces an object of the same id."""
 
-SOLID_BOX = 1
-"""BOX of shape_msgs/SolidPrimitive."""
+SOLID_BOX, SOLID_CYLINDER = 1, 3
+"""BOX and CYLINDER of shape_msgs/SolidPrimitive; dimensions are x, y, z, and height, radius."""
 
 
 def collision_messages(
@@ -115,8 +115,10 @@ def _added(types: MessageTypes, header: Any, name: str, shape: Box | Mesh) -> An
 def _shape_fields(types: MessageTypes, shape: Box | Mesh) -> dict[str, Any]:
     """Return the fields of a CollisionObject with a shape and its pose."""
     if isinstance(shape, Box):
-        sides = types.array("f8", shape.size)
-        solid = types.make("shape_msgs/msg/SolidPrimitive", type=SOLID_BOX, dimensions=sides)
+        x, _, z = shape.size.tolist()
+        kind = SOLID_CYLINDER if shape.is_round else SOLID_BOX
+        lengths = types.array("f8", np.array([z, 0.5 * x]) if shape.is_round else shape.size)
+        solid = types.make("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=lengths)
         return {
             "pose": pose_message(types, shape.T_map_box),
             "primitives": [solid],

@@ -15,7 +15,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose_from_quaternion
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 
-ARROW, CUBE, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 5, 6, 9, 11
+ARROW, CUBE, CYLINDER, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 3, 5, 6, 9, 11
 ADD, DELETE = 0, 2
 
 TEXT_HEIGHT_M = 0.06

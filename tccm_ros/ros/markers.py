@@ -23,6 +23,7 @@ from tccm_ros.ros.marker_parts import (
     ARROW,
     CUBE,
     CUBE_LIST,
+    CYLINDER,
     LINE_LIST,
     TRIANGLE_LIST,
     Color,
@@ -150,7 +151,7 @@ def label_markers(context: MessageContext, objects: Iterable[SceneObject]) -> li
 
 
 def object_markers(context: MessageContext, objects: Iterable[TabletopObject]) -> list[Any]:
-    """Return a box for each object on a surface."""
+    """Return a box or a cylinder for each object on a surface."""
     markers = []
     for item in objects:
         c, s = np.cos(item.yaw), np.sin(item.yaw)
@@ -158,7 +159,8 @@ def object_markers(context: MessageContext, objects: Iterable[TabletopObject]) -
         where = pose_message(context.types, pose(R, item.center))
         size = np.maximum(item.size, MIN_EDGE_M).tolist()
         color = identity_color(item.id)
-        markers.append(make_marker(context, "object", item.id, CUBE, size, color, 0.8, pose=where))
+        kind = CYLINDER if item.is_round else CUBE
+        markers.append(make_marker(context, "object", item.id, kind, size, color, 0.8, pose=where))
     return markers
 
 

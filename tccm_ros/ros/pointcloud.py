@@ -33,7 +33,10 @@ OBJECT_ROW = np.dtype(
     [(name, "<f8") for name in ("x", "y", "z", "size_x", "size_y", "size_z", "yaw")]
     + [("points", "<u4")]
 )
-"""A row of ~/object_boxes."""
+"""A row of ~/object_boxes of older versions."""
+
+ROUND_OBJECT_ROW = np.dtype([*OBJECT_ROW.descr, ("is_round", "<u4")])
+"""A row of ~/object_boxes, of vertical cylinders (is_round = 1) and boxes (0)."""
 
 MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("depth", "<f4"), ("count", "<u4"), ("cycle", "<u4")]

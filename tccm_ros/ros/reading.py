@@ -40,6 +40,7 @@ from tccm_ros.records.building import (
 from tccm_ros.ros.pointcloud import (
     HIT_ROW,
     OBJECT_ROW,
+    ROUND_OBJECT_ROW,
     SURFACE_ROW,
     VIEW_ROW,
     VIEWPOINT_ROW,
@@ -171,7 +172,8 @@ def object_boxes_from_message(message: Any) -> ObjectBoxes:
     MessageError
         If fields differ, sizes are inconsistent, or numbers are not finite.
     """
-    rows = cloud_rows(message, OBJECT_ROW)
+    has_shapes = any(field.name == "is_round" for field in message.fields)
+    rows = cloud_rows(message, ROUND_OBJECT_ROW if has_shapes else OBJECT_ROW)
     center = np.stack([rows[name] for name in "xyz"], axis=1)
     size = np.stack([rows[f"size_{name}"] for name in "xyz"], axis=1)
     yaw = np.ascontiguousarray(rows["yaw"])
@@ -179,7 +181,8 @@ def object_boxes_from_message(message: Any) -> ObjectBoxes:
         raise MessageError("object boxes have numbers that are not finite")
     stamp = stamp_ns_from_message(message.header.stamp)
     frame, points = frame_name(message.header.frame_id), np.ascontiguousarray(rows["points"])
-    return ObjectBoxes(stamp, frame, center, size, yaw, points)
+    is_round = rows["is_round"] != 0 if has_shapes else np.zeros(len(rows), np.bool_)
+    return ObjectBoxes(stamp, frame, center, size, yaw, points, is_round)
 
 
 def _reader(

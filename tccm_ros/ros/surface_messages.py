@@ -143,6 +143,7 @@ def object_message(types: MessageTypes, stamp_ns: int, frame_id: str, item: Scen
         confidence=math.nan if item.label is None else float(item.label.score),
         pose=pose_message(types, object_pose(item)),
         size=_vector(types, item.size),
+        is_round=item.is_round,
         points=item.points,
         first_seen=stamp_message(types, item.first_seen_ns),
         last_seen=stamp_message(types, item.last_seen_ns),

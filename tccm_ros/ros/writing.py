@@ -30,7 +30,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.ros.pointcloud import (
     HIT_ROW,
-    OBJECT_ROW,
+    ROUND_OBJECT_ROW,
     SURFACE_ROW,
     VIEW_ROW,
     VIEWPOINT_ROW,
@@ -258,10 +258,11 @@ def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
 
 def object_boxes_message(types: MessageTypes, boxes: ObjectBoxes) -> Any:
     """Return ~/object_boxes, a sensor_msgs/PointCloud2 (docs/reference/nodes.md)."""
-    rows = np.zeros(len(boxes.center), OBJECT_ROW)
+    rows = np.zeros(len(boxes.center), ROUND_OBJECT_ROW)
     for k, name in enumerate("xyz"):
         rows[name] = boxes.center[:, k]
         rows[f"size_{name}"] = boxes.size[:, k]
     rows["yaw"] = boxes.yaw
     rows["points"] = boxes.points
+    rows["is_round"] = boxes.is_round
     return cloud_message(types, boxes.stamp_ns, boxes.frame_id, rows)

@@ -68,6 +68,8 @@ class ObjectTrack:
         Number of successive views that looked through it.
     scores
         Class scores of its detections.
+    is_round
+        Whether the view that gives the box measured a vertical cylinder, as wide as its box.
     """
 
     id: int
@@ -81,6 +83,7 @@ class ObjectTrack:
     measured_ns: frozenset[int] = frozenset()
     misses: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
+    is_round: bool = False
 
     @property
     def footprint(self) -> Polygon:
@@ -252,6 +255,7 @@ def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> O
         last_seen_ns=view.stamp_ns,
         views=item.views,
         measured_ns=frozenset({view.stamp_ns}),
+        is_round=item.is_round,
     )
 
 
@@ -321,6 +325,7 @@ def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
         misses=0,
         scores=scores,
+        is_round=box.is_round,
     )
 
 

@@ -52,7 +52,7 @@ an angled counter would block the space in front of it."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """A box in map.
+    """A box in map, or the vertical cylinder in it.
 
     Attributes
     ----------
@@ -60,10 +60,13 @@ class Box:
         float64 (4, 4), pose of its centre.
     size
         float64 (3,), edges along its x, y and z axes, m.
+    is_round
+        Whether it is the cylinder, whose axis is z; the edges along x and y are its diameter.
     """
 
     T_map_box: Float64
     size: Float64
+    is_round: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +140,7 @@ def scene_shapes(
     compartments: Sequence[Compartment] = (),
     unseen: Iterable[UnseenSpace] = (),
 ) -> dict[str, Box | Mesh]:
-    """Return the shapes of surfaces and racks, and the boxes of objects and of unseen space.
+    """Return the shapes of surfaces, racks and objects, and boxes of unseen space.
 
     Parameters
     ----------
@@ -145,7 +148,7 @@ def scene_shapes(
         Contents of a solution, in map.
     """
     shapes = structure_shapes(surfaces, compartments)
-    shapes |= {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size) for o in objects}
+    shapes |= {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size, o.is_round) for o in objects}
     parts: Counter[int] = Counter()
     for space in unseen:
         name = f"{UNSEEN_PREFIX}{space.surface}_{parts[space.surface]}"

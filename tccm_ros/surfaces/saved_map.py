@@ -130,6 +130,7 @@ def pack_views(views: Sequence[View]) -> Arrays:
         "outline_bytes": np.array([len(o) for o in outlines], np.int64),
         "outlines": _joined(outlines, np.uint8),
         "object_boxes": np.array(boxes, np.float64).reshape(-1, 7),
+        "object_is_round": np.array([o.is_round for o in objects], np.bool_),
         "object_counts": np.stack(counts, axis=1),
         "viewpoints": np.array(viewpoints, float).reshape(-1, 3),
         "sensors": _column(views, "sensor"),
@@ -292,17 +293,21 @@ def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...
         raise ValueError(f"{len(boxes)} objects, {len(counts)} expected")
     if not np.isfinite(boxes).all():
         raise ValueError("objects are not finite")
+    is_round = a.get("object_is_round", np.zeros(len(boxes), np.bool_))
+    if is_round.shape != (len(boxes),):
+        raise ValueError(f"shapes of {len(is_round)} objects, {len(boxes)} expected")
     return [
-        tuple(map(_unpack_object, rows, numbers.tolist()))
-        for rows, numbers in zip(_split(boxes, a["objects"]), _split(counts, a["objects"]))
+        tuple(map(_unpack_object, *parts))
+        for parts in zip(*(_split(rows, a["objects"]) for rows in (boxes, counts, is_round)))
     ]
 
 
-def _unpack_object(box: Float64, numbers: Sequence[int]) -> SeenObject:
-    points, number, first_seen_ns, views = numbers
+def _unpack_object(box: Float64, numbers: Int64, is_round: np.bool_) -> SeenObject:
+    points, number, first_seen_ns, views = numbers.tolist()
     return SeenObject(
-        box[:3], box[3:6], float(box[6]), points, _absent(number), _absent(first_seen_ns), views
-    )
+        box[:3], box[3:6], float(box[6]), points, _absent(number), _absent(first_seen_ns), views,
+        bool(is_round),
+    )  # fmt: skip
 
 
 def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetection, ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ def scene_diff(before: Shapes, after: Shapes) -> SceneDiff:
         if known is None or not _have_one_form(known, shape):
             diff.add[name] = shape
         elif isinstance(shape, Box) and isinstance(known, Box) and _is_displaced(known, shape):
-            diff.move[name] = Box(shape.T_map_box, known.size)
+            diff.move[name] = replace(known, T_map_box=shape.T_map_box)
     return diff
 
 
@@ -63,7 +64,7 @@ def told(before: Shapes, diff: SceneDiff) -> Shapes:
 def _have_one_form(a: Box | Mesh, b: Box | Mesh) -> bool:
     """Return whether two boxes have one size, or two meshes the same vertices."""
     if isinstance(a, Box) and isinstance(b, Box):
-        return bool((np.abs(a.size - b.size) <= MIN_CHANGE).all())
+        return a.is_round == b.is_round and bool((np.abs(a.size - b.size) <= MIN_CHANGE).all())
     return (
         isinstance(a, Mesh)
         and isinstance(b, Mesh)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import Point, Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.records import Hypothesis, Surface
@@ -36,7 +36,7 @@ objects under a thin board are further below it. Chosen."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneObject:
-    """The bounding box of an object on a surface, in map.
+    """An object on a surface, in map: a vertical cylinder, or its bounding box.
 
     Attributes
     ----------
@@ -58,6 +58,8 @@ class SceneObject:
         Number of views that measured it.
     label
         Class given by detectors, with its mean score; None: no detections.
+    is_round
+        Whether it is a vertical cylinder, as wide as its box.
     """
 
     id: int
@@ -70,6 +72,7 @@ class SceneObject:
     last_seen_ns: int = 0
     views: int = 1
     label: Hypothesis | None = None
+    is_round: bool = False
 
     @property
     def class_id(self) -> str:
@@ -79,6 +82,8 @@ class SceneObject:
     @property
     def footprint(self) -> Polygon:
         """Its outline seen from above, in map, m."""
+        if self.is_round:
+            return Point(self.center[:2]).buffer(0.5 * float(self.size[0]))
         corners = rectangle_corners(float(self.size[0]), float(self.size[1]), self.yaw)
         return Polygon(corners + self.center[:2])
 
@@ -156,7 +161,7 @@ def _is_part(
 def _scene_object(track: ObjectTrack, surface: int) -> SceneObject:
     return SceneObject(
         track.id, surface, track.center, track.size, track.yaw, track.points,
-        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(),
+        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(), track.is_round,
     )  # fmt: skip
 
 

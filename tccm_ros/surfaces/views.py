@@ -100,6 +100,8 @@ class SeenObject:
         Stamp of that box; None: it replaced none.
     views
         Number of views that measured it, including removed views.
+    is_round
+        Whether it is a vertical cylinder, as wide as its box.
     """
 
     center: Float64
@@ -109,6 +111,7 @@ class SeenObject:
     number: int | None = None
     first_seen_ns: int | None = None
     views: int = 1
+    is_round: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -365,9 +368,14 @@ def with_intervals(view: View, intervals: ViewIntervals) -> View:
 def with_objects(view: View, boxes: ObjectBoxes) -> View:
     """Return a view with the objects of the same stamp in place of its own."""
     seen = tuple(
-        SeenObject(center, size, yaw, points)
-        for center, size, yaw, points in zip(
-            boxes.center, boxes.size, boxes.yaw.tolist(), boxes.points.tolist(), strict=True
+        SeenObject(center, size, yaw, points, is_round=is_round)
+        for center, size, yaw, points, is_round in zip(
+            boxes.center,
+            boxes.size,
+            boxes.yaw.tolist(),
+            boxes.points.tolist(),
+            boxes.is_round.tolist(),
+            strict=True,
         )
     )
     return replace(view, objects=seen)

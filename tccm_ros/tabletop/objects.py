@@ -24,6 +24,7 @@ from tccm_ros.tabletop.footprints import (
     rectangle,
 )
 from tccm_ros.tabletop.parting import part_by_height
+from tccm_ros.tabletop.round_objects import round_footprint
 
 SURFACE_AREA = 0.12
 """A horizontal plane smaller than this, m2, may be the top of an object. Chosen: 35 cm square."""
@@ -156,6 +157,9 @@ def _object(
         return None
     if distance_to_ring(hull, plane.boundary[:, :2]) > config.objects.cluster_distance:
         return None
+    circle = round_footprint(hull)
+    if circle is not None:
+        x, y, yaw, length, width = circle.x, circle.y, 0.0, 2.0 * circle.radius, 2.0 * circle.radius
     return TabletopObject(
         id=-1,
         plane=plane.id,
@@ -164,6 +168,7 @@ def _object(
         yaw=yaw,
         footprint=hull,
         points=round(points),
+        is_round=circle is not None,
     )
 
 

@@ -157,8 +157,9 @@ def _distance(link: coal.CollisionGeometry, T_map_link: Float64, others: Sequenc
 
 
 def _of_box(shape: Box) -> Placed:
-    T = shape.T_map_box
-    return Placed(coal.Box(*shape.size), _transform(T), T, 0.5 * shape.size)
+    T, (x, _, z) = shape.T_map_box, shape.size
+    geometry = coal.Cylinder(0.5 * x, z) if shape.is_round else coal.Box(*shape.size)
+    return Placed(geometry, _transform(T), T, 0.5 * shape.size)
 
 
 def _of_mesh(shape: Mesh) -> Placed:

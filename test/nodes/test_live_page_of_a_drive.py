@@ -141,6 +141,13 @@ def test_a_user_sees_the_flat_grow_corrects_asks_and_names(ros, page, tmp_path):
     driver.close()
 
 
+NOTE_HEADLINES = (
+    "window.headlines = []; new MutationObserver(() => headlines.push("
+    "document.querySelector('#headline').textContent)).observe("
+    "document.querySelector('#headline'), {childList: true}); true"
+)
+
+
 def test_a_page_survives_a_restart_of_slam_node(ros, page):
     tilt_node, node, view = tccm(ros), slam(ros), serve(ros)
 
@@ -149,12 +156,21 @@ def test_a_page_survives_a_restart_of_slam_node(ros, page):
             ros.connect(tilt_node, node, f"/tccm/{topic}")
         ros.connect(node, view, "/surface_slam/events", "/surface_slam/surface_map", "/pose")
 
+    def labels():
+        """Return the labels of the surfaces that the page has."""
+        return set(page.value("tccmLive.ofKind('surface').map((s) => s.label)"))
+
     connect(node)
     page.run(lambda: page.browser.call("Page.navigate", url=view.page.url))
     play_bag(ros, FLAT, tilt_node, node, duration=LOOK_S)
     page.wait("window.tccmLive && tccmLive.ofKind('surface').some((s) => s.label === 'table')")
+    page.wait("document.querySelector('#headline').textContent.includes('tracking')")
+    page.value(NOTE_HEADLINES)
+    first = page.value("Math.max(...tccmLive.ofKind('surface').map((s) => s.last))")
     ros.remove(node)
-    page.wait("document.querySelector('#headline').textContent === 'slam_node does not run'")
+    page.wait("document.querySelector('#headline').classList.contains('lost')")
+    assert page.text("#headline") == "slam_node does not run"
+    assert "table" in labels(), "the last map stays in view"
     # The new node has no map: it has that of the second view alone, without the table.
     again = slam(ros)
     connect(again)
@@ -164,4 +180,20 @@ def test_a_page_survives_a_restart_of_slam_node(ros, page):
     page.wait("document.querySelector('#headline').textContent.includes('tracking')")
     newest = again.solver.newest.stamp_ns * 1e-9
     page.wait(f"tccmLive.ofKind('surface').every((s) => s.last <= {newest + 1.0})")
+    shown = page.value("tccmLive.ofKind('surface').map((s) => s.first)")
+    assert shown
+    assert min(shown) > first, "surfaces of the new map alone"
+    assert "table" not in labels()
+    # They are drawn, too: each label of the picture is of a surface of the new map.
+    page.wait("!tccmLive.report.waiting")
+    drawn = page.value(
+        "[...document.querySelectorAll('#labels span.surface')].map((s) => s.textContent)"
+    )
+    assert any(text.startswith("seat ") for text in drawn), drawn
+    assert not any(text.startswith("table ") for text in drawn), drawn
+    headlines = page.value("headlines")
+    ended = headlines.index("slam_node does not run")
+    assert all("tracking" in text for text in headlines[:ended]), headlines
+    assert "tracking" in headlines[-1], headlines
+    assert page.text("#headline") == headlines[-1]
     view.close()

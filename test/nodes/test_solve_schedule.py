@@ -12,7 +12,13 @@ def parts():
         SurfaceCloud(1, "base", np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)),
         ViewIntervals(1, "base", np.zeros((0, 4), np.float32)),
         ObjectBoxes(
-            1, "base", np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint32)
+            1,
+            "base",
+            np.zeros((0, 3)),
+            np.zeros((0, 3)),
+            np.zeros(0),
+            np.zeros(0, np.uint32),
+            np.zeros(0, bool),
         ),
     )
 

@@ -21,6 +21,7 @@ def parts(stamp_ns):
             np.zeros((0, 3)),
             np.zeros(0),
             np.zeros(0, np.uint32),
+            np.zeros(0, bool),
         ),
     )
 

@@ -17,6 +17,7 @@ from tccm_ros.surfaces.planning_shapes import (
     surface_mesh,
     surface_shape,
 )
+from tccm_ros.surfaces.scene_objects import SceneObject
 
 SHAPES = {
     "table": box(0, 0, 1.4, 0.8),
@@ -37,6 +38,10 @@ class Read:
     T: np.ndarray
 
 
+SOLIDS = {"box": 3, "cylinder": 2}
+"""Number of lengths of each solid."""
+
+
 def take(words, count, kind=float):
     return np.array([kind(next(words)) for _ in range(count)])
 
@@ -54,8 +59,8 @@ def read_scene(text):
         assert next(words) == "1"
         kind = next(words)
         size, vertices, triangles = np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), int)
-        if kind == "box":
-            size = take(words, 3)
+        if kind in SOLIDS:
+            size = take(words, SOLIDS[kind])
         else:
             assert kind == "mesh"
             v, t = take(words, 2, int)
@@ -110,6 +115,14 @@ def test_a_surface_that_fills_its_box_is_a_box():
     assert isinstance(surface_shape(surface(SHAPES["table"])), Box)
     assert isinstance(surface_shape(surface(SHAPES["round"])), Box)
     assert isinstance(surface_shape(surface(SHAPES["bent"])), Mesh)
+
+
+def test_a_round_object_is_a_cylinder_of_its_radius_and_height():
+    can = SceneObject(7, 3, np.array([0.5, 0.4, 0.8]), np.array([0.08, 0.08, 0.12]), 0.3)
+    for is_round, solid in ((True, ("cylinder", [0.04, 0.12])), (False, ("box", [*can.size]))):
+        _, (read,) = read_scene(scene_text([], [replace(can, is_round=is_round)]))
+        assert (read.kind, read.size.tolist()) == solid
+        assert read.T[:3, 3] == pytest.approx(can.center)
 
 
 def test_the_floor_is_left_out_and_an_empty_map_is_an_empty_scene():

@@ -29,6 +29,7 @@ from tccm_ros.surfaces.told_scene import ObjectState, ToldScene
 TABLE = surface(box(0.0, 0.0, 1.2, 0.8), height=0.7, number=4)
 FLOOR = surface(box(-3.0, -3.0, 3.0, 3.0), height=0.0, label="floor", number=1)
 CUP = SceneObject(3, 4, np.array([0.5, 0.4, 0.75]), np.array([0.12, 0.08, 0.1]), 0.3)
+CAN = replace(CUP, size=np.array([0.08, 0.08, 0.1]), is_round=True)
 
 
 def need(types, kind):
@@ -95,6 +96,13 @@ def test_an_object_is_its_box_where_it_stands(types):
     assert T[:2, 0] == pytest.approx([np.cos(0.3), np.sin(0.3)])
 
 
+def test_a_round_object_is_a_cylinder(types):
+    (message,) = collision(types, objects=[CAN])
+    (solid,) = message.primitives
+    assert (solid.type, list(solid.dimensions)) == (3, [0.1, 0.04]), "height and radius"
+    assert matrix(message.pose)[:3, 3] == pytest.approx(CAN.center)
+
+
 def test_what_is_gone_is_removed_before_anything_is_added(types):
     told = collision(types, [TABLE], gone=["tccm_object_9", "tccm_object_3"])
     assert [(m.id, m.operation) for m in told] == [
@@ -157,6 +165,11 @@ def test_what_is_new_has_moved_or_has_left_is_a_diff_and_nothing_else_is(listene
     assert listener.solve([TABLE, FLOOR], [wider]) == [("tccm_object_3", ADD)]
     assert listener.solve([TABLE, FLOOR], []) == [("tccm_object_3", REMOVE)]
     assert list(listener.world) == ["tccm_surface_4"]
+
+
+def test_an_object_that_is_found_to_be_round_is_a_new_shape(listener):
+    listener.solve([TABLE], [replace(CAN, is_round=False)])
+    assert listener.solve([TABLE], [CAN]) == [("tccm_object_3", ADD)]
 
 
 def test_changes_too_small_to_tell_do_not_add_up(listener):

@@ -13,6 +13,7 @@ from tccm_ros.errors import MessageError
 from tccm_ros.geometry import pose
 from tccm_ros.records import (
     JointSample,
+    ObjectBoxes,
     Odometry,
     RobotDescription,
     Scan,
@@ -21,8 +22,10 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
+from tccm_ros.ros.pointcloud import OBJECT_ROW, cloud_message, cloud_rows
 from tccm_ros.ros.reading import (
     joint_sample_from_message,
+    object_boxes_from_message,
     odometry_from_message,
     robot_description_from_message,
     surface_cloud_from_message,
@@ -31,6 +34,7 @@ from tccm_ros.ros.reading import (
 )
 from tccm_ros.ros.writing import (
     joint_sample_message,
+    object_boxes_message,
     odometry_message,
     robot_description_message,
     scan_message,
@@ -198,6 +202,25 @@ def test_hits_that_are_not_finite_are_refused(types):
     message = view_message(types, ViewIntervals(STAMP, "base", hits[:0], hits))
     with pytest.raises(MessageError, match="hits that are not finite"):
         view_from_message(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message))
+
+
+@pytest.mark.parametrize("has_shapes", [True, False])
+def test_objects_are_read_back_and_are_boxes_if_a_publisher_leaves_their_shapes_out(has_shapes):
+    rng = np.random.default_rng(0)
+    boxes = ObjectBoxes(
+        STAMP, "base", *rng.random((2, 2, 3)), rng.random(2), np.uint32([50, 60]),
+        np.array([False, True]),
+    )  # fmt: skip
+    message = object_boxes_message(TYPESTORE, boxes)
+    if not has_shapes:
+        rows = cloud_rows(message, OBJECT_ROW)
+        message = cloud_message(TYPESTORE, STAMP, "base", np.ascontiguousarray(rows))
+    back = object_boxes_from_message(
+        to_bag_message(TYPESTORE, "sensor_msgs/msg/PointCloud2", message)
+    )
+    for name in ("center", "size", "yaw", "points"):
+        assert bits(getattr(back, name)) == bits(getattr(boxes, name))
+    assert back.is_round.tolist() == [False, has_shapes]
 
 
 def test_a_stamp_that_does_not_fit_a_message_is_refused():

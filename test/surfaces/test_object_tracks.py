@@ -17,7 +17,7 @@ BOX = (1.2, 0.3, 0.8, 0.2, 0.1, 0.16, 0.4)
 """x, y, z, edges and yaw in map, m and rad."""
 
 
-def view(stamp_ns, boxes, *, seen_through=(), above=0.5, pose=(0.0, 0.0, 0.0)):
+def view(stamp_ns, boxes, *, seen_through=(), above=0.5, pose=(0.0, 0.0, 0.0), is_round=False):
     """Return a view from a planar pose, which looked through columns above a height, and that."""
     T = spatial(np.array(pose))
     rows = np.array(boxes, float).reshape(-1, 7)
@@ -26,6 +26,7 @@ def view(stamp_ns, boxes, *, seen_through=(), above=0.5, pose=(0.0, 0.0, 0.0)):
         ObjectBoxes(
             stamp_ns, "base", transform(inverse(T), rows[:, :3]), rows[:, 3:6],
             rows[:, 6] - planar(T)[2], np.full(len(rows), 50, np.uint32),
+            np.full(len(rows), is_round),
         ),
     )  # fmt: skip
     if len(seen_through):
@@ -52,6 +53,18 @@ def test_an_object_keeps_its_id_from_wherever_it_is_seen():
     assert (track.id, track.views, track.first_seen_ns, track.last_seen_ns) == (0, 3, 10, 30)
     np.testing.assert_allclose(track.center, BOX[:3], atol=1e-9)
     assert np.sin(2 * (track.yaw - BOX[6])) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_object_is_round_if_the_view_that_gives_its_box_says_so():
+    looks = [view(10, [BOX]), view(20, [BOX], is_round=True)]
+    assert [track.is_round for k in (1, 2) for track in tracks(*looks[:k])] == [False, True]
+
+
+def test_a_saved_view_keeps_the_shapes_and_one_of_an_older_version_has_boxes_alone():
+    arrays = pack_views([view(10, [BOX], is_round=True)[0]])
+    assert [item.is_round for item in unpack_views(arrays)[0].objects] == [True]
+    older = {name: rows for name, rows in arrays.items() if name != "object_is_round"}
+    assert [item.is_round for item in unpack_views(older)[0].objects] == [False]
 
 
 def test_what_no_view_looked_through_stays_and_what_some_did_leaves():

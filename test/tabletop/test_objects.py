@@ -80,11 +80,23 @@ TABLE = sheet((0.6, 1.4), (-0.5, 0.5), 0.7)
 def test_a_box_on_a_table_is_one_object_of_its_size():
     planes, objects = scene(FLOOR, TABLE, box((0.9, 1.1), (0.0, 0.1), (0.71, 0.85)))
     [item] = objects
+    assert not item.is_round
     table = next(p for p in planes if p.id == item.plane)
     assert table.offset == pytest.approx(0.7, abs=0.005)
     assert item.center == pytest.approx([1.0, 0.05, 0.775], abs=0.015)
     assert sorted(item.size[:2]) == pytest.approx([0.1, 0.2], abs=0.03)
     assert item.size[2] == pytest.approx(0.15, abs=0.01)
+
+
+@pytest.mark.parametrize("seen", [np.pi, 1.2 * np.pi, 2 * np.pi])
+def test_a_can_of_which_half_was_seen_is_a_cylinder_of_its_diameter(seen):
+    angle, z = np.meshgrid(np.arange(-0.5 * seen, 0.5 * seen, 0.1), 0.71 + np.arange(15) * STEP)
+    can = np.stack([1.0 + 0.1 * np.cos(angle), 0.1 + 0.1 * np.sin(angle), z], axis=2)
+    [item] = scene(FLOOR, TABLE, can.reshape(-1, 3))[1]
+    assert item.is_round
+    assert item.center[:2] == pytest.approx([1.0, 0.1], abs=0.012)
+    corner = np.sqrt(0.5) * CELL  # of a cell outside of an oblique side
+    assert 0.2 - STEP < item.size[0] == item.size[1] < 0.2 + 2.0 * corner + STEP
 
 
 def test_legs_carry_the_table_and_are_no_objects():

@@ -17,6 +17,7 @@ def generate_launch_description() -> LaunchDescription:
         "namespace": ("", "of both nodes and their topics"),
         "managed": ("false", "whether a lifecycle manager configures and activates the nodes"),
         "approach": ("false", "whether approach_node is started, which moves the base when asked"),
+        "view": ("false", "whether view_node is started, which serves the live page"),
         "tilt_scan": ("tilt_scan", "topic of the tilting laser, sensor_msgs/LaserScan"),
         "scan": ("scan", "topic of the level laser, sensor_msgs/LaserScan"),
         "odometry": ("odom", "topic of the odometry, nav_msgs/Odometry"),
@@ -43,13 +44,15 @@ def generate_launch_description() -> LaunchDescription:
     }
     managed = LaunchConfiguration("managed")
     plain, waiting = {"condition": UnlessCondition(managed)}, {"condition": IfCondition(managed)}
-    asked = {"condition": IfCondition(LaunchConfiguration("approach"))}
+    approach = {"condition": IfCondition(LaunchConfiguration("approach"))}
+    view = {"condition": IfCondition(LaunchConfiguration("view"))}
     executables = {
         "tccm_node": ("tccm", plain),
         "slam_node": ("surface_slam", plain),
         "managed_tccm_node": ("tccm", waiting),
         "managed_slam_node": ("surface_slam", waiting),
-        "approach_node": ("approach", asked),
+        "approach_node": ("approach", approach),
+        "view_node": ("view", view),
     }
     return LaunchDescription(
         [

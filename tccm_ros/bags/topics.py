@@ -274,8 +274,7 @@ class _Search:
     def find_lasers(self, config: Config) -> None:
         """Assign a laser moved by a joint, and one that is not moved."""
         tilting = config.sensors.tilt_scans[:1]
-        is_level = config.sensors.level_from == "none" and not config.localisation.is_external
-        level = ["scan"] if is_level else []
+        level = ["scan"] if config.sensors.level_from == "none" else []
         roles = [role for role in (*tilting, *level) if self._is_absent(role)]
         lasers = self._free(LASER)
         if not roles or not lasers:

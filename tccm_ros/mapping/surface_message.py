@@ -241,13 +241,18 @@ def view_intervals(
     return ViewIntervals(cycle.stamp_ns, frame_id, columns.intervals(cycle.angle_step()))
 
 
-def hits_near(cycle: TiltCycleData, surfaces: SurfaceCloud, T_odom_base: Float64) -> Float32:
+def hits_near(
+    cycle: TiltCycleData, fits: PlaneFits, surfaces: SurfaceCloud, T_odom_base: Float64
+) -> Float32:
     """Return the hits of a tilt cycle near its horizontal surfaces, without the floor.
 
     Parameters
     ----------
     cycle
         The tilt cycle.
+    fits
+        Planes of the map, in odom. Points at the heights of horizontal planes are combined
+        separately.
     surfaces
         Surface message of the cycle.
     T_odom_base
@@ -261,38 +266,47 @@ def hits_near(cycle: TiltCycleData, surfaces: SurfaceCloud, T_odom_base: Float64
     tops = surfaces.points[surfaces.points[:, 2] > HITS_FROM].astype(np.float64)
     if not len(tops) or cycle.part.points is None:
         return np.zeros((0, 4), np.float32)
-    points = transform(inverse(T_odom_base), cycle.part.positions())
-    points = points[(points[:, 2] > HITS_FROM) & (points[:, 2] < HITS_TO)]
+    in_odom = cycle.part.positions()
+    points = transform(inverse(T_odom_base), in_odom)
+    rows = np.flatnonzero((points[:, 2] > HITS_FROM) & (points[:, 2] < HITS_TO))
     corner = np.floor(tops[:, :2].min(axis=0) / HITS_DISTANCE).astype(np.int64) - 1
     cells = np.floor(tops[:, :2] / HITS_DISTANCE).astype(np.int64) - corner
     near = np.zeros(cells.max(axis=0) + 3, np.bool_)  # a border of cells all around
     for x, y in product((-1, 0, 1), repeat=2):
         near[cells[:, 0] + 1 + x, cells[:, 1] + 1 + y] = True
-    of = np.floor(points[:, :2] / HITS_DISTANCE).astype(np.int64) - corner + 1
+    of = np.floor(points[rows, :2] / HITS_DISTANCE).astype(np.int64) - corner + 1
     inside = ((of >= 0) & (of < near.shape)).all(axis=1)
-    points = points[inside][near[tuple(of[inside].T)]]
+    rows = rows[inside][near[tuple(of[inside].T)]]
+    on_plane = np.zeros(len(rows), np.bool_)
+    for fit in fits:
+        if fit.kind == PlaneKind.HORIZONTAL:
+            slack = PLANE_SIGMAS * fit.rms + PLANE_SLACK
+            on_plane |= np.abs(in_odom[rows] @ fit.normal - fit.offset) <= slack
     assert surfaces.viewpoint is not None, "a message with points has one"
-    return _cubes(points, surfaces.viewpoint.astype(np.float64))
+    return _cubes(points[rows], on_plane, surfaces.viewpoint.astype(np.float64))
 
 
-def _cubes(points: Float64, viewpoint: Float64) -> Float32:
+def _cubes(points: Float64, on_plane: Bool, viewpoint: Float64) -> Float32:
     """Return the middle x and y and the lowest and highest z of the points in each cube.
 
-    Errors of ranges move points along their beams. On a vertical face the heights at which the
-    beams cross the middle of the points are nearer to each other than those of the points, and are
-    taken instead.
+    A cube at the foot of a wall has a row for the plane and one for the wall: their common middle
+    is on neither. Errors of ranges move points along their beams. On a vertical face the heights at
+    which the beams cross the middle of the points are nearer to each other than those of the
+    points, and are taken instead.
 
     Parameters
     ----------
     points
         float64 (N, 3), m.
+    on_plane
+        bool (N,), whether a point is at the height of a horizontal plane.
     viewpoint
         float64 (3,), position of the sensor in the same frame, m.
     """
     if not len(points):
         return np.zeros((0, 4), np.float32)
     cubes = np.floor(points / HITS_CUBE).astype(np.int64) + (1 << 19)
-    keys = (cubes[:, 0] << 40) | (cubes[:, 1] << 20) | cubes[:, 2]
+    keys = (cubes[:, 0] << 41) | (cubes[:, 1] << 21) | (cubes[:, 2] << 1) | on_plane
     order = np.argsort(keys, kind="stable")
     first = np.flatnonzero(np.diff(keys[order], prepend=-1))
     sums = np.add.reduceat(points[order, :2], first)

@@ -309,7 +309,7 @@ class TccmProcessor:
             self._segmentation,
         )
         view = (
-            replace(view, hits=hits_near(cycle, surfaces, T_odom_base))
+            replace(view, hits=hits_near(cycle, fits, surfaces, T_odom_base))
             if wanted
             else replace(view, intervals=view.intervals[:0])
         )

@@ -51,6 +51,7 @@ GROUPS = {
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
     "approach": frozenset({"frames", "rig", "scan", "qos", "approach"}),
+    "view": frozenset({"frames", "rig", "scan", "sensors", "localisation", "qos"}),
 }
 """Parameter groups of each node, by `Stream.processor`; parameters without a group belong to
 all."""

@@ -1,7 +1,7 @@
 """view_node: the live page, in a process of its own so that it does not delay scans.
 
-It reads the map as every client does, by `SurfaceMapClient`, and serves it to browsers and to a
-running Rerun viewer.
+It reads the map as every client does, by `SurfaceMapClient`, and serves it to browsers and, with
+the measurements of the sensors, to a running Rerun viewer.
 """
 
 from __future__ import annotations
@@ -20,14 +20,17 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.task import Future
 
+from tccm_ros.config import Config
 from tccm_ros.errors import MissingExtraError, RequestError, one_line
 from tccm_ros.extras import check_extra
 from tccm_ros.nodes.interfaces import missing_interfaces
+from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.run import run
 from tccm_ros.view.live_state import LiveState
 
 if TYPE_CHECKING:
+    from tccm_ros.nodes.rerun_feed import RerunFeed
     from tccm_ros.view.rerun_stream import RerunStream
 
 EVENTS_DEPTH = 100
@@ -42,6 +45,7 @@ PARAMETERS = {
     "view.rerun": ("", "address of a Rerun viewer, rerun+http://HOST:PORT/proxy; empty for none"),
     "map_node": ("surface_slam", "node that has the map"),
     "approach_node": ("approach", "node that knows the names of spots"),
+    "tccm_node": ("tccm", "node of the tilt cycles, which a Rerun viewer shows"),
 }
 
 INT32_MAX = 2**31 - 1
@@ -84,10 +88,12 @@ class ViewNode(Node):
         from tccm_ros.nodes.map_client import SurfaceMapClient
         from tccm_ros.view.live_page import LivePage
 
-        host, port, viewer, name, approach_name = (
+        host, port, viewer, name, approach_name, tccm_name = (
             self.declare_parameter(key, default, ParameterDescriptor(description=meaning)).value
             for key, (default, meaning) in PARAMETERS.items()
         )
+        self.config = declare_config(self, groups=GROUPS["view"])
+        follow_changes(self, self.config)
         self._entities_of = entities_of
         self._questions = {
             "rename": self._rename,
@@ -98,7 +104,7 @@ class ViewNode(Node):
         self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._wake = self.create_guard_condition(self._answer_questions)
         self.page = LivePage(self._ask, frozenset(self._questions), host, port)
-        self._rerun = _rerun_stream(viewer)
+        self._rerun = _rerun_stream(viewer, self.config)
         self._client = SurfaceMapClient(self, name, approach_name=approach_name)
         self._map_frame = "map"
         self._client.on_event(lambda e: self._update(lambda s: s.add_event(event_text(e))))
@@ -109,15 +115,24 @@ class ViewNode(Node):
             (DiagnosticArray, "/diagnostics", self._take_diagnostics, EVENTS_DEPTH),
         ):
             self.create_subscription(kind, topic, take, qos)
+        self._feed = self._rerun and self._feed_of(self._rerun, name, tccm_name)
         self.create_timer(LOOK_S, self._look)
         self.get_logger().info(f"live page: {self.page.url}")
 
     def close(self) -> None:
         """End the server and notify its pages."""
         self.page.close()
+        if self._feed is not None:
+            self._feed.close()
         if self._rerun is not None:
             self._rerun.close()
         self._client.close()
+
+    def _feed_of(self, viewer: RerunStream, name: str, tccm_name: str) -> RerunFeed:
+        """Return the feed of measurements to a viewer."""
+        from tccm_ros.nodes.rerun_feed import RerunFeed
+
+        return RerunFeed(self, self.config, name, tccm_name, viewer)
 
     def _update(self, change: Callable[[LiveState], object]) -> None:
         """Change what the page and the viewer show."""
@@ -259,7 +274,7 @@ class ViewNode(Node):
         return self._client.save_named_map(name), lambda m: {"message": f"saved as {m.name}"}
 
 
-def _rerun_stream(url: str) -> RerunStream | None:
+def _rerun_stream(url: str, config: Config) -> RerunStream | None:
     """Return the connection to a viewer; None without an address.
 
     Raises
@@ -272,7 +287,7 @@ def _rerun_stream(url: str) -> RerunStream | None:
     check_extra("view", "rerun")
     from tccm_ros.view.rerun_stream import RerunStream
 
-    return RerunStream(url)
+    return RerunStream(url, config)
 
 
 def _surface_map() -> type:

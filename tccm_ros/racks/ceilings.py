@@ -23,6 +23,9 @@ MIN_EXTENT = 0.2
 """Minimum side length of a compartment, m; chosen: boards of shelves are deeper, the tops of
 objects on them are not."""
 
+MIN_FILLED = 0.8
+"""Minimum fraction of their bounding rectangle that boards fill; chosen: an L fills less."""
+
 MAX_BOARD = 0.04
 """Maximum thickness of a board, m, assumed for an underside that was not measured. Chosen: boards
 of shelves are 16 to 40 mm thick."""
@@ -40,6 +43,9 @@ FLAT = 0.02
 MIN_COVERED = 0.2
 """Minimum fraction of the area of an underside that its hits cover; chosen: there are gaps between
 scan lines."""
+
+LEVELS = 4
+"""Levels of height in `FLAT`, at which undersides are looked for."""
 
 MIN_FRONT_CELLS = 3
 """Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
@@ -95,14 +101,18 @@ class BoardAbove:
 
 
 def ceilings(
-    size: Float64, boards: Sequence[BoardAbove], ends: Float64, half: Float64, origins: Float64
+    outline: shapely.Geometry,
+    boards: Sequence[BoardAbove],
+    ends: Float64,
+    half: Float64,
+    origins: Float64,
 ) -> Iterator[Ceiling]:
-    """Yield the ceilings over the parts of a board, the lowest first.
+    """Yield the ceilings over the rectangular parts of a board, the lowest first.
 
     Parameters
     ----------
-    size
-        float64 (2,), side lengths of the board, m; its frame is in its middle.
+    outline
+        Outline of the board in its frame, seen from above, m.
     boards
         Boards above it.
     ends, half
@@ -111,17 +121,18 @@ def ceilings(
         float64 (M, 3), position of the sensor that measured each hit, in the frame of the board.
     """
     is_from_below = origins[:, 2] < ends[:, 2]
-    left: shapely.Geometry = shapely.box(*(-0.5 * size), *(0.5 * size))
+    left = outline
     for board in sorted(boards, key=lambda b: (b.top, b.index)):
         part = _widest(left.intersection(board.outline))
-        if not part.is_empty:
+        if _is_rectangular(part):
             low, high = np.reshape(part.bounds, (2, 2))
             height, state = _lower_side(low, high, board.top, ends, half, origins)
             if MIN_HEIGHT <= height <= MAX_HEIGHT:
                 yield Ceiling(low, high, height, state, board.index)
+        if not part.is_empty:
             left = left.difference(board.outline)
     rest = _widest(left)
-    if not rest.is_empty:
+    if _is_rectangular(rest):
         yield from _unnamed(rest, ends, half, is_from_below)
 
 
@@ -130,6 +141,11 @@ def _widest(area: shapely.Geometry) -> shapely.Geometry:
     opened = area.buffer(-0.5 * MIN_EXTENT, join_style="mitre")
     largest = max(polygon_parts(opened), key=lambda part: part.area, default=Polygon())
     return largest.buffer(0.5 * MIN_EXTENT, join_style="mitre").intersection(area)
+
+
+def _is_rectangular(area: shapely.Geometry) -> bool:
+    """Return whether an area fills its bounds; those of a corner of a board are no faces."""
+    return bool(area.area > MIN_FILLED * area.envelope.area)
 
 
 def _lower_side(
@@ -173,14 +189,17 @@ def _unnamed(
     z = ends[:, 2]
     flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)
     inner = ((ends[:, :2] > low) & (ends[:, :2] < high)).all(axis=1) & flat
-    wanted = MIN_COVERED * part.area / CUBE**2
-    heights = np.sort(z[inner])
-    last = np.searchsorted(heights, heights + FLAT)
-    enough = np.flatnonzero(last - np.arange(len(heights)) >= wanted)
+    cells = np.floor((ends[inner, :2] - low) / CUBE).astype(np.int64)
+    levels = np.floor((z[inner] - MIN_HEIGHT) * (LEVELS / FLAT)).astype(np.int64)
+    count, (nx, ny) = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT), np.ceil((high - low) / CUBE)
+    is_hit = np.zeros((count + LEVELS, int(nx), int(ny)), np.bool_)
+    is_hit[levels, cells[:, 0], cells[:, 1]] = True
+    covered = np.array([is_hit[k : k + LEVELS].any(axis=0).sum() for k in range(count)])
+    enough = np.flatnonzero(covered >= MIN_COVERED * part.area / CUBE**2)
     if not len(enough):
         return
-    first = enough[0]
-    height = float(np.median(heights[first : last[first]]))
+    first = enough[0] + int(covered[enough[0] :][: LEVELS + 1].argmax())
+    height = float(np.median(z[inner][(levels >= first) & (levels < first + LEVELS)]))
     on = ends[inner & (np.abs(z - height) <= FLAT)]
     low, high = np.maximum(low, on[:, :2].min(axis=0)), np.minimum(high, on[:, :2].max(axis=0))
     if (high - low).min() >= MIN_EXTENT:

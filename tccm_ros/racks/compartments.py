@@ -16,7 +16,7 @@ from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import inverse, pose, transform
-from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
+from tccm_ros.racks.ceilings import MIN_FILLED, BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
 from tccm_ros.racks.faces import Face, SeenFace, look_at
 from tccm_ros.racks.hits import Hits, HitsInMap
@@ -37,9 +37,6 @@ FACE_MARGIN = 0.04
 SAME_HEIGHT = 0.015
 """Maximum difference in height of pieces of one board, m; chosen: boards of a rack differ by more.
 """
-
-MIN_FILLED = 0.8
-"""Minimum fraction of their bounding rectangle that pieces fill; chosen: an L fills less."""
 
 SAME_FRONT = 0.1
 """Maximum difference of the open fractions of candidate fronts; the one most towards the sensors is
@@ -125,7 +122,7 @@ def _over(
     board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
 ) -> Iterator[Compartment]:
     """Yield the compartments over a board."""
-    T_map_board, _ = _frame(board)
+    T_map_board = _frame(board)
     for ceiling in _ceilings(board, stack, hits):
         other = None if ceiling.above < 0 else stack[ceiling.above].id
         found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
@@ -157,23 +154,22 @@ def _have_common_front(
 
 def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[Ceiling]:
     """Yield the ceilings over the parts of a board, in its frame."""
-    T_map_board, size = _frame(board)
-    T_board = inverse(T_map_board)
+    T_board = inverse(_frame(board))
     above = [
         BoardAbove(_in_frame(other, T_board), other.height - board.height, k)
         for k, other in enumerate(stack)
         if other.height > board.height
     ]
     ends, origins = transform(T_board, hits.ends), transform(T_board, hits.origins)
-    yield from ceilings(size, above, ends, hits.half, origins)
+    yield from ceilings(_in_frame(board, T_board), above, ends, hits.half, origins)
 
 
-def _frame(surface: Surface) -> tuple[Float64, Float64]:
-    """Return horizontal pose (4, 4) and sides (2,) of a surface's minimum-area rectangle."""
-    x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
+def _frame(surface: Surface) -> Float64:
+    """Return the horizontal pose, float64 (4, 4), of a surface's minimum-area rectangle."""
+    x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
     normal = surface.normal
     z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
-    return pose(_yaw(yaw), np.array([x, y, z])), np.array([length, width])
+    return pose(_yaw(yaw), np.array([x, y, z]))
 
 
 def _yaw(yaw: float) -> Float64:

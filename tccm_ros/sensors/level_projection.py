@@ -59,8 +59,7 @@ class LevelProjector:
     def __init__(self, config: Config) -> None:
         self._config = config
         kinds = {"points": PosedCloud, "depth": PosedImage, "none": None}
-        source = "none" if config.localisation.is_external else config.sensors.level_from
-        self._kind: type[Posed] | None = kinds[source]
+        self._kind: type[Posed] | None = kinds[config.sensors.level_from]
 
     @property
     def is_on(self) -> bool:

@@ -15,17 +15,14 @@ from tccm_ros.sensors.point_cloud import cloud_stream
 
 
 def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
-    """Return the streams of the configured sensors; a caller may add others.
-
-    With external localisation there are no level scans.
-    """
+    """Return the streams of the configured sensors; a caller may add others."""
     config = config or Config()
     sensors = config.sensors
     # Level scans from the only cloud move the base like those of a laser.
     is_base = sensors.level_from == "points" and len(sensors.point_clouds) == 1
     return (
         *(scan_stream(replace(TILT_SCAN, role=topic), config) for topic in sensors.tilt_scans),
-        *(() if config.localisation.is_external else (scan_stream(LEVEL_SCAN, config),)),
+        scan_stream(LEVEL_SCAN, config),
         *(depth_stream(topic, config) for topic in sensors.depth_images),
         *(cloud_stream(topic, config, can_be_base=is_base) for topic in sensors.point_clouds),
         *map(detections_stream, sensors.detections),

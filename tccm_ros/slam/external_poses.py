@@ -9,9 +9,13 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, planar, wrap_angle
-from tccm_ros.records import MapOdom
+from tccm_ros.records import MapOdom, PoseCovariance
+from tccm_ros.robust import median_sigma
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
+
+MEDIAN_VARIANCE = 0.5 * np.pi
+"""Variance of the median of many normal variates, over that of their mean."""
 
 ROUNDS = 10
 """Number of reweighting iterations; weights converge earlier."""
@@ -22,6 +26,7 @@ class MapOdomTrack:
 
     def __init__(self) -> None:
         self._samples: list[tuple[int, tuple[float, float, float]]] = []
+        self._covariances: dict[int, Float64] = {}
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -30,6 +35,10 @@ class MapOdomTrack:
         """Add a transform, in any order."""
         x, y, yaw = planar(sample.T_map_odom).tolist()
         insort(self._samples, (sample.stamp_ns, (x, y, yaw)))
+
+    def add_covariance(self, record: PoseCovariance) -> None:
+        """Add the covariance of an external pose, in any order; each holds until the next."""
+        self._covariances[record.stamp_ns] = record.cov
 
     def newest(self) -> Float64:
         """Return the newest transform, planar pose (3,)."""
@@ -47,31 +56,71 @@ class MapOdomTrack:
     ) -> dict[int, tuple[Float64, Float64]]:
         """Return the external poses of keyframes, by id.
 
-        Each is the median over the transforms until the next keyframe. Their errors are correlated,
-        so that the covariance does not decrease with their number. Without transforms in that
+        Each is the median over the transforms until the next keyframe. Without transforms in that
         interval, the previous one is used; keyframes before the first transform get no pose.
+
+        The error of a transform has two parts. One is independent of the next transform's; its
+        variance follows from successive differences (von Neumann), and decreases with the number of
+        transforms. The rest of the variance is common to all transforms of a keyframe.
 
         Parameters
         ----------
         keyframes
             Keyframes in order.
         sigma
-            Standard deviation of position (m) and yaw (rad).
+            Standard deviation of position (m) and yaw (rad) of one transform, without covariances.
 
         Returns
         -------
         poses float64 (3,) in map and covariances float64 (3, 3) of (x, y, yaw) in map
         """
-        cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
         begins = [self._count_before(k.scan.stamp_ns) for k in keyframes]
-        external = {}
+        samples: dict[int, Float64] = {}
         for keyframe, begin, end in zip(keyframes, begins, [*begins[1:], len(self._samples)]):
             held = self._samples[max(begin - 1, 0) if end <= begin else begin : end]
             if held:
                 poses = compose2(np.array([pose for _, pose in held]), keyframe.scan.odom)
                 poses[:, 2] = poses[-1, 2] + wrap_angle(poses[:, 2] - poses[-1, 2])
-                external[keyframe.id] = np.median(poses, axis=0), cov
+                samples[keyframe.id] = poses
+        white = white_variance([*samples.values()])
+        stated = self._covariances_at(
+            [k.scan.stamp_ns for k in keyframes if k.id in samples], sigma
+        )
+        external = {}
+        for (k, poses), cov in zip(samples.items(), stated):
+            variance = np.diag(cov)
+            mean = white * min(1.0, MEDIAN_VARIANCE / len(poses))
+            scale = np.sqrt((np.maximum(variance - white, 0.0) + mean) / variance)
+            external[k] = np.median(poses, axis=0), cov * np.outer(scale, scale)
         return external
+
+    def _covariances_at(self, stamps_ns: Sequence[int], sigma: tuple[float, float]) -> Float64:
+        """Return the newest covariances (K, 3, 3) at stamps, else the first; by sigma without."""
+        if not self._covariances:
+            cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
+            return np.broadcast_to(cov, (len(stamps_ns), 3, 3))
+        known = sorted(self._covariances)
+        at = [max(bisect_right(known, stamp) - 1, 0) for stamp in stamps_ns]
+        return np.array([self._covariances[known[i]] for i in at])
+
+
+def white_variance(groups: Sequence[Float64]) -> Float64:
+    """Return the variance of the independent part of the errors of poses that should be equal.
+
+    Parameters
+    ----------
+    groups
+        Poses float64 (N, 3) of one base pose each, in order of stamps, yaw without wraps.
+
+    Returns
+    -------
+    float64 (3,) of (x, y, yaw): half the square of a robust standard deviation of successive
+    differences; zero for poses that are mostly repeated
+    """
+    steps = np.concatenate([np.zeros((0, 3)), *(np.diff(poses, axis=0) for poses in groups)])
+    if not len(steps):
+        return np.zeros(3)
+    return np.array([0.5 * median_sigma(step) ** 2 for step in steps.T])
 
 
 def reweigh(chain: Chain) -> None:

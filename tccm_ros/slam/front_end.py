@@ -276,6 +276,12 @@ class FrontEnd:
         self.tracked.append(tracked)
         return tracked
 
+    def is_far(self, moved: Float64) -> bool:
+        """Return whether a motion (3,) since the last keyframe makes a new one."""
+        graph = self.config.graph
+        distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
+        return distance > graph.keyframe_distance or yaw > graph.keyframe_angle
+
     def begin_session(self) -> None:
         """Begin a new session; the next scan is at an unrelated place."""
         if self._last is not None:
@@ -310,11 +316,10 @@ class FrontEnd:
         self._update_velocity(scan, before, prior_cov)
         moved = between(keyframe.pose, self.pose)
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
-        graph = self.config.graph
-        far = distance > graph.keyframe_distance or yaw > graph.keyframe_angle
+        far = self.is_far(moved)
         early = (
             inliers < EARLY_KEYFRAME_INLIERS
-            and distance + yaw > EARLY_FRACTION * graph.keyframe_distance
+            and distance + yaw > EARLY_FRACTION * self.config.graph.keyframe_distance
         )
         # A scan of another place must not enter the map that has to detect the change.
         if (far or early) and not self._is_contradicted() and not self._is_hidden(scan, inliers):

@@ -48,6 +48,8 @@ class Solution:
         all are 0.
     is_batch
         Whether it is a function of the records alone, and not continued from another solution.
+    is_chain
+        Whether only the steps between keyframes determine the poses.
     """
 
     keyframes: list[Keyframe]
@@ -65,6 +67,7 @@ class Solution:
     is_batch: bool = True
     refused_signs: tuple[RefusedSign, ...] = ()
     attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    is_chain: bool = False
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""

@@ -19,6 +19,7 @@ from tccm_ros.records import (
     Keyframe,
     LandmarkObservation,
     MapOdom,
+    PoseCovariance,
     PosedScan,
     PoseGuess,
     RollPitch,
@@ -48,6 +49,7 @@ from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.walls.corners import corner_factors, uses_corners
+from tccm_ros.slam.walls.known_poses import walls_at
 from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_records
 from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 
@@ -82,6 +84,8 @@ class WallSlam:
         self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         self._newest: LevelScan | None = None
+        # Stamps and lines of level scans whose walls do not move the poses.
+        self._wall_scans: list[tuple[int, Lines]] = []
         self._is_pose_given = False
         # Landmark observations: of earlier sessions, of this one, and those not yet anchored.
         self._saved_observations: Sequence[AnchoredObservation] = ()
@@ -124,6 +128,20 @@ class WallSlam:
         self._live = LivePose(level.stamp_ns, pose, map_odom, localised, self._attitudes.newest)
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
+    def add_scan_of_walls(self, scan: PosedScan) -> None:
+        """Keep the lines of a level scan, in stamp order, for walls that do not move the poses.
+
+        One scan is kept for each motion of a keyframe.
+        """
+        level = make_level_scan(scan, self.config)
+        if self._newest is not None and not self._front.is_far(
+            between(self._newest.odom, level.odom)
+        ):
+            return
+        self._newest = level
+        lines = extract_lines(level.beams, level.origin, self.config, self.label)
+        self._wall_scans.append((level.stamp_ns, lines))
+
     def add_odometry(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add an odometry sample, in any order; used between scans, or without scans."""
         self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
@@ -138,6 +156,10 @@ class WallSlam:
     def add_map_odom(self, map_odom: MapOdom) -> None:
         """Add a pose of the odometry frame by an external localisation."""
         self._map_odom.add(map_odom)
+
+    def add_pose_covariance(self, record: PoseCovariance) -> None:
+        """Add the covariance of a pose by an external localisation."""
+        self._map_odom.add_covariance(record)
 
     @property
     def waits_for_external_pose(self) -> bool:
@@ -343,9 +365,7 @@ class WallSlam:
         """
         nothing = not self._front.tracked and not self._chain.keyframes
         if nothing and len(self._odometry):
-            return self._by_odometry().solve(
-                views, factors or (), every_covariance=every_covariance
-            )
+            return self._solve_by_odometry(views, factors, every_covariance=every_covariance)
         if nothing:
             return empty_solution(len(views))
         grown = None if is_final else self._grow(views, factors)
@@ -384,6 +404,7 @@ class WallSlam:
         poses, keyframes = solution.planar_poses(self._chain.keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
         landmarks = landmark_records(observations, solution, used.scale)
+        has_others = used.loops or landmarks or self._chain.external_poses
         stamps_ns = np.array([p.stamp_ns for p in tracked], np.int64)
         attitudes = self._attitudes.at(stamps_ns)
         return Solution(
@@ -401,6 +422,7 @@ class WallSlam:
             sign_records(used.signs, landmarks, solution, used.walls.whole_numbers()),
             refused_signs=tuple(used.refused_signs),
             attitudes=attitudes if attitudes.any() else attitudes[:0],
+            is_chain=not (has_others or len(used.walls)),
         )
 
     def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
@@ -463,6 +485,17 @@ class WallSlam:
             )
             self._selected = now, inliers
         return self._selected[1]
+
+    def _solve_by_odometry(
+        self, views: Sequence[int], factors: Sequence[Factor] | None, *, every_covariance: bool
+    ) -> Solution:
+        """Return the solution without matching; lines of level scans give walls at its poses."""
+        solver = self._by_odometry()
+        solution = solver.solve(views, factors or (), every_covariance=every_covariance)
+        if not self._wall_scans:
+            return solution
+        stamps, lines = zip(*self._wall_scans)
+        return replace(solution, walls=walls_at(solution.pose_at(stamps), lines, self.config))
 
     def _by_odometry(self) -> WallSlam:
         """Return a processor with the odometry samples as keyframes."""

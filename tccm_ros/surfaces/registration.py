@@ -203,14 +203,12 @@ def side_factors(
         for found, keep, T in zip(found_sides, left.keep, T_map_view)
     ]
     cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
-    loops = any(loop.accepted for loop in known.loops)
-    is_chain = not (known.walls or known.landmarks or loops)
     matches: list[tuple[int, int, SideMatch]] = []
     moved, cov_moved = [], []
     for j in range(1, len(views)):
         for i in _nearest_views(poses, j):
             start = between2(poses[i], poses[j])
-            cov = _relative_covariance(cov_poses, poses, i, j, is_chain)
+            cov = _relative_covariance(cov_poses, poses, i, j, known.is_chain)
             match = match_sides(sides[i], sides[j], start, cov, config.surfaces.max_step)
             if match is not None:
                 matches.append((i, j, match))

@@ -27,6 +27,7 @@ from tccm_ros.records import (
     MapReset,
     ObjectBoxes,
     Odometry,
+    PoseCovariance,
     PosedScan,
     PoseGuess,
     RollPitch,
@@ -213,6 +214,7 @@ class SurfaceSlam:
             Odometry: self._take_odometry,
             RollPitch: self.walls.add_roll_pitch,
             MapOdom: self.walls.add_map_odom,
+            PoseCovariance: self.walls.add_pose_covariance,
             LandmarkObservation: self.walls.add_landmark,
             SignMeasurement: self._take_sign,
             SearchedPicture: self.walls.add_picture,
@@ -259,9 +261,12 @@ class SurfaceSlam:
         self._newest_ns = max(self._newest_ns, getattr(event, "stamp_ns", 0))
         return [] if pose is None else [pose]
 
-    def _take_scan(self, posed: PosedScan) -> ScanPose:
+    def _take_scan(self, posed: PosedScan) -> ScanPose | None:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
+        if self.config.localisation.is_external:
+            self.walls.add_scan_of_walls(posed)
+            return None
         return self.walls.add_scan(posed)
 
     def _take_sign(self, sign: SignMeasurement) -> None:
@@ -536,7 +541,8 @@ class SurfaceSlam:
         """Return the walls and level scans of a solution; empty without a level laser."""
         if self._is_lost:
             return self._saved_walls
-        if not (self.counts["level scans"] or self.saved_keyframes):
+        is_external = self.config.localisation.is_external
+        if is_external or not (self.counts["level scans"] or self.saved_keyframes):
             return self._kept_walls
         return self.walls.saved(slam)
 

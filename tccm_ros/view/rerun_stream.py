@@ -1,39 +1,52 @@
-"""The map of running nodes in a running Rerun viewer, by a thread of its own.
+"""The map and the measurements of running nodes in a running Rerun viewer, by a thread of its own.
 
 The thread alone connects, writes and waits. While no viewer listens, it keeps nothing but the
-newest state, and a viewer that comes later receives all of it.
+newest state and the newest measurement of each sensor; a viewer that comes later receives them.
 """
 
 from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.config import Config
 from tccm_ros.errors import ConfigError, one_line
+from tccm_ros.geometry import spatial
+from tccm_ros.outlines.triangulation import FilledOutline
+from tccm_ros.records import Event, MapOdom, Posed
 from tccm_ros.report import palette
 from tccm_ros.view.live_state import LiveState
-from tccm_ros.view.rerun_log import (
-    AXIS_M,
+from tccm_ros.view.rerun_sensors import SensorLog
+from tccm_ros.view.rerun_shapes import (
+    BASE,
+    ODOM,
     RADIUS_M,
-    STAMP,
-    WALL_HEIGHT_M,
+    begin,
+    blueprint,
+    log_heading,
+    log_part,
+    log_planes,
+    log_pose,
+    log_surface,
     rgb,
+    set_stamp,
     sign_arrow,
+    wall_face,
     with_first_point,
 )
 
-BASE = "map/base"
-"""Entity of the base's frame."""
+LIVE_BASE = "map/base"
+"""Entity of the newest pose of the base in map, which is there without sensors, too."""
 
 PERIOD_S = 0.2
-"""Period of messages to the viewer, s, as on the live page."""
+"""Period of messages to the viewer, s, as on the live page; it bounds the rate of each sensor."""
 
 RETRY_S = 2.0
 """Period of attempts to find a viewer, s."""
@@ -45,13 +58,19 @@ NO_LIMIT = 2**62
 """Bytes in a delta: the viewer is near, or the user chose so."""
 
 
+Write = Callable[[SensorLog], object]
+"""Logs one measurement to a connected viewer."""
+
+
 class RerunStream:
-    """Sends a `LiveState` to a viewer, until it is closed.
+    """Sends a `LiveState` and the newest measurements to a viewer, until it is closed.
 
     Parameters
     ----------
     url
         Address of the viewer, as ``rerun+http://127.0.0.1:9876/proxy``.
+    config
+        Configuration of the robot and its sensors.
 
     Raises
     ------
@@ -59,10 +78,12 @@ class RerunStream:
         If the address is none of a viewer.
     """
 
-    def __init__(self, url: str):
+    def __init__(self, url: str, config: Config | None = None):
         self._url, self._address = url, viewer_address(url)
+        self._config = config or Config()
         self._state, self._lock = LiveState(), threading.Lock()
-        self._stream: rr.RecordingStream | None = None
+        self._newest: dict[str, Write] = {}
+        self._log: SensorLog | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rerun", daemon=True)
         self._thread.start()
@@ -72,46 +93,96 @@ class RerunStream:
         with self._lock:
             change(self._state)
 
+    def add(self, event: Event) -> None:
+        """Show a posed record, or the odometry frame in map; of each sensor the newest counts."""
+        if isinstance(event, Posed):
+            self._put(event.role, lambda log: _log_record(log, event))
+        elif isinstance(event, MapOdom):
+            self._put(ODOM, lambda log: _log_frame(log, event))
+
+    def show_planes(self, stamp_ns: int, outlines: Mapping[int, Float64]) -> None:
+        """Show the tracked planes of a tilt cycle, by id, as lines (N, 3) in odom, m."""
+
+        def write(log: SensorLog) -> None:
+            set_stamp(log.stream, stamp_ns)
+            log_planes(log.stream, list(outlines.values()), list(outlines))
+
+        self._put("planes", write)
+
+    def show_part(self, stamp_ns: int, table: Int64, cell_size: float) -> None:
+        """Show the part map of a tilt cycle: rows of `results.cycles_file.coarsen`."""
+
+        def write(log: SensorLog) -> None:
+            set_stamp(log.stream, stamp_ns)
+            ix, iy, bottom, top = table
+            log_part(log.stream, ix, iy, bottom, top, cell_size)
+
+        self._put("part_map", write)
+
     def close(self) -> None:
         """Send the newest state and end the thread."""
         self._ended.set()
         self._thread.join()
+
+    def _put(self, name: str, write: Write) -> None:
+        """Replace what has not been sent under this name."""
+        with self._lock:
+            self._newest[name] = write
 
     # --- in the thread ---
 
     def _run(self) -> None:
         while not self._ended.is_set():
             self._send()
-            self._ended.wait(PERIOD_S if self._stream else RETRY_S)
+            self._ended.wait(PERIOD_S if self._log else RETRY_S)
         self._send()
-        if self._stream is not None:
-            self._stream.disconnect()
+        if self._log is not None:
+            self._log.stream.disconnect()
 
     def _send(self) -> None:
-        if self._stream is None and _listens(self._address):
-            self._stream = self._connect()
-        if self._stream is None:
+        if self._log is None and _listens(self._address):
+            self._log = self._connect()
+        if self._log is None:
             return
         with self._lock:
             delta, stamp_ns = self._state.delta(NO_LIMIT), self._state.stamp_ns
             ground = self._state.entities.get("world", {}).get("ground", 0.0)
-        write_delta(self._stream, delta, stamp_ns, ground)
+            newest, self._newest = self._newest, {}
+        write_delta(self._log.stream, delta, stamp_ns, ground)
+        _write_all(self._log, newest.values())
         try:
-            self._stream.flush(timeout_sec=FLUSH_S)
+            self._log.stream.flush(timeout_sec=FLUSH_S)
         except RuntimeError:
-            self._stream = None
+            self._log = None
             with self._lock:
                 self._state.forget_sent()
 
-    def _connect(self) -> rr.RecordingStream:
+    def _connect(self) -> SensorLog:
         stream = rr.RecordingStream("tccm_ros live")
-        stream.set_log_tick_enabled(False)
-        stream.set_log_time_enabled(False)
-        stream.connect_grpc(self._url, default_blueprint=_blueprint())
-        stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        arrow = rr.Arrows3D(vectors=[[AXIS_M, 0.0, 0.0]], colors=rgb(palette.VIEW), radii=0.03)
-        stream.log(f"{BASE}/heading", arrow, static=True)
-        return stream
+        stream.connect_grpc(self._url, default_blueprint=blueprint(()))
+        begin(stream)
+        log_heading(stream, LIVE_BASE)
+        return SensorLog(self._config, stream)
+
+
+def _write_all(log: SensorLog, newest: Iterable[Write]) -> None:
+    """Log measurements; a new depth camera gets its place in the layout."""
+    known = len(log.cameras)
+    for write in newest:
+        write(log)
+    if len(log.cameras) > known:
+        log.stream.send_blueprint(blueprint(log.cameras))
+
+
+def _log_record(log: SensorLog, event: Posed) -> None:
+    set_stamp(log.stream, int(event.pose_stamps_ns[0]))
+    log_pose(log.stream, BASE, event.T_odom_base[0])
+    log.add(event)
+
+
+def _log_frame(log: SensorLog, event: MapOdom) -> None:
+    set_stamp(log.stream, event.stamp_ns)
+    log_pose(log.stream, ODOM, event.T_map_odom)
 
 
 def viewer_address(url: str) -> tuple[str, int]:
@@ -138,7 +209,7 @@ def write_delta(
     stream: rr.RecordingStream, delta: Mapping[str, Any], stamp_ns: int, ground: float
 ) -> None:
     """Log a delta of a `LiveState` at a stamp, ns, with the height of the floor in map, m."""
-    stream.set_time(STAMP, timestamp=np.datetime64(stamp_ns, "ns"))
+    set_stamp(stream, stamp_ns)
     for name in delta.get("gone", ()):
         stream.log(_entity(name), rr.Clear(recursive=True))
     for name, value in delta.get("set", {}).items():
@@ -146,30 +217,19 @@ def write_delta(
         if write is not None:
             write(stream, _entity(name), value, ground)
     if delta.get("pose"):
-        x, y, yaw = delta["pose"]
-        rotation = rr.RotationAxisAngle([0, 0, 1], radians=yaw)
-        stream.log(BASE, rr.Transform3D(translation=[x, y, ground], rotation_axis_angle=rotation))
+        T = spatial(np.array(delta["pose"]))
+        T[2, 3] = ground
+        log_pose(stream, LIVE_BASE, T)
     for text in delta.get("events", ()):
         stream.log("events", rr.TextLog(text))
 
 
 def _surface(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> None:
-    color = rgb(value["color"])
-    points = np.reshape(value["shape"]["v"], (-1, 3))
-    alpha = 60 if value["floor"] else 180
-    if value["shape"]["t"]:
-        faces = rr.Mesh3D(
-            vertex_positions=points, triangle_indices=np.reshape(value["shape"]["t"], (-1, 3)),
-            vertex_colors=np.tile([*color, alpha], (len(points), 1)),
-        )  # fmt: skip
-        stream.log(entity, faces)
-    rings = np.split(points, np.cumsum(value["shape"]["rings"])[:-1])
-    lines = rr.LineStrips3D([with_first_point(r) for r in rings], colors=color, radii=RADIUS_M)
-    stream.log(f"{entity}/outline", lines)
-    if not value["floor"]:
-        name = f"{value['label']} {value['id']}, {value['height']:.2f} m"
-        label = rr.Points3D([value["at"]], labels=[name], colors=color, radii=0.01)
-        stream.log(f"{entity}/name", label)
+    shape = value["shape"]
+    points, triangles = np.reshape(shape["v"], (-1, 3)), np.reshape(shape["t"], (-1, 3))
+    mesh = FilledOutline(points, triangles.astype(np.int64), tuple(shape["rings"]))
+    name = "" if value["floor"] else f"{value['label']} {value['id']}, {value['height']:.2f} m"
+    log_surface(stream, entity, mesh, value["color"], name, value["at"])
 
 
 def _object(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> None:
@@ -181,9 +241,7 @@ def _object(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> No
 
 
 def _wall(stream: rr.RecordingStream, entity: str, value: Any, ground: float) -> None:
-    low = np.column_stack([value["ends"], [ground, ground]])
-    high = np.add(low, [0.0, 0.0, WALL_HEIGHT_M])
-    face = with_first_point(np.vstack([low, high[::-1]]))
+    face = wall_face(value["ends"], ground)
     stream.log(entity, rr.LineStrips3D([face], colors=rgb(palette.WALL), radii=RADIUS_M))
 
 
@@ -216,15 +274,3 @@ def _listens(address: tuple[str, int]) -> bool:
     except OSError:
         return False
     return True
-
-
-def _blueprint() -> rrb.Blueprint:
-    """Return the layout: the map, and the events beside it."""
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(origin="/map", name="Map"),
-            rrb.TextLogView(origin="/events", name="Events"),
-            column_shares=[3, 1],
-        ),
-        collapse_panels=True,
-    )

@@ -99,6 +99,18 @@ def cloud_at(ms):
     return PointCloud(START_NS + ms * MS, "lidar", points.astype(np.float32), since)
 
 
+def assert_on_table_or_floor(points):
+    """Assert that points below the eye are on the table top or the floor: both are exact."""
+    heights = points[:, 2]
+    is_table = np.abs(heights - TOP) < 0.01
+    assert is_table.mean() > 0.1
+    (x0, x1), (y0, y1) = TABLE
+    x, y, _ = points[is_table].T
+    assert (x0 - 0.02 < x).all() and (x < x1 + 0.02).all()  # noqa: PT018
+    assert (y0 - 0.02 < y).all() and (y < y1 + 0.02).all()  # noqa: PT018
+    assert (is_table | (np.abs(heights) < 0.02)).mean() > 0.9
+
+
 def write_recording(
     path,
     *,

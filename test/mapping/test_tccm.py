@@ -367,6 +367,18 @@ def test_hits_are_points_near_tops_and_none_of_the_floor():
         assert (on_table | on_wall).all()
 
 
+def test_hits_at_the_foot_of_a_face_are_on_the_face_or_on_the_top_below_it():
+    """Cubes of hits hold points of both, of which the middle would be before the face."""
+    top = 0.685  # less than a cube's height below the next multiple of it
+    table, box = (*TABLE[:4], top - 0.04, top), (*BOX[:4], top, top + 0.2)
+    _, results = run(record(4.2, lambda t: (FLOOR, WALL, table, box), noise=0.002))
+    feet = np.concatenate([result.view.hits.astype(float) for result in results])
+    x, y, low, high = feet.T
+    is_front = (x < box[1]) & (np.abs(y) < box[3]) & (low < top + HITS_CUBE) & (high > top + 0.012)
+    assert is_front.sum() > 10
+    assert x[is_front] == pytest.approx(box[0], abs=4 * 0.002)
+
+
 # -- the detectors of planes --------------------------------------------------------------------
 
 

@@ -45,11 +45,13 @@ def test_both_nodes_are_started_by_their_names(actions):
         "managed_tccm_node": "tccm",
         "managed_slam_node": "surface_slam",
         "approach_node": "approach",
+        "view_node": "view",
     }
     assert set(nodes) <= installed
     for name, (_, condition) in nodes.items():
-        assert condition.args[0].args == ("approach" if name == "approach_node" else "managed",)
-        is_asked = name.startswith(("managed", "approach"))
+        asked = {"approach_node": "approach", "view_node": "view"}.get(name)
+        assert condition.args[0].args == (asked or "managed",)
+        is_asked = asked or name.startswith("managed")
         wanted = "IfCondition" if is_asked else "UnlessCondition"
         assert condition.kind == wanted
 

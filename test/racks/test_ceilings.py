@@ -7,7 +7,6 @@ import shapely
 from tccm_ros.racks.ceilings import MAX_BOARD, BoardAbove, ceilings
 from tccm_ros.racks.compartment import FaceState
 
-SIZE = np.array([1.0, 0.4])
 BOARD = shapely.box(-0.5, -0.2, 0.5, 0.2)
 NOTHING = np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3))
 
@@ -31,7 +30,7 @@ def front(top, thickness):
 
 
 def test_the_front_of_a_board_above_tells_its_lower_side():
-    (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], *front(0.35, 0.02))
+    (found,) = ceilings(BOARD, [BoardAbove(BOARD, 0.35, 7)], *front(0.35, 0.02))
     assert (found.above, found.state) == (7, FaceState.MEASURED)
     assert found.height == pytest.approx(0.33)
 
@@ -40,39 +39,55 @@ def test_hits_that_also_have_points_of_the_top_do_not_lower_a_lower_side():
     """The middle of their points is behind the front, whose lower end they have as well."""
     ends, half, origins = front(0.35, 0.02)
     ends[::2, 1] += 0.04
-    (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], ends, half, origins)
+    (found,) = ceilings(BOARD, [BoardAbove(BOARD, 0.35, 7)], ends, half, origins)
     assert found.height == pytest.approx(0.33)
 
 
 def test_a_lower_side_that_was_not_measured_is_unknown_and_taken_to_be_low():
-    (found,) = ceilings(SIZE, [BoardAbove(BOARD, 0.35, 7)], *NOTHING)
+    (found,) = ceilings(BOARD, [BoardAbove(BOARD, 0.35, 7)], *NOTHING)
     assert (found.state, found.height) == (FaceState.UNKNOWN, 0.35 - MAX_BOARD)
 
 
 def test_a_cupboard_over_a_part_of_a_counter_is_above_that_part_alone():
     part = shapely.box(0.0, -0.05, 0.5, 0.2)
-    (found,) = ceilings(SIZE, [BoardAbove(part, 0.6, 3)], *NOTHING)
+    (found,) = ceilings(BOARD, [BoardAbove(part, 0.6, 3)], *NOTHING)
     np.testing.assert_allclose([found.low, found.high], [[0.0, -0.05], [0.5, 0.2]], atol=1e-9)
 
 
 def test_the_lowest_of_two_boards_above_is_the_ceiling():
     boards = [BoardAbove(BOARD, 0.8, 2), BoardAbove(BOARD, 0.4, 1)]
-    assert [c.above for c in ceilings(SIZE, boards, *NOTHING)] == [1]
+    assert [c.above for c in ceilings(BOARD, boards, *NOTHING)] == [1]
+
+
+def test_a_corner_of_a_board_has_no_ceiling():
+    """Of a board that a table hides in part: the bounds of the rest are not the board's faces."""
+    corner = shapely.Polygon([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5)])
+    above = [BoardAbove(shapely.box(-0.5, -0.5, 0.5, 0.5), 0.6, 3)]
+    assert list(ceilings(corner, above, *NOTHING)) == []
 
 
 def test_slivers_beside_a_board_above_are_no_parts():
     boards = [BoardAbove(BOARD, 0.8, 2), BoardAbove(BOARD.buffer(-0.03), 0.4, 1)]
-    assert [c.above for c in ceilings(SIZE, boards, *NOTHING)] == [1]
+    assert [c.above for c in ceilings(BOARD, boards, *NOTHING)] == [1]
 
 
 def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below():
     ends, half, origins = lower_side(0.5)
-    (found,) = ceilings(SIZE, [], ends, half, origins)
+    (found,) = ceilings(BOARD, [], ends, half, origins)
     assert (found.above, found.state) == (-1, FaceState.MEASURED)
     assert found.height == pytest.approx(0.5)
     from_above = seen_from(0.0, -1.5, 1.1, len(ends))
-    assert list(ceilings(SIZE, [], ends, half, from_above)) == []
+    assert list(ceilings(BOARD, [], ends, half, from_above)) == []
 
 
 def test_a_small_lower_side_is_none():
-    assert list(ceilings(SIZE, [], *lower_side(0.5, x=(0.0, 0.15), y=(0.0, 0.15)))) == []
+    assert list(ceilings(BOARD, [], *lower_side(0.5, x=(0.0, 0.15), y=(0.0, 0.15)))) == []
+
+
+def test_a_small_lower_side_that_many_views_saw_is_none_and_does_not_lower_the_one_above_it():
+    """Its hits are more than those of the ceiling, but cover less."""
+    small = [np.concatenate(30 * [a]) for a in lower_side(0.46, x=(-0.5, 0.5), y=(0.12, 0.16))]
+    assert list(ceilings(BOARD, [], *small)) == []
+    both = (np.concatenate(parts) for parts in zip(small, lower_side(0.5)))
+    (found,) = ceilings(BOARD, [], *both)
+    assert found.height == pytest.approx(0.5)

@@ -1,11 +1,19 @@
 """Another program's map -> odom in the graph: the trajectory follows it where it agrees."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import plan
 import pytest
 
 from tccm_ros.config.reader import read_config
+from tccm_ros.errors import MessageError
 from tccm_ros.geometry import planar, spatial
-from tccm_ros.records import MapOdom
+from tccm_ros.records import MapOdom, PoseCovariance
+from tccm_ros.ros.reading import pose_covariance_from_message
+from tccm_ros.slam.external_poses import MEDIAN_VARIANCE, MapOdomTrack, white_variance
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import WallSlam
 
@@ -107,3 +115,90 @@ def test_yaw_is_compared_over_the_wrap():
             slam.add_map_odom(MapOdom(k * SECOND // 10, T))
     solution = slam.solve()
     assert solution.poses[:, 0] == pytest.approx(0.1 * np.arange(50), abs=0.01)
+
+
+SIGMA = (0.03, 0.02)
+
+
+def cov_of_rest(poses):
+    """Return the covariance of the pose of a keyframe at rest with transforms `poses`."""
+    track, nothing = MapOdomTrack(), np.zeros((0, 2))
+    for k, pose in enumerate(poses):
+        track.add(MapOdom(k * SECOND // 10, spatial(pose)))
+    scan = LevelScan(0, np.zeros(3), nothing, np.zeros(2), nothing, nothing)
+    keyframe = GraphKeyframe(0, scan, np.zeros(3), np.zeros(3), np.zeros((3, 3)))
+    return track.poses_of([keyframe], SIGMA)[0][1]
+
+
+def test_independent_errors_average_out_and_repeated_ones_do_not():
+    white = np.random.default_rng(3).normal(0.0, [SIGMA[0], SIGMA[0], SIGMA[1]], (400, 3))
+    stated = np.square([SIGMA[0], SIGMA[0], SIGMA[1]])
+    # The variance from 399 differences is within 30 % (three sigma of a median).
+    assert np.all(np.diag(cov_of_rest(white)) < 0.3 * stated + MEDIAN_VARIANCE * stated / 400)
+    assert np.diag(cov_of_rest(np.tile(white[0], (400, 1)))) == pytest.approx(stated)
+    assert np.diag(cov_of_rest(white[:1])) == pytest.approx(stated)
+
+
+def test_the_covariance_of_the_other_program_is_used_by_its_stamp():
+    def end_of(cov):
+        """Return the error of the last pose, where the other program is 0.3 m off at the end."""
+        slam = drive(lambda k: truth(k) + np.array([0.0, 0.3, 0.0]) * (k > 170))
+        slam.add_pose_covariance(PoseCovariance(0, "map", np.diag([1e-4, 1e-4, 1e-4])))
+        slam.add_pose_covariance(PoseCovariance(17 * SECOND, "map", cov))
+        return errors(slam)[-1]
+
+    # Odometry of 2 m at the end has a standard deviation of 5 % a keyframe.
+    assert end_of(np.diag([25.0, 25.0, 25.0])) < 0.03
+    assert end_of(np.diag([1e-6, 1e-6, 1e-6])) > 0.2
+
+
+def test_the_pose_covariance_of_a_message():
+    def message(cov):
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=7), frame_id="/map")
+        return SimpleNamespace(header=header, pose=SimpleNamespace(covariance=cov.ravel()))
+
+    cov = np.diag([4.0, 5.0, 1.0, 1.0, 1.0, 6.0])
+    cov[0, 5] = cov[5, 0] = 0.5
+    record = pose_covariance_from_message(message(cov))
+    assert record.stamp_ns == 3 * SECOND + 7
+    assert record.cov.tolist() == [[4.0, 0.0, 0.5], [0.0, 5.0, 0.0], [0.5, 0.0, 6.0]]
+    for bad in (np.zeros((6, 6)), np.full((6, 6), np.nan), -cov):
+        with pytest.raises(MessageError, match="no covariance"):
+            pose_covariance_from_message(message(bad))
+
+
+def test_the_variance_of_independent_errors_ignores_jumps_and_a_common_error():
+    rng = np.random.default_rng(4)
+    groups = [rng.normal(rng.normal(0.0, 1.0, 3), 0.02, (200, 3)) for _ in range(5)]
+    groups[0][100:] += 0.5
+    assert np.sqrt(white_variance(groups)) == pytest.approx(np.full(3, 0.02), rel=0.15)
+    assert white_variance([]) == pytest.approx(np.zeros(3))
+
+
+def ring_drive(*, with_scans):
+    """Return the solution of a drive in a ring of corridors with a true map -> odom."""
+    made = plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 9)]), sigma=0.01)
+    slam = WallSlam(read_config(None, ["localisation.source=tf"]))
+    for scan, true in zip(made.scans, made.truth):
+        T_odom_base = scan.T_odom_base[0]
+        slam.add_odometry(scan.stamp_ns, T_odom_base)
+        slam.add_map_odom(MapOdom(scan.stamp_ns, spatial(true) @ np.linalg.inv(T_odom_base)))
+        if with_scans:
+            slam.add_scan_of_walls(scan)
+    return slam.solve()
+
+
+def test_walls_are_at_the_external_poses_and_do_not_move_them():
+    solution = ring_drive(with_scans=True)
+    without = ring_drive(with_scans=False)
+    assert np.array_equal(solution.poses, without.poses)
+    assert not solution.is_chain
+    assert not without.walls
+    start, end = plan.ring().transpose(1, 0, 2)  # the drive begins at the origin
+    along = (end - start) / np.hypot(*(end - start).T)[:, None]
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    assert len(solution.walls) >= 4
+    for wall in solution.walls:
+        ends = wall.endpoints[None] - start[:, None]
+        off = np.abs(np.einsum("wek,wk->we", ends, normals)).max(axis=1)
+        assert off.min() < 0.04

@@ -1,12 +1,10 @@
 """An .rrd of a replay, read back by rerun's own dataframes."""
 
-import io
 import json
 
 import depth_room
 import numpy as np
 import pytest
-from PIL import Image
 from typer.testing import CliRunner
 
 from tccm_ros.cli import app
@@ -17,7 +15,7 @@ from tccm_ros.results.trajectory import read_tum
 rr_chunk = pytest.importorskip("rerun.chunk", reason="rerun-sdk (the extra 'view') is missing")
 pytest.importorskip("datafusion", reason="rerun's dataframes need rerun-sdk[catalog]")
 
-from rerun_server import rows  # noqa: E402
+from rerun_server import depth_points, in_map, rows, transforms, views  # noqa: E402
 
 from tccm_ros.view import rerun_viewer  # noqa: E402
 from tccm_ros.view.rerun_log import rerun_file  # noqa: E402
@@ -39,16 +37,6 @@ def replayed(tmp_path_factory):
 @pytest.fixture(scope="module")
 def store(replayed):
     return rr_chunk.RrdReader(replayed[1]).stream().collect()
-
-
-def transforms(store, entity):
-    stamps, moved = rows(store, entity, "Transform3D:translation")
-    _, turned = rows(store, entity, "Transform3D:mat3x3")
-    T = np.tile(np.eye(4), (len(stamps), 1, 1))
-    T[:, :3, 3] = np.array(moved).reshape(-1, 3)
-    # Rerun stores a matrix column by column.
-    T[:, :3, :3] = np.array(turned).reshape(-1, 3, 3).transpose(0, 2, 1)
-    return stamps, T
 
 
 def test_poses_are_those_of_the_trajectory_at_their_stamps(replayed, store):
@@ -107,22 +95,7 @@ def test_scans_lie_on_the_walls_at_their_stamps(replayed, store):
 
 
 def test_the_blueprint_shows_the_map_the_newest_cycle_and_events(replayed):
-    assert views(replayed[1]) == {"Map", "Newest tilt cycle", "Events"}
-
-
-def views(file):
-    """Return the names of the views of the only blueprint."""
-    reader = rr_chunk.RrdReader(file)
-    [blueprint] = reader.blueprints()
-    shown = [c for c in reader.stream(store=blueprint).to_chunks() if "/view/" in c.entity_path]
-    tables = [c.to_record_batch() for c in shown]
-    column = "ViewBlueprint:display_name"
-    return {
-        name
-        for table in tables
-        if column in table.schema.names
-        for [name] in table.column(column).to_pylist()
-    }
+    assert views(replayed[1]) == [{"Map", "Newest tilt cycle", "Events"}]
 
 
 def test_files_of_a_second_of_a_drive_stay_small(replayed):
@@ -139,52 +112,20 @@ def depth_store(tmp_path_factory):
     words = ["--out", str(folder / "out"), "--no-pictures", "-q", "--rerun", str(folder / "a.rrd")]
     done = CliRunner().invoke(app, ["replay", str(folder / "bag"), *words])
     assert done.exit_code == 0, done.output
-    assert views(folder / "a.rrd") == {
-        "Map", "Newest tilt cycle", "Events", "depth/image_rect_raw"
-    }  # fmt: skip
+    [shown] = views(folder / "a.rrd")
+    assert shown == {"Map", "Newest tilt cycle", "Events", "depth/image_rect_raw"}
     return rr_chunk.RrdReader(folder / "a.rrd").stream().collect()
-
-
-def last_at(stamps, stamp):
-    """Return the index of the newest of some stamps at another."""
-    return np.searchsorted(stamps, stamp + 1e-6) - 1
-
-
-def in_map(store, entity, stamp, points):
-    """Return points (N, 3) of a frame on the base in map."""
-    T = np.eye(4)
-    for frame in ("/map/odom", "/map/odom/base", entity):
-        stamps, poses = transforms(store, frame)
-        T = T @ poses[last_at(stamps, stamp)]
-    return points @ T[:3, :3].T + T[:3, 3]
-
-
-def assert_on_table_or_floor(points):
-    """Assert that points below the eye are on the table top or the floor: both are exact."""
-    heights = points[:, 2]
-    is_table = np.abs(heights - depth_room.TOP) < 0.01
-    assert is_table.mean() > 0.1
-    (x0, x1), (y0, y1) = depth_room.TABLE
-    x, y, _ = points[is_table].T
-    assert (x0 - 0.02 < x).all() and (x < x1 + 0.02).all()  # noqa: PT018
-    assert (y0 - 0.02 < y).all() and (y < y1 + 0.02).all()  # noqa: PT018
-    assert (is_table | (np.abs(heights) < 0.02)).mean() > 0.9
 
 
 def test_depth_images_with_their_camera_show_the_table_at_their_stamps(depth_store):
     camera = "/map/odom/base/depth/image_rect_raw"
-    stamps, blobs = rows(depth_store, f"{camera}/depth", "EncodedDepthImage:blob")
+    stamps, images = depth_points(depth_store, camera)
     expected = depth_room.START_NS * 1e-9 + np.arange(0.1, 4.0, 0.2)
     assert set(np.round(stamps, 3)) <= set(np.round(expected, 3))
     assert len(stamps) > 10
-    [K] = rows(depth_store, camera, "Pinhole:image_from_camera", index=None)[0]
-    K = np.reshape(K, (3, 3)).T
     for k in (0, len(stamps) // 2, len(stamps) - 1):
-        depth = np.array(Image.open(io.BytesIO(bytes(np.ravel(blobs[k]).tolist())))) * 1e-3
-        rows_, columns = np.nonzero(depth)
-        rays = np.stack([columns, rows_, np.ones(len(rows_))], axis=1) @ np.linalg.inv(K).T
-        seen = rays * depth[rows_, columns, None]
-        assert_on_table_or_floor(in_map(depth_store, camera, stamps[k], seen))
+        seen = in_map(depth_store, camera, stamps[k], images[k])
+        depth_room.assert_on_table_or_floor(seen)
 
 
 def test_clouds_of_a_lidar_show_the_table_at_their_stamps(depth_store):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.errors import ConfigError
+from tccm_ros.records import PosedScan, Scan
 from tccm_ros.view.live_state import path_entity, surface_entity
 
 pytest.importorskip("rerun", reason="rerun-sdk (the extra 'view') is missing")
@@ -123,6 +124,29 @@ def test_a_server_that_ends_and_comes_again_gets_everything(tmp_path, sent):
     stream.close()
     server.close()
     assert len(rows(server.store(), "/map/surfaces/3/outline", "LineStrips3D:strips")[0]) == 1
+
+
+def posed_scan(stamp_ns, distance):
+    """Return a scan of some beams of one length, m, by a laser at rest."""
+    scan = Scan(stamp_ns, "laser", 0.0, 0.1, 0.0, 0.05, 30.0, np.full(5, distance, np.float32))
+    still = np.eye(4)[None]
+    return PosedScan(scan, np.array([stamp_ns]), still, still, "scan")
+
+
+def test_of_measurements_faster_than_the_viewer_is_told_the_newest_is_shown(tmp_path, sent):
+    """What keeps the rate of each sensor, and the memory without a viewer, bounded."""
+    port = free_port()
+    stream = RerunStream(f"rerun+http://127.0.0.1:{port}/proxy")
+    for k in range(500):
+        stream.add(posed_scan(round(k * 1e7), 1.0 + 0.01 * k))
+    show(stream, 5.0, MAP, [0.0, 0.0, 0.0])
+    server = RerunServer(port, tmp_path / "a.rrd")
+    assert sent.acquire(timeout=120.0)
+    stream.close()
+    server.close()
+    stamps, scans = rows(server.store(), "/map/odom/scan", "Points3D:positions")
+    assert stamps.tolist() == [4.99]
+    np.testing.assert_allclose(np.linalg.norm(scans[0], axis=1), 5.99, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -456,7 +456,7 @@ class WallSlam:
 
     def _wall_factors(self, used: Inliers) -> list[Factor]:
         keys = self._chain.keys
-        factors = wall_factors(used.walls, self._lines, keys, self.config)
+        factors: list[Factor] = [*wall_factors(used.walls, self._lines, keys, self.config)]
         if uses_corners(self.config):
             factors += corner_factors(used.corners, used.walls, keys, self.config)
         if self.config.walls.structure_prior:

@@ -3,7 +3,8 @@
     python bench/bench_external_poses.py bags/flat
     python bench/bench_external_poses.py bags/flat --sigma 0.03 1.0 --jump 0.3
 
-The other program is made of the truth: map -> odom at 10 Hz, each with noise of its own (m, deg).
+The other program is made of the truth: map -> odom at 10 Hz, each with noise of its own (m, deg),
+and the covariance of the noise on a topic.
 With a jump, the poses of 10 s in the middle of the drive are moved by that distance. The recording
 is replayed as it is, and with ``localisation.source=tf``.
 """
@@ -26,6 +27,7 @@ from tccm_ros.geometry import inverse, planar, spatial
 from tccm_ros.records import Odometry, TransformSample
 from tccm_ros.replay.replay import replay
 from tccm_ros.results.trajectory import read_tum
+from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.writing import transforms_message
 
 PERIOD_NS = 100_000_000
@@ -38,7 +40,7 @@ JUMP_NS = 10_000_000_000
 def write_localisation(
     bag: Path, out: Path, sigma: tuple[float, float], jump: float, seed: int = 0
 ) -> None:
-    """Write a recording of /tf with map -> odom, as another program would tell it.
+    """Write map -> odom on /tf and its covariance, as another program publishes them.
 
     Parameters
     ----------
@@ -73,6 +75,11 @@ def write_localisation(
             sample = TransformSample(last, "map", record.frame_id, T_map_odom, False)
             message = transforms_message(writer.types, [sample])
             writer.write("/tf", "tf2_msgs/msg/TFMessage", last, message)
+            if min(sigma) > 0.0:
+                cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
+                message = pose_covariance_message(writer.types, last, "map", spatial(pose), cov)
+                kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+                writer.write("/external_pose", kind, last, message)
 
 
 def row(name: str, score: SurfaceScore, surfaces: int) -> str:

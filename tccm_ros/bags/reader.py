@@ -31,6 +31,7 @@ DEFAULT_TOPICS: Mapping[str, str] = {
     "joint_states": "/joint_states",
     "odom": "/odom",
     "imu": "/imu",
+    "external_pose": "/external_pose",
     "scan": "/scan",
     "robot_description": "/robot_description",
     "tf": "/tf",

@@ -48,15 +48,15 @@ def entities_of(message: Any) -> Entities:
         entity = surface_entity(facts, surface.boundary, holes, normal, middle)
         found[f"surface/{surface.id}"] = entity
     for item in objects_of(message.objects):
-        x, y, z = item.T_map_object[:3, 3].tolist()
+        z = float(item.T_map_object[2, 3])
         yaw = math.atan2(item.T_map_object[1, 0], item.T_map_object[0, 0])
-        corners = (*rectangle_corners(float(item.size[0]), float(item.size[1]), yaw), x, y)
+        corners = rectangle_corners(float(item.size[0]), float(item.size[1]), yaw)
         found[f"object/{item.id}"] = {
             "id": item.id,
             "surface": item.surface_id,
             "on": names.get(item.surface_id),
             "size": rounded(item.size),
-            "corners": [rounded(corner) for corner in corners],
+            "corners": [rounded(corner) for corner in item.T_map_object[:2, 3] + corners],
             "low": round(z - item.size[2] / 2, 3),
             "high": round(z + item.size[2] / 2, 3),
         }

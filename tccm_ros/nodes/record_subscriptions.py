@@ -73,11 +73,13 @@ class RecordSubscriptions:
                 self._to_camera_or_lidar(stream, take)
 
     def to_robot(self, take: Take) -> None:
-        """Subscribe to odometry, joints, IMU, description and transforms."""
+        """Subscribe to odometry, joints, IMU, description, transforms and external poses."""
         measured = sensor(self._config.qos.reliability)
         self.to("odom", measured, take)
         self.to("joint_states", measured, take)
         self.to("imu", measured, take, watch="event")
+        if self._config.localisation.is_external:
+            self.to("external_pose", measured, take, watch="event")
         self.to("robot_description", latched(), take, watch="event")
         if has_tf2_msgs():
             self.to("tf", measured, take, topic="/tf", watch="event")

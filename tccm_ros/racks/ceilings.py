@@ -184,23 +184,31 @@ def _lower_side(
 def _unnamed(
     part: shapely.Geometry, ends: Float64, half: Float64, is_from_below: Bool
 ) -> Iterator[Ceiling]:
-    """Yield the lowest underside over a part of a board that belongs to no surface of the map."""
+    """Yield the lowest underside over a part of a board that belongs to no surface of the map.
+
+    Hits within `EDGE` of the sides and the back are theirs: an underside whose other hits come near
+    an edge of the part ends there.
+    """
     low, high = np.reshape(part.bounds, (2, 2))
     z = ends[:, 2]
     flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)
-    inner = ((ends[:, :2] > low) & (ends[:, :2] < high)).all(axis=1) & flat
+    inner = ((ends[:, :2] > low + EDGE) & (ends[:, :2] < high - EDGE)).all(axis=1) & flat
     cells = np.floor((ends[inner, :2] - low) / CUBE).astype(np.int64)
     levels = np.floor((z[inner] - MIN_HEIGHT) * (LEVELS / FLAT)).astype(np.int64)
     count, (nx, ny) = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT), np.ceil((high - low) / CUBE)
     is_hit = np.zeros((count + LEVELS, int(nx), int(ny)), np.bool_)
     is_hit[levels, cells[:, 0], cells[:, 1]] = True
     covered = np.array([is_hit[k : k + LEVELS].any(axis=0).sum() for k in range(count)])
-    enough = np.flatnonzero(covered >= MIN_COVERED * part.area / CUBE**2)
-    if not len(enough):
-        return
-    first = enough[0] + int(covered[enough[0] :][: LEVELS + 1].argmax())
-    height = float(np.median(z[inner][(levels >= first) & (levels < first + LEVELS)]))
-    on = ends[inner & (np.abs(z - height) <= FLAT)]
-    low, high = np.maximum(low, on[:, :2].min(axis=0)), np.minimum(high, on[:, :2].max(axis=0))
-    if (high - low).min() >= MIN_EXTENT:
-        yield Ceiling(low, high, height, FaceState.MEASURED, -1)
+    for k in np.flatnonzero(covered >= MIN_COVERED * (MIN_EXTENT / CUBE) ** 2).tolist():
+        first = k + int(covered[k:][: LEVELS + 1].argmax())
+        on = (levels >= first) & (levels < first + LEVELS)
+        at = ends[inner, :2][on]
+        begin, end = at.min(axis=0), at.max(axis=0)
+        if covered[first] < MIN_COVERED * (end - begin + CUBE).prod() / CUBE**2:
+            continue
+        begin = np.where(begin - low <= EDGE + CUBE, low, begin)
+        end = np.where(high - end <= EDGE + CUBE, high, end)
+        if (end - begin).min() >= MIN_EXTENT:
+            height = float(np.median(z[inner][on]))
+            yield Ceiling(begin, end, height, FaceState.MEASURED, -1)
+            return

@@ -18,6 +18,7 @@ from tccm_ros.records.sensors import (
     Imu,
     JointSample,
     Odometry,
+    PoseCovariance,
     RobotDescription,
     Scan,
     TransformSample,
@@ -31,6 +32,7 @@ Record = (
     | JointSample
     | Imu
     | Odometry
+    | PoseCovariance
     | TransformSample
     | RobotDescription
     | SurfaceCloud

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records.cycle import SensorKind
-from tccm_ros.records.sensors import Odometry, Scan
+from tccm_ros.records.sensors import Odometry, PoseCovariance, Scan
 
 START_OF_TIME = -(2**62)
 """Earlier than every stamp, ns."""
@@ -191,6 +191,8 @@ class MapReset(NamedTuple):
     reason: str
 
 
-Event = Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapOdom | MapReset
+Event = (
+    Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapOdom | PoseCovariance | MapReset
+)
 """Events of `robot.Robot`. The first three have the role of a stream; base motion, roll and pitch,
 and map resets go to all processors."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -106,6 +107,22 @@ class Imu:
     frame_id: str
     angular_velocity: Float64
     acceleration: Float64 | None = None
+
+
+class PoseCovariance(NamedTuple):
+    """Covariance of the pose of an external localisation.
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        Header of the pose.
+    cov
+        float64 (3, 3), positive definite, of (x, y, yaw) in the frame, m and rad.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    cov: Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

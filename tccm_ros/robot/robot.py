@@ -28,6 +28,7 @@ from tccm_ros.records import (
     MapOdom,
     MapReset,
     Odometry,
+    PoseCovariance,
     RobotDescription,
     StreamComplete,
     TiltAngle,
@@ -235,6 +236,12 @@ class Robot:
             ),
             "odom": _Input(Odometry, self._add_odometry, self._refusing("odom"), "T_odom_base"),
             "imu": _Input(Imu, self._add_imu, self._refusing("imu"), keeps_time=False),
+            "external_pose": _Input(
+                PoseCovariance,
+                self._add_pose_covariance,
+                self._refusing("external_pose"),
+                keeps_time=False,
+            ),
         }
         for role, sensor in self.sensors.items():
             inputs[role] = _Input(
@@ -304,6 +311,14 @@ class Robot:
         self.roll_pitch.add(record)
         if not self.gyro.add(record):
             self._refuse("imu", LATE, 1)
+
+    def _add_pose_covariance(self, record: PoseCovariance) -> None:
+        if not self._config.localisation.is_external:
+            return
+        if plain_name(record.frame_id) == self._config.frames.map_name:
+            self._events.append(record)
+        else:
+            self._refuse("external_pose", "not in the map frame", 1)
 
     def _add_odometry(self, record: Odometry) -> None:
         if self.motion.source in (MotionSource.TF, MotionSource.STILL):

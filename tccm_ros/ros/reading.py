@@ -23,6 +23,7 @@ from tccm_ros.records import (
     JointSample,
     ObjectBoxes,
     Odometry,
+    PoseCovariance,
     RobotDescription,
     SensorKind,
     SurfaceCloud,
@@ -95,6 +96,23 @@ def imu_from_message(message: Any) -> Imu:
         (rate.x, rate.y, rate.z, float(message.angular_velocity_covariance[0])),
         (force.x, force.y, force.z, float(message.linear_acceleration_covariance[0])),
     )
+
+
+def pose_covariance_from_message(message: Any) -> PoseCovariance:
+    """Return the covariance of a geometry_msgs/PoseWithCovarianceStamped.
+
+    Raises
+    ------
+    MessageError
+        If that of x, y and yaw is not finite and positive definite.
+    """
+    planar = np.ix_((0, 1, 5), (0, 1, 5))
+    cov = np.array(message.pose.covariance, np.float64).reshape(6, 6)[planar]
+    cov = 0.5 * (cov + cov.T)
+    if not np.isfinite(cov).all() or np.linalg.eigvalsh(cov)[0] <= 0.0:
+        raise MessageError("external_pose has no covariance of x, y and yaw")
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    return PoseCovariance(stamp_ns, frame_name(message.header.frame_id), cov)
 
 
 def transforms_from_message(message: Any, *, is_static: bool = False) -> list[TransformSample]:
@@ -201,6 +219,9 @@ READERS: Mapping[str, MessageReader] = {
     ),
     "odom": _reader("nav_msgs/msg/Odometry", odometry_from_message, read_odometry),
     "imu": _reader("sensor_msgs/msg/Imu", imu_from_message, read_imu),
+    "external_pose": _reader(
+        "geometry_msgs/msg/PoseWithCovarianceStamped", pose_covariance_from_message
+    ),
     "tf": MessageReader("tf2_msgs/msg/TFMessage", transforms_from_message, read_transforms),
     "tf_static": MessageReader(
         "tf2_msgs/msg/TFMessage",

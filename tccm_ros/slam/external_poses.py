@@ -9,7 +9,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, planar, wrap_angle
-from tccm_ros.records import MapOdom
+from tccm_ros.records import MapOdom, PoseCovariance
 from tccm_ros.robust import median_sigma
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
@@ -26,6 +26,7 @@ class MapOdomTrack:
 
     def __init__(self) -> None:
         self._samples: list[tuple[int, tuple[float, float, float]]] = []
+        self._covariances: dict[int, Float64] = {}
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -34,6 +35,10 @@ class MapOdomTrack:
         """Add a transform, in any order."""
         x, y, yaw = planar(sample.T_map_odom).tolist()
         insort(self._samples, (sample.stamp_ns, (x, y, yaw)))
+
+    def add_covariance(self, record: PoseCovariance) -> None:
+        """Add the covariance of an external pose, in any order; each holds until the next."""
+        self._covariances[record.stamp_ns] = record.cov
 
     def newest(self) -> Float64:
         """Return the newest transform, planar pose (3,)."""
@@ -63,7 +68,7 @@ class MapOdomTrack:
         keyframes
             Keyframes in order.
         sigma
-            Standard deviation of position (m) and yaw (rad) of one transform.
+            Standard deviation of position (m) and yaw (rad) of one transform, without covariances.
 
         Returns
         -------
@@ -77,13 +82,26 @@ class MapOdomTrack:
                 poses = compose2(np.array([pose for _, pose in held]), keyframe.scan.odom)
                 poses[:, 2] = poses[-1, 2] + wrap_angle(poses[:, 2] - poses[-1, 2])
                 samples[keyframe.id] = poses
-        stated = np.square([sigma[0], sigma[0], sigma[1]])
         white = white_variance([*samples.values()])
-        common = np.maximum(stated - white, 0.0)
-        return {
-            k: (np.median(p, axis=0), np.diag(common + white * min(1.0, MEDIAN_VARIANCE / len(p))))
-            for k, p in samples.items()
-        }
+        stated = self._covariances_at(
+            [k.scan.stamp_ns for k in keyframes if k.id in samples], sigma
+        )
+        external = {}
+        for (k, poses), cov in zip(samples.items(), stated):
+            variance = np.diag(cov)
+            mean = white * min(1.0, MEDIAN_VARIANCE / len(poses))
+            scale = np.sqrt((np.maximum(variance - white, 0.0) + mean) / variance)
+            external[k] = np.median(poses, axis=0), cov * np.outer(scale, scale)
+        return external
+
+    def _covariances_at(self, stamps_ns: Sequence[int], sigma: tuple[float, float]) -> Float64:
+        """Return the newest covariances (K, 3, 3) at stamps, else the first; by sigma without."""
+        if not self._covariances:
+            cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
+            return np.broadcast_to(cov, (len(stamps_ns), 3, 3))
+        known = sorted(self._covariances)
+        at = [max(bisect_right(known, stamp) - 1, 0) for stamp in stamps_ns]
+        return np.array([self._covariances[known[i]] for i in at])
 
 
 def white_variance(groups: Sequence[Float64]) -> Float64:

@@ -23,6 +23,7 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, corner_key, wall_key
+from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.kept_graph import KeptGraph, KeptSolution
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, loop_records
@@ -91,7 +92,7 @@ class Growth:
         known = [keys[-1], *walls, *self.views.keys(views)]
         self._kept = KeptGraph({key: solution.covariance(key) for key in known})
         loops = [p.factor(keys) for p in used.loops]
-        factors = [f for k in range(len(keys)) for f in chain.factors_of(k)]
+        factors: list[Factor] = [f for k in range(len(keys)) for f in chain.factors_of(k)]
         factors += self._wall_factors(used.walls)
         corners = self._corner_factors(range(len(used.corners)))
         added = self._kept.update([*loops, *factors], dict(zip(keys, poses)), groups=corners)
@@ -101,7 +102,7 @@ class Growth:
             scale_displacements(solution, chain, session)[-1], solution.planar_covariance(keys[-1])
         )
 
-    def _wall_factors(self, observations: WallTable) -> list[Factor]:
+    def _wall_factors(self, observations: WallTable) -> list[WallObservation]:
         if not self._config.walls.enabled:
             return []
         return wall_factors(observations, self._lines, self._chain.keys, self._config)
@@ -137,7 +138,7 @@ class Growth:
         known = len(self._walls.table)
         rows, corners = self._walls.add(poses, self._lines, new.start)
         seen = self._wall_factors(self._walls.observations(rows))
-        factors = [*seen, *(p.factor(keys) for p in loops)]
+        factors: list[Factor] = [*seen, *(p.factor(keys) for p in loops)]
         factors += [factor for k in new for factor in chain.factors_of(k)]
         starts: dict[Key, Float64] = {keys[k]: poses[k] for k in new}
         changing = [*others, *self.views.factors(anchored), *self._structure_factors()]

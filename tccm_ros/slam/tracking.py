@@ -22,6 +22,7 @@ from tccm_ros.records import (
     MapReset,
     ObjectBoxes,
     Odometry,
+    PoseCovariance,
     PosedScan,
     PoseGuess,
     RollPitch,
@@ -49,6 +50,13 @@ COUNTED = {
     MapReset: "resets",
 }  # fmt: skip
 """Events that are only counted here, and used by the solver."""
+
+
+USED = (
+    PosedScan, Odometry, MapOdom, PoseCovariance, RollPitch, LandmarkObservation, PoseGuess,
+    *COUNTED,
+)  # fmt: skip
+"""Events for the SLAM processor."""
 
 
 class LocalisationState(IntEnum):
@@ -136,13 +144,13 @@ class Tracker:
         self._odometry_attitude: Attitude = LEVEL
         self._before: tuple[Float64, Float64] | None = None
         self._map_odom: Float64 | None = None
+        self._external_cov: Float64 | None = None
         self._is_localised = self._starts_localised
         self._session = first_keyframe[1]
 
     def takes(self, event: Any) -> bool:
         """Return whether an event is for the SLAM processor."""
-        kinds = (PosedScan, Odometry, MapOdom, RollPitch, LandmarkObservation, PoseGuess, *COUNTED)
-        return type(event) in kinds and getattr(event, "role", None) in self._roles
+        return type(event) in USED and getattr(event, "role", None) in self._roles
 
     def add(self, event: Any) -> None:
         """Process one event accepted by `takes`."""
@@ -152,6 +160,8 @@ class Tracker:
             self._add_odometry(event)
         elif isinstance(event, MapOdom):
             self._map_odom = planar(event.T_map_odom)
+        elif isinstance(event, PoseCovariance):
+            self._external_cov = event.cov
         elif isinstance(event, PoseGuess):
             self._front.is_lost = bool(self._front.tracked)
             # Keep the known pose until a solution confirms the user-supplied one.
@@ -209,6 +219,8 @@ class Tracker:
 
     def current_covariance(self) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in map of the live estimate."""
+        if self._external_cov is not None:
+            return self._external_cov
         if self._is_external:
             position, yaw = self._config.localisation.sigma
             return np.diag(np.square([position, position, yaw]))

@@ -19,6 +19,7 @@ from tccm_ros.records import (
     Keyframe,
     LandmarkObservation,
     MapOdom,
+    PoseCovariance,
     PosedScan,
     PoseGuess,
     RollPitch,
@@ -155,6 +156,10 @@ class WallSlam:
     def add_map_odom(self, map_odom: MapOdom) -> None:
         """Add a pose of the odometry frame by an external localisation."""
         self._map_odom.add(map_odom)
+
+    def add_pose_covariance(self, record: PoseCovariance) -> None:
+        """Add the covariance of a pose by an external localisation."""
+        self._map_odom.add_covariance(record)
 
     @property
     def waits_for_external_pose(self) -> bool:
@@ -451,7 +456,7 @@ class WallSlam:
 
     def _wall_factors(self, used: Inliers) -> list[Factor]:
         keys = self._chain.keys
-        factors = wall_factors(used.walls, self._lines, keys, self.config)
+        factors: list[Factor] = [*wall_factors(used.walls, self._lines, keys, self.config)]
         if uses_corners(self.config):
             factors += corner_factors(used.corners, used.walls, keys, self.config)
         if self.config.walls.structure_prior:

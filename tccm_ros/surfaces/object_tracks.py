@@ -325,7 +325,6 @@ def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
         misses=0,
         scores=scores,
-        is_round=box.is_round,
     )
 
 

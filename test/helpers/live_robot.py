@@ -23,10 +23,12 @@ from tccm_ros.records import (
     Imu,
     JointSample,
     Odometry,
+    PoseCovariance,
     RobotDescription,
     Scan,
     TransformSample,
 )
+from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.writing import (
     camera_image_message,
     camera_info_message,
@@ -164,6 +166,9 @@ class Robot:
             JointSample: joint_sample_message,
             CameraImage: camera_image_message,
             CameraInfo: camera_info_message,
+            PoseCovariance: lambda types, r: pose_covariance_message(
+                types, r.stamp_ns, r.frame_id, np.eye(4), r.cov
+            ),
             TransformSample: lambda types, sample: transforms_message(types, [sample]),
         }[type(record)]
         return build(self.types, record)

@@ -117,6 +117,18 @@ def seat_below_table(sensor: str = "laser") -> Rack:
     return Rack(_world(scene, front, pi / 2, 0, rng, options), (), options)
 
 
+def cupboard_over_counter(low: float, sensor: str = "laser") -> Rack:
+    """Return a counter before a wall, with a cupboard on the wall over a part of it."""
+    rng, scene = np.random.default_rng(0), Scene()
+    scene.room((0.0, ROOM[0]), (0.0, ROOM[1]), CEILING)
+    front, options = np.array([ROOM[0] / 2, ROOM[1] - 0.6]), Options(**SENSORS[sensor])
+    place = _Place(scene, front, pi / 2, 1.6, 0.6)
+    place.box("counter", (0.0, 0.6), (-0.8, 0.8), (0.0, 0.9), surface="counter")
+    place.box("cupboard", (0.25, 0.6), (-0.4, 0.5), (low, 2.2))
+    space = TrueSpace(place.T_world(0.25, 0.05, 0.9), 0.9, 0.35, low - 0.9, (False, False, True))
+    return Rack(_world(scene, front, pi / 2, 0, rng, options), (space,), options)
+
+
 class _Place:
     """A rack's own axes: v inward from the front, u to the left, z up."""
 

@@ -12,7 +12,10 @@ from tccm_ros.nodes.interfaces import has_interfaces
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
 ROUNDS = int(os.environ.get("TCCM_ROUNDS", "8"))
-"""Goals; many with TCCM_ROUNDS=1000."""
+"""Goals of a seed; many with TCCM_ROUNDS=1000."""
+
+SEEDS = int(os.environ.get("TCCM_SEEDS", "2"))
+"""Number of seeds; 20 with TCCM_SEEDS=20."""
 
 MAX_STEPS = 60
 """Longest time between faults, steps of 0.05 s: from looking to closing in."""
@@ -48,8 +51,9 @@ class Faults:
         self.robot.is_localised = True
 
 
-def test_a_goal_ends_and_the_base_stands_whatever_happens(drive):
-    driver, chance = drive(simple_flat(None, (0.3, -0.2, 0.5))), random.Random(0)
+@pytest.mark.parametrize("seed", range(SEEDS))
+def test_a_goal_ends_and_the_base_stands_whatever_happens(drive, seed):
+    driver, chance = drive(simple_flat(None, (0.3, -0.2, 0.5))), random.Random(seed)
     faults, robot = Faults(driver, chance), driver.robot
     for number in range(ROUNDS):
         which = chance.choice([0, 0, 0, 1])

@@ -27,6 +27,20 @@ def test_a_compartment_has_its_box_and_an_arrow_through_its_front():
     assert (edges[12:, 0, 0] < 1.0).all()
 
 
+def test_an_object_stands_at_its_place_turned_as_it_is():
+    from tccm_interfaces.msg import SurfaceMap, SurfaceObject
+
+    from tccm_ros.nodes.live_entities import entities_of
+
+    item = SurfaceObject(id=3, surface_id=1)
+    item.pose.position.x, item.pose.position.y, item.pose.position.z = 2.0, -1.0, 0.8
+    item.pose.orientation.z = item.pose.orientation.w = np.sqrt(0.5)  # a quarter turn
+    item.size.x, item.size.y, item.size.z = 0.4, 0.1, 0.2
+    found = entities_of(SurfaceMap(objects=[item]))["object/3"]
+    assert (found["low"], found["high"]) == (0.7, 0.9)
+    assert sorted(found["corners"]) == [[1.95, -1.2], [1.95, -0.8], [2.05, -1.2], [2.05, -0.8]]
+
+
 def test_a_door_sign_has_its_place_on_the_wall_and_its_text():
     from tccm_interfaces.msg import Sign, SurfaceMap
 

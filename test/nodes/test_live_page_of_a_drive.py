@@ -19,6 +19,17 @@ LOOK_S, MORE_S = 6.0, 13.0
 """Parts of the bag: the first view, at 2.5 s, has a table, the second, at 15.4 s, a seat."""
 
 
+IS_OBJECT_ON_SURFACE = """tccmLive.ofKind('object').every((o) => {
+    const { v } = tccmLive.entities.get(`surface/${o.surface}`).shape;
+    const middle = (k) => o.corners.reduce((s, c) => s + c[k], 0) / o.corners.length;
+    return o.corners.length === 4 && [0, 1].every((k) => {
+        const along = v.filter((_, i) => i % 3 === k);
+        return Math.min(...along) <= middle(k) && middle(k) <= Math.max(...along);
+    });
+})"""
+"""Whether the middle of each object on the page is within the bounds of its surface."""
+
+
 class Page:
     """A browser in a thread of its own, while the nodes are spun in this one."""
 
@@ -127,10 +138,25 @@ def test_a_user_sees_the_flat_grow_corrects_asks_and_names(ros, page, tmp_path):
     page.value("document.querySelector('#spot').value = 'no name'")
     assert "is no name" in page.answer("#naming button")
 
+    # Everything on the table is drawn within it.
+    assert page.value(f"tccmLive.ofKind('object').filter((o) => o.surface === {number}).length")
+    assert page.value(IS_OBJECT_ON_SURFACE)
+    assert page.value(f"tccmLive.entities.get('free/{number}').rings.length > 0")
+    page.wait("document.querySelector('#diagnostics').textContent.includes('surface_slamOK: ok')")
+    assert page.answer("#save button") == "saved as map"
+    assert (tmp_path / "maps" / "map" / "surfaces.json").is_file()
+
+    # A reload shows all of it.
+    entities = "JSON.stringify([...tccmLive.entities].sort())"
+    before = page.value(entities)
+    page.run(lambda: page.browser.call("Page.reload"))
+    page.wait(f"window.tccmLive && {entities} === {before!r}")
+    page.wait("document.querySelector('#events').textContent.includes('appeared: ')")
+
     # The page's node is started again: the page comes back with the whole map.
     port, before = view.page.port, page.value("[...tccmLive.entities.keys()].sort()")
     view.close()
-    page.wait("document.querySelector('#headline').classList.contains('lost')")
+    page.wait("document.querySelector('#headline').textContent.startsWith('the node has ended')")
     ros.remove(view)
     again = serve(ros, port)
     page.wait("!document.querySelector('#headline').classList.contains('lost')")

@@ -7,11 +7,13 @@ from live_robot import START_NS, Listener, recording, slam, tccm, topics_of, wai
 
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.records import Odometry, TransformSample
+from tccm_ros.records import Odometry, PoseCovariance, TransformSample
 
 pytestmark = pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
 
 T_MAP_ODOM = spatial(np.array([5.0, -3.0, 1.2]))
+
+COV = np.diag([0.04, 0.05, 0.06])
 
 
 def localised(records):
@@ -21,6 +23,7 @@ def localised(records):
         if isinstance(record, Odometry):
             sample = TransformSample(record.stamp_ns, "map", "odom", T_MAP_ODOM, False)
             yield "tf", sample
+            yield "external_pose", PoseCovariance(record.stamp_ns, "map", COV)
 
 
 def test_the_pose_and_the_surfaces_are_in_the_map_of_the_other_program(ros):
@@ -35,6 +38,8 @@ def test_the_pose_and_the_surfaces_are_in_the_map_of_the_other_program(ros):
     assert [p for p in node.problems() if "start your localisation" in p]
     robot.play(localised(recording(3, start_ns=START_NS + 10**9)), node, other)
     ros.spin_until(lambda: poses, what="a pose")
+    cov = np.array(poses[-1].pose.covariance).reshape(6, 6)
+    assert np.diag(cov)[[0, 1, 5]] == pytest.approx([0.04, 0.05, 0.06])
     p = poses[-1].pose.pose.position
     assert (p.x, p.y) == pytest.approx((5.0, -3.0))
     assert not [p for p in node.problems() if "start your localisation" in p]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_racks import (
+    cupboard_over_counter,
     cuts,
     insertions,
     inside,
@@ -163,6 +164,27 @@ def test_boards_and_panels_of_the_planning_scene_are_where_solids_are(rack):
             local = np.abs(transform(np.linalg.inv(shape.T_map_box), points))
             near |= (local <= 0.5 * shape.size + LENGTH).all(axis=1)
         assert near.all(), solid.name
+
+
+@pytest.mark.parametrize(
+    "low",
+    [
+        1.6,
+        pytest.param(
+            1.4,
+            marks=pytest.mark.xfail(strict=True, reason="no beam of a sensor at 1.39 m hits it"),
+        ),
+    ],
+)
+def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low, tmp_path):
+    made = cupboard_over_counter(low)
+    outcome, T = mapped(made, 0, tmp_path)
+    (found,) = outcome.solution.compartments
+    true = same_space(found, made.spaces, T)
+    assert true is not None
+    assert found.above is None
+    assert found.height == pytest.approx(true.height, abs=HEIGHT)
+    assert [found.width, found.depth] == pytest.approx([true.width, true.depth], abs=2 * LENGTH)
 
 
 def test_a_seat_below_a_table_is_no_compartment(tmp_path):

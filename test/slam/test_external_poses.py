@@ -1,12 +1,16 @@
 """Another program's map -> odom in the graph: the trajectory follows it where it agrees."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import plan
 import pytest
 
 from tccm_ros.config.reader import read_config
+from tccm_ros.errors import MessageError
 from tccm_ros.geometry import planar, spatial
-from tccm_ros.records import MapOdom
+from tccm_ros.records import MapOdom, PoseCovariance
+from tccm_ros.ros.reading import pose_covariance_from_message
 from tccm_ros.slam.external_poses import MEDIAN_VARIANCE, MapOdomTrack, white_variance
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.matching.level_scan import LevelScan
@@ -133,6 +137,34 @@ def test_independent_errors_average_out_and_repeated_ones_do_not():
     assert np.all(np.diag(cov_of_rest(white)) < 0.3 * stated + MEDIAN_VARIANCE * stated / 400)
     assert np.diag(cov_of_rest(np.tile(white[0], (400, 1)))) == pytest.approx(stated)
     assert np.diag(cov_of_rest(white[:1])) == pytest.approx(stated)
+
+
+def test_the_covariance_of_the_other_program_is_used_by_its_stamp():
+    def end_of(cov):
+        """Return the error of the last pose, where the other program is 0.3 m off at the end."""
+        slam = drive(lambda k: truth(k) + np.array([0.0, 0.3, 0.0]) * (k > 170))
+        slam.add_pose_covariance(PoseCovariance(0, "map", np.diag([1e-4, 1e-4, 1e-4])))
+        slam.add_pose_covariance(PoseCovariance(17 * SECOND, "map", cov))
+        return errors(slam)[-1]
+
+    # Odometry of 2 m at the end has a standard deviation of 5 % a keyframe.
+    assert end_of(np.diag([25.0, 25.0, 25.0])) < 0.03
+    assert end_of(np.diag([1e-6, 1e-6, 1e-6])) > 0.2
+
+
+def test_the_pose_covariance_of_a_message():
+    def message(cov):
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=7), frame_id="/map")
+        return SimpleNamespace(header=header, pose=SimpleNamespace(covariance=cov.ravel()))
+
+    cov = np.diag([4.0, 5.0, 1.0, 1.0, 1.0, 6.0])
+    cov[0, 5] = cov[5, 0] = 0.5
+    record = pose_covariance_from_message(message(cov))
+    assert record.stamp_ns == 3 * SECOND + 7
+    assert record.cov.tolist() == [[4.0, 0.0, 0.5], [0.0, 5.0, 0.0], [0.5, 0.0, 6.0]]
+    for bad in (np.zeros((6, 6)), np.full((6, 6), np.nan), -cov):
+        with pytest.raises(MessageError, match="no covariance"):
+            pose_covariance_from_message(message(bad))
 
 
 def test_the_variance_of_independent_errors_ignores_jumps_and_a_common_error():

@@ -187,12 +187,8 @@ def bowed(walls, bow, panel=3.0):
     return np.concatenate(segments)
 
 
-BOWED = [(0.01, 0.005), (0.02, 0.005), (0.02, -0.005)]
+BOWED = [(0.0, 0.005), (0.01, 0.005), (0.02, 0.005), (0.02, -0.005), (0.03, 0.0)]
 """How far walls bow, and the error of ranges, m."""
-
-CONSERVATIVE = pytest.mark.xfail(
-    strict=True, reason="lines of a wall that bows by 2 cm err alike, and count as noise: 0.33"
-)
 
 
 @cache
@@ -217,14 +213,7 @@ def in_a_room_that_bows(bow, offset):
     return float(np.mean(found)), max(rms)
 
 
-@pytest.mark.parametrize(
-    ("bow", "offset"),
-    [
-        BOWED[0],
-        pytest.param(*BOWED[1], marks=CONSERVATIVE),
-        pytest.param(*BOWED[2], marks=CONSERVATIVE),
-    ],
-)
+@pytest.mark.parametrize(("bow", "offset"), BOWED)
 def test_covariances_hold_with_bowed_walls_and_ranges_that_are_biased(bow, offset):
     """Normalised errors squared of all keyframes, per degree of freedom, over two drives."""
     assert 0.5 < in_a_room_that_bows(bow, offset)[0] < 2.0

@@ -20,15 +20,12 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.kernels import kernel
 from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.walls.lines import Lines
-from tccm_ros.slam.walls.merging import whole_walls
+from tccm_ros.slam.walls.merging import MAX_DPHI, whole_walls
 from tccm_ros.slam.walls.pooled import POOLED, extend_pooled, pool_segment
 
 JOINT_CHI2_PER_LINE = 6.0
 """Maximum chi-square per line in the joint fit of a scan's lines to their walls with one common
 pose correction; beyond it, the worst line is dropped (chosen)."""
-
-MAX_DPHI = 0.35
-"""Maximum angle (rad) between a line and its wall, whatever its variance (chosen)."""
 
 GATE_SIGMAS, GATE_CHI2 = 3.0, 9.2
 """Standard deviations in ``walls.gate_distance`` and ``walls.gate_angle``, and gate on the squared
@@ -105,12 +102,13 @@ class WallTable:
     def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
         """Return the table with new walls for its observations (-1: none).
 
-        Walls observed by fewer than `min_keyframes` keyframes are removed; the others are
-        renumbered in order.
+        Walls observed by fewer than `min_keyframes` keyframes, in all of their pieces, and pieces
+        without observations are removed; the others are renumbered in order.
         """
-        pairs = np.unique(np.stack([wall, self.keyframe], axis=1)[wall >= 0], axis=0)
+        used, whole = wall >= 0, self.whole_numbers()
+        pairs = np.unique(np.stack([whole[wall[used]], self.keyframe[used]], axis=1), axis=0)
         seen = np.bincount(pairs[:, 0], minlength=len(self))
-        keep = seen >= min_keyframes
+        keep = (seen[whole] >= min_keyframes) & np.isin(np.arange(len(self)), wall[used])
         number = np.where(keep, np.cumsum(keep) - 1, -1)
         # The last entry is for observations without a wall (-1); it also exists without walls.
         renumbered = np.append(number, -1)[wall]

@@ -42,7 +42,7 @@ MIN_WALLS = 3
 
 def wall_factors(
     table: WallTable, lines: Sequence[Lines], keys: Sequence[Key], config: Config
-) -> list[Factor]:
+) -> list[WallObservation]:
     """Return one factor per observation of a confirmed wall.
 
     Parameters
@@ -56,7 +56,7 @@ def wall_factors(
     config
         Group ``walls``.
     """
-    factors: list[Factor] = []
+    factors = []
     for k, i, w in zip(table.keyframe, table.line, table.wall):
         if w < 0:
             continue

@@ -74,8 +74,6 @@ def curved_segments(
                 costs[end], runs[end] = cost, end - first
                 middles = (end - first - 1) / (end - first) * _length(run)
                 arcs[end - 1] = curvature * middles > min_bend
-            if arc / variance > costs[end]:  # a longer run leaves no less
-                break
     end = count
     while end > 0:
         curved[end - runs[end] : end] = arcs[end - 1]

@@ -20,16 +20,16 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
 from tccm_ros.slam.walls.pooled import add_pooled, extend_pooled
 
-MIN_OVERLAP = 0.3
-"""Minimum common fraction of the shorter of two pieces. The halves of a panel of 3 m that bows by
-5 cm have 0.43 in common (``test/slam/walls/test_association.py``), adjacent surfaces nothing."""
+MIN_OVERLAP = 0.15
+"""Minimum common fraction of the shorter of two pieces. The halves of panels of 2.5 to 5 m that bow
+by up to 6 cm have more than 0.2 in common, adjacent surfaces less than 0.1
+(``test/slam/walls/test_association.py``)."""
 
 BIN = 0.05
 """Length (m) of a bin along a wall for its observed stretches: a tenth of a line (chosen)."""
 
-MIN_COSINE = 0.94
-"""Minimum cosine of the angle (20 deg) between the pieces of one wall: as `MAX_DPHI` of
-association."""
+MAX_DPHI = 0.35
+"""Maximum angle (rad) between a line and its wall, and between pieces of one wall (chosen)."""
 
 
 class _Members(NamedTuple):
@@ -100,7 +100,7 @@ def _are_one(
 ) -> bool:  # pragma: no cover - compiled
     """Return whether two walls have a common stretch, and are close to each other there."""
     dphi = pooled[b].phi - pooled[a].phi
-    if np.cos(dphi) < MIN_COSINE:
+    if np.cos(dphi) < np.cos(MAX_DPHI):
         return False
     # Over the position t along the tangent of a, b is offset + slope t behind it.
     offset, slope = pooled[b].rho / np.cos(dphi) - pooled[a].rho, -np.tan(dphi)

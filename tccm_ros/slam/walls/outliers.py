@@ -16,23 +16,16 @@ from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.walls.association import WallTable, min_confirmations
 from tccm_ros.slam.walls.landmarks import wall_factors
 from tccm_ros.slam.walls.lines import Lines
+from tccm_ros.slam.walls.unit_variance import unit_variance
 
 OBSERVATION_CHI2 = 13.8
 """Gate on the squared Mahalanobis distance of an observation from its wall: 99.9 % of two degrees
 of freedom."""
 
-MAX_OVER_MEDIAN = 10.0
-"""99.9 % quantile over median of a chi-square with two degrees of freedom; larger ratios are no
-noise."""
-
 GATE_FACTOR, GATE_SIGMAS = 2.0, 3.0
 """An observation whose distance from the median of its wall exceeds the first times
 ``walls.gate_distance``, or ``walls.gate_angle`` plus the second in standard deviations, has a wrong
 wall (chosen)."""
-
-PRIOR_FREEDOM, PRIOR_VARIANCE = 2.0, 0.05
-"""Prior on the unit variance: degrees of freedom and mean. Covariances of factors are conservative,
-and a graph with little redundancy does not show by how much (chosen)."""
 
 WALL_CHI2 = 3.0
 """Maximum mean squared Mahalanobis distance of a wall's observations (2 is expected); a wall beyond
@@ -40,7 +33,7 @@ it is not planar (chosen)."""
 
 
 class CheckedWalls(NamedTuple):
-    """Walls without outliers, and the ratio of the graph's residuals to their covariances.
+    """Walls without outliers, and the unit variance of the graph.
 
     Attributes
     ----------
@@ -80,8 +73,9 @@ def check_walls(
     table = _without_wrong_labels(table, lines, poses, config) if walls else table
     used = np.flatnonzero(table.wall >= 0) if walls else np.zeros(0, np.int64)
     first, keyframes = len(graph), len(keys)
+    factors = wall_factors(table, lines, keys, config) if walls else []
     if walls:
-        graph.add(wall_factors(table, lines, keys, config))
+        graph.add(factors)
     solution = graph.optimise()
     chi2 = 2.0 * solution.errors_of(range(first, first + len(used)))
     wall = np.full_like(table.wall, -1) if not walls else table.wall.copy()
@@ -90,12 +84,11 @@ def check_walls(
     crooked = sums > WALL_CHI2 * np.maximum(counts, 1)
     wall[used[(chi2 > OBSERVATION_CHI2) | crooked[wall[used]]]] = -1
     held = table.keep(wall, min_confirmations(config, keyframes))
-    kept = held.wall[used] >= 0
+    kept = [x for x, w in zip(factors, held.wall[used]) if w >= 0]
     # Each keyframe but the first has a between and a planar factor; the rest are loop closures.
     rest = 2.0 * float(solution.errors_of(range(first)).sum())
-    rows = 3 * (first - keyframes) + 2 * int(kept.sum())
-    freedom = rows - 3 * (keyframes - 1) - 2 * len(held)
-    return CheckedWalls(held, _unit_variance(rest + _without_tail(chi2[kept]), freedom))
+    freedom = 3 * (first - keyframes) - 3 * (keyframes - 1)
+    return CheckedWalls(held, unit_variance(solution, kept, rest, freedom))
 
 
 def _without_wrong_labels(
@@ -124,24 +117,3 @@ def _without_wrong_labels(
         far |= turned > limits.gate_angle + GATE_SIGMAS * sigma[group]
         wall[used[group[far]]] = -1
     return table.keep(wall, min_confirmations(config, len(poses)))
-
-
-def _without_tail(chi2: Float64) -> float:
-    """Return the sum of squared distances (N,), each limited to the plausible maximum of noise.
-
-    Covariances are conservative, so that a line of another object may pass the gates and still have
-    a distance hundreds of times that of the others: it is no measure of the noise.
-    """
-    if not len(chi2):
-        return 0.0
-    return float(np.minimum(chi2, MAX_OVER_MEDIAN * float(np.median(chi2))).sum())
-
-
-def _unit_variance(total: float, freedom: int) -> float:
-    """Return chi-square over degrees of freedom, combined with its prior.
-
-    The residuals of a graph without redundancy do not test its covariances; the result is then 1.
-    """
-    if freedom < 1:
-        return 1.0
-    return (total + PRIOR_FREEDOM * PRIOR_VARIANCE) / (freedom + PRIOR_FREEDOM)

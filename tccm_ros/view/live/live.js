@@ -33,7 +33,8 @@ class Live {
     source.onmessage = (message) => this.take(JSON.parse(message.data), source);
     source.onerror = () => {
       source.close();
-      this.say('it has ended, or cannot be reached; trying again', true);
+      const name = this.status.is_replay ? 'the replay' : 'the node';
+      this.say(`${name} has ended, or cannot be reached; trying again`, true);
       setTimeout(() => this.connect(), RECONNECT_MS);
     };
   }
@@ -137,7 +138,7 @@ class Live {
     byId('picked').textContent = surface
       ? `${surface.label} ${surface.id}: ${surface.height.toFixed(3)} m over the floor, `
         + `${surface.size[0].toFixed(2)} x ${surface.size[1].toFixed(2)} m, ${surface.area.toFixed(2)} m², `
-        + `${surface.views} views${surface.room ? `, room ${surface.room}` : ''}`
+        + `${surface.views} view${surface.views === 1 ? '' : 's'}${surface.room ? `, room ${surface.room}` : ''}`
         + `${this.spot ? `; spot at ${this.spot.slice(0, 2).map((v) => v.toFixed(2)).join(', ')} m` : ''}`
       : 'Click a surface to see its figures.';
     if (surface && document.activeElement !== byId('label')) byId('label').value = surface.label;

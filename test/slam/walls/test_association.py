@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import plan
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config
@@ -12,7 +12,7 @@ from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.walls.association import WallTable, associate_walls
 from tccm_ros.slam.walls.lines import extract_lines
-from tccm_ros.slam.walls.outliers import _without_tail, check_walls
+from tccm_ros.slam.walls.outliers import check_walls
 
 WALLS = plan.ring()
 COV = np.diag([0.01**2, 0.01**2, 0.003**2])
@@ -90,6 +90,7 @@ def drive_past(points, sigma, seed, error):
     seed=st.integers(0, 1000),
     error=st.tuples(st.floats(0.0, 0.02), st.floats(0.0, 0.015)),
 )
+@example(bow=0.06 / 4.98, length=4.98, seed=109, error=(0.0, 0.0))
 @settings(max_examples=40)
 def test_a_wall_of_any_bow_is_one_wall(bow, length, seed, error):
     """Panels bow by up to 5 cm over 3 m, and split and merge cuts each view of them elsewhere."""
@@ -99,20 +100,36 @@ def test_a_wall_of_any_bow_is_one_wall(bow, length, seed, error):
     poses, lines = drive_past(panel, 0.005, seed, error)
     table = associate_walls(poses, lines, Config())
     assert set(table.whole_numbers()) == {0}
-    seen = table.extent[:, 1].max() - table.extent[:, 0].min()
-    assert seen == pytest.approx(length, abs=0.25)
+    assert np.ptp(table.joined().extent[0]) == pytest.approx(length, abs=0.25)
     # The parabola leaves 2 bow / sqrt(45) about its line, and poses what they err.
     expected = np.hypot(abs(bow) * 2.0 / np.sqrt(45.0), np.hypot(error[0], 3.0 * error[1]))
     assert table.roughness.max() < 2.0 * expected + 0.01
 
 
-@pytest.mark.xfail(strict=True, reason="no piece of it is seen by enough keyframes")
+@pytest.mark.xfail(
+    strict=True,
+    reason="it bends by 0.09 rad, as arcs of more than 0.08 rad are no walls: with limits for it, "
+    "real/jackal_mocap is at 15.3 mm instead of 14.2, with right stamps at 12.5 instead of 10.6",
+)
 def test_a_short_panel_that_bows_deeply_is_one_wall():
     t = np.linspace(-1.0, 1.0, 240)
     panel = np.column_stack([3.0 + 0.055 * (1.0 - t * t), 1.25 * t])
     poses, lines = drive_past(panel, 0.005, 0, (0.0, 0.0))
     table = associate_walls(poses, lines, Config())
     assert set(table.whole_numbers()) == {0}
+
+
+def test_a_wall_is_confirmed_by_the_keyframes_of_all_its_pieces():
+    """A piece without observations is removed, and a wall that too few keyframes see."""
+    keyframe = np.array([0, 1, 2, 3, 4])
+    table = WallTable(
+        keyframe, np.zeros(5, np.int64), np.array([0, 1, 0, 2, 2]), np.zeros(4), np.ones(4),
+        np.tile([0.0, 1.0], (4, 1)), np.zeros(4), np.array([0, 0, 2, 0]),
+    )  # fmt: skip
+    kept = table.keep(table.wall, 3)
+    assert kept.wall.tolist() == [0, 1, 0, -1, -1]
+    assert len(kept) == 2
+    assert kept.whole_numbers().tolist() == [0, 0]
 
 
 def test_without_matching_the_pieces_of_a_wall_are_one_plane():
@@ -190,16 +207,6 @@ def test_walls_as_noisy_as_their_covariances_say_are_kept():
     checked = check_walls(table, lines, poses, graph, keys, config)
     kept, was = checked.table.wall >= 0, table.wall >= 0
     assert kept.sum() > 0.9 * was.sum()
-
-
-def test_a_few_outliers_do_not_change_the_unit_variance():
-    """One line in a hundred 300 times further off than noise: within the careful gates still."""
-    random = np.random.default_rng(0)
-    chi2 = random.chisquare(2, 2000)
-    strayed = np.where(np.arange(2000) % 100 == 0, 300.0, chi2)
-    assert _without_tail(chi2) == pytest.approx(chi2.sum(), rel=0.01)
-    assert _without_tail(strayed) < 1.1 * chi2.sum()
-    assert _without_tail(np.zeros(0)) == 0.0
 
 
 def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):

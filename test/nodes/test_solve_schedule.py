@@ -2,25 +2,10 @@
 
 import numpy as np
 import pytest
+from empty_view import empty_view
 
 from tccm_ros.nodes.solve_schedule import SolveSchedule
-from tccm_ros.records import ObjectBoxes, Odometry, SurfaceCloud, ViewIntervals
-
-
-def parts():
-    return (
-        SurfaceCloud(1, "base", np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)),
-        ViewIntervals(1, "base", np.zeros((0, 4), np.float32)),
-        ObjectBoxes(
-            1,
-            "base",
-            np.zeros((0, 3)),
-            np.zeros((0, 3)),
-            np.zeros(0),
-            np.zeros(0, np.uint32),
-            np.zeros(0, bool),
-        ),
-    )
+from tccm_ros.records import Odometry
 
 
 @pytest.fixture
@@ -35,7 +20,7 @@ def test_nothing_new_is_no_reason_to_solve(schedule):
 
 
 def test_a_view_is_solved_when_all_its_parts_are_there(schedule):
-    *first, last = parts()
+    *first, last = empty_view(1)
     for part in first:
         schedule.note(part, 100.0)
         assert not schedule.is_due(100.1)
@@ -44,7 +29,7 @@ def test_a_view_is_solved_when_all_its_parts_are_there(schedule):
 
 
 def test_a_part_that_never_comes_delays_by_half_a_second(schedule):
-    schedule.note(parts()[0], 100.0)
+    schedule.note(empty_view(1)[0], 100.0)
     assert not schedule.is_due(100.4)
     assert schedule.is_due(100.6)
 
@@ -74,7 +59,7 @@ def test_solving_takes_up_to_three_tenths_of_the_time(schedule, duration_s):
 
 
 def test_a_final_solution_follows_two_seconds_after_the_last_record(schedule):
-    for part in parts():
+    for part in empty_view(1):
         schedule.note(part, 100.0)
     assert not schedule.is_final_due(101.9, is_batch=True)
     assert schedule.is_final_due(102.1, is_batch=True)

@@ -2,28 +2,11 @@
 
 from itertools import permutations
 
-import numpy as np
 import pytest
+from empty_view import empty_view
 from live_robot import slam
 
 from tccm_ros.nodes.view_parts import PATIENCE_S, ViewParts
-from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
-
-
-def parts(stamp_ns):
-    return (
-        SurfaceCloud(stamp_ns, "base", np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)),
-        ViewIntervals(stamp_ns, "base", np.zeros((0, 4), np.float32)),
-        ObjectBoxes(
-            stamp_ns,
-            "base",
-            np.zeros((0, 3)),
-            np.zeros((0, 3)),
-            np.zeros(0),
-            np.zeros(0, np.uint32),
-            np.zeros(0, bool),
-        ),
-    )
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
@@ -31,7 +14,7 @@ def test_the_rest_of_a_view_is_waited_for(order):
     view = ViewParts()
     assert not view.are_coming(0.0)
     for stamp_ns, now_s in ((1, 10.0), (2, 20.0)):
-        *first, last = (parts(stamp_ns)[k] for k in order)
+        *first, last = (empty_view(stamp_ns)[k] for k in order)
         for part in first:
             view.note(part, now_s)
             assert view.are_coming(now_s)
@@ -41,7 +24,7 @@ def test_the_rest_of_a_view_is_waited_for(order):
 
 def test_a_part_that_never_comes_is_not_waited_for_long():
     view = ViewParts()
-    view.note(parts(1)[0], 10.0)
+    view.note(empty_view(1)[0], 10.0)
     assert view.are_coming(10.0 + 0.9 * PATIENCE_S)
     assert not view.are_coming(10.0 + PATIENCE_S)
 
@@ -49,7 +32,7 @@ def test_a_part_that_never_comes_is_not_waited_for_long():
 def test_a_node_asks_for_no_solution_between_them(ros, monkeypatch):
     node, asked = slam(ros), []
     monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
-    for k, part in enumerate(parts(1_700_000_000_000_000_000)):
+    for k, part in enumerate(empty_view(1_700_000_000_000_000_000)):
         assert not asked, k
         node.worker.wait(lambda p=part: node.feed(p))
     assert len(asked) == 1
@@ -62,6 +45,6 @@ def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_sca
     monkeypatch.setattr("tccm_ros.nodes.solve_schedule.PERIOD_S", 0.0)
     node, asked = slam(ros), []
     monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
-    for number, part in enumerate(parts(1_700_000_000_000_000_000), start=1):
+    for number, part in enumerate(empty_view(1_700_000_000_000_000_000), start=1):
         node.worker.wait(lambda p=part: node.feed(p))
         assert len(asked) == number

@@ -101,8 +101,8 @@ class Growth:
         self._new_rows = np.zeros(0, np.int64)
         self._new: dict[Hashable, Factor] = {}
         walls = [wall_key(w) for w in range(len(used.walls) if config.walls.enabled else 0)]
-        known = {key: solution.covariance(key) for key in [keys[-1], *walls, *anchored]}
-        self._graph = IncrementalGraph(RELINEARIZE, WILDFIRE, known)
+        covariances = {key: solution.covariance(key) for key in [keys[-1], *walls, *anchored]}
+        self._graph = IncrementalGraph(RELINEARIZE, WILDFIRE, covariances)
         starts = {key: solution.pose(key) for key in [*keys, *anchored]}
         self._graph.update(factors, starts)
         session = chain.keyframes[-1].session
@@ -158,7 +158,7 @@ class Growth:
             All factors by name except those of keyframes, loop closures and lines.
         """
         keys, gone = self._chain.keys, dict.fromkeys(self._changing - changing.keys())
-        poses = {**dict(zip(keys, self.poses)), **starts}
+        poses = {**dict(zip(keys[self._first_new :], self.poses[self._first_new :])), **starts}
         try:
             solution = self._updated({**self._new, **gone, **changing}, poses)
             outliers = self._without_outliers(solution)

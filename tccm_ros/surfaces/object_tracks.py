@@ -21,10 +21,11 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
-from tccm_ros.geometry import inverse, planar, transform
+from tccm_ros.geometry import inverse, transform, transform_plan
 from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
 from tccm_ros.surfaces.views import SeenObject, View, with_detections
 from tccm_ros.tabletop.free_places import rectangle_corners
+from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
 
 INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
 """Points of a footprint, in edge lengths, that must all be free if the object is gone: the columns
@@ -50,14 +51,13 @@ class ObjectTrack:
     ----------
     id
         Number of its oldest box.
-    center
-        float64 (3,), in map, m, as measured by the view that gives the box.
-    size
-        float64 (3,), edges along its own x, y and z, m.
-    yaw
-        Yaw of its x axis in map, rad.
+    hull
+        float64 (H, 2), convex hull of its footprints, without corners that a newer view looked
+        through; in map, m.
+    low, high
+        Heights of its lower and upper end, m.
     points
-        Number of points on it in the view that gives the box.
+        Number of points on it in the view that measured it last.
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it.
     views
@@ -68,14 +68,14 @@ class ObjectTrack:
         Number of successive views that looked through it.
     scores
         Class scores of its detections.
-    is_round
-        Whether the view that gives the box measured a vertical cylinder, as wide as its box.
+    shape
+        Smallest rectangle or circle of the hull.
     """
 
     id: int
-    center: Float64
-    size: Float64
-    yaw: float
+    hull: Float64
+    low: float
+    high: float
     points: int
     first_seen_ns: int
     last_seen_ns: int
@@ -83,12 +83,25 @@ class ObjectTrack:
     measured_ns: frozenset[int] = frozenset()
     misses: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
-    is_round: bool = False
+    shape: PlanShape = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.shape = plan_shape(self.hull)
+
+    @property
+    def center(self) -> Float64:
+        """Centre of its box, float64 (3,), in map, m."""
+        return np.array([self.shape.x, self.shape.y, 0.5 * (self.low + self.high)])
+
+    @property
+    def size(self) -> Float64:
+        """Edges of its box along its own x, y and z, float64 (3,), m."""
+        return np.array([self.shape.length, self.shape.width, self.high - self.low])
 
     @property
     def footprint(self) -> Polygon:
-        """Its outline seen from above, in map, m."""
-        corners = rectangle_corners(float(self.size[0]), float(self.size[1]), self.yaw)
+        """Its box seen from above, in map, m."""
+        corners = rectangle_corners(self.shape.length, self.shape.width, self.shape.yaw)
         return Polygon(corners + self.center[:2])
 
 
@@ -141,7 +154,9 @@ def with_objects_of(newer: View, older: View, config: Config) -> View:
 
 
 def _centers(objects: Sequence[SeenObject]) -> Float64:
-    return np.array([item.center for item in objects]).reshape(-1, 3)
+    return np.array(
+        [(*plan_shape(o.footprint)[:2], 0.5 * (o.low + o.high)) for o in objects]
+    ).reshape(-1, 3)
 
 
 class TrackedObjects(NamedTuple):
@@ -214,8 +229,12 @@ def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> i
     for seen in view.detections:
         center = transform(T, seen.center[None])[0]
         distances = [
-            (distance_to_box(center, t.center, t.size, t.yaw), np.linalg.norm(center - t.center), k)
-            for k, t in enumerate(tracks)
+            (
+                distance_to_box(center, track.center, track.size, track.shape.yaw),
+                np.linalg.norm(center - track.center),
+                k,
+            )
+            for k, track in enumerate(tracks)
         ]
         gap, _, nearest = min(distances, default=(np.inf, np.inf, -1))
         if gap <= MAX_GAP:
@@ -244,18 +263,20 @@ def _update(
 
 def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
     """Return a box of a view as a new track; `first` is the number of the view's first box."""
-    yaw = item.yaw + float(planar(T)[2])
+    hull, middle = item.footprint, 0.5 * (item.low + item.high)
+    plan = transform_plan(T, hull, middle)
+    z = float(transform(T, np.array([[*hull.mean(axis=0), middle]]))[0, 2])
+    half = 0.5 * (item.high - item.low)
     return ObjectTrack(
         id=first + (index if item.number is None else item.number),
-        center=transform(T, item.center[None])[0],
-        size=item.size,
-        yaw=0.5 * math.pi - (0.5 * math.pi - yaw) % math.pi,
+        hull=plan,
+        low=z - half,
+        high=z + half,
         points=item.points,
         first_seen_ns=view.stamp_ns if item.first_seen_ns is None else item.first_seen_ns,
         last_seen_ns=view.stamp_ns,
         views=item.views,
         measured_ns=frozenset({view.stamp_ns}),
-        is_round=item.is_round,
     )
 
 
@@ -334,7 +355,7 @@ def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) 
         return
     points = np.empty((len(tracks), len(INNER), 3))
     for k, track in enumerate(tracks):
-        c, s = math.cos(track.yaw), math.sin(track.yaw)
+        c, s = math.cos(track.shape.yaw), math.sin(track.shape.yaw)
         sides = np.array([[c, s], [-s, c]]) * track.size[:2, None]
         points[k, :, :2] = track.center[:2] + INNER @ sides
         points[k, :, 2] = track.center[2]

@@ -160,8 +160,9 @@ def _is_part(
 
 def _scene_object(track: ObjectTrack, surface: int) -> SceneObject:
     return SceneObject(
-        track.id, surface, track.center, track.size, track.yaw, track.points,
-        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(), track.is_round,
+        track.id, surface, track.center, track.size, track.shape.yaw, track.points,
+        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(),
+        track.shape.is_round,
     )  # fmt: skip
 
 

@@ -22,8 +22,10 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform, transform_plan
+from tccm_ros.sensors.noise import range_sigma
 from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
 from tccm_ros.surfaces.views import SeenObject, View, with_detections
+from tccm_ros.tabletop.footprints import convex_hull
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
 
@@ -35,12 +37,16 @@ INSIDE = 0.5
 """An object is part of another one if their footprints overlap by more than this fraction of the
 smaller one. Chosen."""
 
+EXTREME = 2.0
+"""The outermost of the points on a side of an object has an error of about so many standard
+deviations of its range: the expected maximum of 30 Gaussian samples."""
+
+FAR = 10.0
+"""The area behind an object extends to so many times its distance; chosen: further than it is long.
+"""
+
 ABOVE = 0.05
 """A view that looks through the space this far above an object would measure it, m; chosen."""
-
-PART_OF_POINTS = 0.5
-"""A view measured only a part of an object if it has fewer points than this fraction of an earlier
-view's. Chosen."""
 
 
 @dataclass(slots=True, eq=False)
@@ -250,26 +256,28 @@ def _update(
     """Return the tracks after a view; `first` is the number of the view's first box."""
     if not known and not view.objects:
         return known
-    seen = [_seen(item, k, view, T, first) for k, item in enumerate(view.objects)]
+    seen = [_seen(item, k, view, T, first, config) for k, item in enumerate(view.objects)]
     matched = _matches(known, seen, config)
     kept = [track for i, track in enumerate(known) if i not in matched]
     _note_looked_through(kept, view, T)
     for j, new in enumerate(seen):
         same = [known[i] for i, k in matched.items() if k == j]
-        kept.append(_combined(same, new) if same else new)
+        kept.append(_combined(same, new, view, T, config.map.cell_size) if same else new)
     needed = config.objects.agreeing_views
     return [track for track in kept if track.misses < min(track.views, needed)]
 
 
-def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
-    """Return a box of a view as a new track; `first` is the number of the view's first box."""
+def _seen(
+    item: SeenObject, index: int, view: View, T: Float64, first: int, config: Config
+) -> ObjectTrack:
+    """Return an object of a view as a new track; `first` is the number of the first one."""
     hull, middle = item.footprint, 0.5 * (item.low + item.high)
     plan = transform_plan(T, hull, middle)
     z = float(transform(T, np.array([[*hull.mean(axis=0), middle]]))[0, 2])
     half = 0.5 * (item.high - item.low)
     return ObjectTrack(
         id=first + (index if item.number is None else item.number),
-        hull=plan,
+        hull=_without_noise(plan, z, view, T, config),
         low=z - half,
         high=z + half,
         points=item.points,
@@ -278,6 +286,27 @@ def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> O
         views=item.views,
         measured_ns=frozenset({view.stamp_ns}),
     )
+
+
+def _without_noise(plan: Float64, z: float, view: View, T: Float64, config: Config) -> Float64:
+    """Return a footprint whose near side is not displaced by the noise of its points.
+
+    Parameters
+    ----------
+    plan
+        float64 (H, 2), convex hull of noisy points, in map, m.
+    z
+        Height of their middle in map, m.
+    view, T, config
+        The view, its pose, and its sensor's noise.
+    """
+    if view.viewpoint is None:
+        return plan
+    beam = np.array([*plan.mean(axis=0), z]) - _eye(view, T)
+    along = beam[:2] / max(float(np.hypot(*beam[:2])), np.finfo(float).tiny)
+    sigma = range_sigma(float(np.linalg.norm(beam)), view.sensor, config)
+    moved = min(EXTREME * sigma, 0.5 * float(np.ptp(plan @ along))) * along
+    return shapely.get_coordinates(Polygon(plan) & Polygon(plan + moved))[:-1]
 
 
 def _matches(
@@ -327,39 +356,81 @@ def _footprints(tracks: Sequence[ObjectTrack]) -> NDArray[Any]:
     return np.array([track.footprint for track in tracks], dtype=object)
 
 
-def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
-    """Merge the tracks of one object with the box of a view that measured it again.
-
-    The box is that of the newest view, unless that view measured only a small part of the object.
-    """
-    best = max(same, key=lambda track: track.points)
-    box = new if new.points >= PART_OF_POINTS * best.points else best
+def _combined(
+    same: Sequence[ObjectTrack], new: ObjectTrack, view: View, T: Float64, spacing: float
+) -> ObjectTrack:
+    """Merge the tracks of one object with that of a view that measured it again."""
     scores = ClassScores()
     for track in same:
         scores.add(track.scores.total, track.scores.count)
     return replace(
-        box,
+        new,
         id=min(new.id, *(track.id for track in same)),
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
-        last_seen_ns=new.last_seen_ns,
+        hull=_joined_hull(same, new, view, T, spacing),
+        high=max([new.high, *(t.high for t in same if not _is_lower(t, new.high, view, T))]),
         views=new.views + max(track.views for track in same),
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
-        misses=0,
         scores=scores,
     )
+
+
+def _joined_hull(
+    same: Sequence[ObjectTrack], new: ObjectTrack, view: View, T: Float64, spacing: float
+) -> Float64:
+    """Return the hull of a footprint and of the outlines that its view did not look through.
+
+    Beams pass beside an object in its own columns, so that outlines behind it, as seen from the
+    sensor, are kept in any case.
+
+    Parameters
+    ----------
+    same, new
+        Tracks of one object, and what the view measured of it.
+    view, T
+        The view and its pose in map.
+    spacing
+        Max distance of points on the outlines, m.
+    """
+    corners = np.concatenate([track.hull for track in same])
+    outline = shapely.segmentize(shapely.MultiPoint(corners).convex_hull, spacing)
+    ring = shapely.get_coordinates(outline)
+    heights = np.full(len(ring), 0.5 * (new.low + new.high))
+    seen = view.free.contains(transform(inverse(T), np.column_stack([ring, heights])))
+    eye = _eye(view, T)[:2]
+    behind = shapely.MultiPoint(np.concatenate([new.hull, eye + FAR * (new.hull - eye)]))
+    seen &= ~shapely.intersects_xy(behind.convex_hull, *ring.T)
+    return convex_hull(np.concatenate([new.hull, ring[~seen]]))
+
+
+def _is_lower(track: ObjectTrack, top: float, view: View, T: Float64) -> bool:
+    """Return whether a view looked through what an object has above a height in map, m."""
+    return bool(_looked_through([track], np.array([0.5 * (top + track.high)]), view, T)[0])
+
+
+def _eye(view: View, T: Float64) -> Float64:
+    """Return the position of a view's sensor in map, or that of the base if it is unknown."""
+    return T[:3, 3] if view.viewpoint is None else transform(T, view.viewpoint[None])[0]
 
 
 def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> None:
     """Count a miss for each object that a view looked through."""
     if not tracks:
         return
+    middles = np.array([0.5 * (track.low + track.high) for track in tracks])
+    for track, is_seen in zip(tracks, _looked_through(tracks, middles, view, T)):
+        track.misses += bool(is_seen)
+
+
+def _looked_through(
+    tracks: Sequence[ObjectTrack], heights: Float64, view: View, T: Float64
+) -> Bool:
+    """Return whether a view looked through each object (N > 0) at a height (N,), m, bool (N,)."""
     points = np.empty((len(tracks), len(INNER), 3))
     for k, track in enumerate(tracks):
         c, s = math.cos(track.shape.yaw), math.sin(track.shape.yaw)
         sides = np.array([[c, s], [-s, c]]) * track.size[:2, None]
         points[k, :, :2] = track.center[:2] + INNER @ sides
-        points[k, :, 2] = track.center[2]
+        points[k, :, 2] = heights[k]
     seen = view.free.contains(transform(inverse(T), points.reshape(-1, 3)))
-    through = np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)
-    for k, track in enumerate(tracks):
-        track.misses += bool(through[k])
+    return np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)

@@ -29,7 +29,7 @@ from tccm_ros.records import (
     TabletopObject,
     ViewIntervals,
 )
-from tccm_ros.sensors.depth_image import depth_noise
+from tccm_ros.sensors.noise import depth_noise
 from tccm_ros.sensors.point_cloud import first_in_voxels
 from tccm_ros.tabletop.objects import find_objects
 

@@ -32,8 +32,13 @@ def range_sigma(distance: float, sensor: SensorKind, config: Config) -> float:
     """
     if sensor != SensorKind.DEPTH_IMAGE:
         return LASER_SIGMA
+    return float(depth_noise(np.array(distance), config))
+
+
+def depth_noise(depth: Float64, config: Config) -> Float64:
+    """Return the standard deviation of depths, m, by `sensors.depth_sigma`."""
     a, b, c = config.sensors.depth_sigma
-    return a + b * (distance - c) ** 2
+    return np.asarray(a + b * (depth - c) ** 2)
 
 
 def systematic_errors(

@@ -1,7 +1,7 @@
 """Object tracks: objects on surfaces keep their ids while newer views measure them again.
 
-Boxes are numbered over all views in stamp order, and the id of an object is the number of its
-oldest box. So ids follow from the views alone, like those of surfaces (`track_ids`). An object that
+Objects are numbered over all views in stamp order, and the id of a track is the number of its
+oldest one. So ids follow from the views alone, like those of surfaces (`track_ids`). An object that
 a view does not measure stays, as it may be occluded or out of view. It is removed once enough views
 have looked through it. It is a false detection if enough views looked just above it without
 measuring it. Detections at its position give its class.
@@ -22,10 +22,9 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform, transform_plan
-from tccm_ros.sensors.noise import range_sigma
+from tccm_ros.surfaces.object_footprints import joined_footprint, without_noise
 from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
 from tccm_ros.surfaces.views import SeenObject, View, with_detections
-from tccm_ros.tabletop.footprints import convex_hull
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
 
@@ -36,14 +35,6 @@ of a view are as wide as a cup, and beams pass beside one. Chosen."""
 INSIDE = 0.5
 """An object is part of another one if their footprints overlap by more than this fraction of the
 smaller one. Chosen."""
-
-EXTREME = 2.0
-"""The outermost of the points on a side of an object has an error of about so many standard
-deviations of its range: the expected maximum of 30 Gaussian samples."""
-
-FAR = 10.0
-"""The area behind an object extends to so many times its distance; chosen: further than it is long.
-"""
 
 ABOVE = 0.05
 """A view that looks through the space this far above an object would measure it, m; chosen."""
@@ -277,7 +268,7 @@ def _seen(
     half = 0.5 * (item.high - item.low)
     return ObjectTrack(
         id=first + (index if item.number is None else item.number),
-        hull=_without_noise(plan, z, view, T, config),
+        hull=without_noise(plan, z, view, T, config),
         low=z - half,
         high=z + half,
         points=item.points,
@@ -286,27 +277,6 @@ def _seen(
         views=item.views,
         measured_ns=frozenset({view.stamp_ns}),
     )
-
-
-def _without_noise(plan: Float64, z: float, view: View, T: Float64, config: Config) -> Float64:
-    """Return a footprint whose near side is not displaced by the noise of its points.
-
-    Parameters
-    ----------
-    plan
-        float64 (H, 2), convex hull of noisy points, in map, m.
-    z
-        Height of their middle in map, m.
-    view, T, config
-        The view, its pose, and its sensor's noise.
-    """
-    if view.viewpoint is None:
-        return plan
-    beam = np.array([*plan.mean(axis=0), z]) - _eye(view, T)
-    along = beam[:2] / max(float(np.hypot(*beam[:2])), np.finfo(float).tiny)
-    sigma = range_sigma(float(np.linalg.norm(beam)), view.sensor, config)
-    moved = min(EXTREME * sigma, 0.5 * float(np.ptp(plan @ along))) * along
-    return shapely.get_coordinates(Polygon(plan) & Polygon(plan + moved))[:-1]
 
 
 def _matches(
@@ -360,6 +330,7 @@ def _combined(
     same: Sequence[ObjectTrack], new: ObjectTrack, view: View, T: Float64, spacing: float
 ) -> ObjectTrack:
     """Merge the tracks of one object with that of a view that measured it again."""
+    middle = 0.5 * (new.low + new.high)
     scores = ClassScores()
     for track in same:
         scores.add(track.scores.total, track.scores.count)
@@ -367,7 +338,7 @@ def _combined(
         new,
         id=min(new.id, *(track.id for track in same)),
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
-        hull=_joined_hull(same, new, view, T, spacing),
+        hull=joined_footprint([t.hull for t in same], new.hull, middle, view, T, spacing),
         high=max([new.high, *(t.high for t in same if not _is_lower(t, new.high, view, T))]),
         views=new.views + max(track.views for track in same),
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
@@ -375,42 +346,9 @@ def _combined(
     )
 
 
-def _joined_hull(
-    same: Sequence[ObjectTrack], new: ObjectTrack, view: View, T: Float64, spacing: float
-) -> Float64:
-    """Return the hull of a footprint and of the outlines that its view did not look through.
-
-    Beams pass beside an object in its own columns, so that outlines behind it, as seen from the
-    sensor, are kept in any case.
-
-    Parameters
-    ----------
-    same, new
-        Tracks of one object, and what the view measured of it.
-    view, T
-        The view and its pose in map.
-    spacing
-        Max distance of points on the outlines, m.
-    """
-    corners = np.concatenate([track.hull for track in same])
-    outline = shapely.segmentize(shapely.MultiPoint(corners).convex_hull, spacing)
-    ring = shapely.get_coordinates(outline)
-    heights = np.full(len(ring), 0.5 * (new.low + new.high))
-    seen = view.free.contains(transform(inverse(T), np.column_stack([ring, heights])))
-    eye = _eye(view, T)[:2]
-    behind = shapely.MultiPoint(np.concatenate([new.hull, eye + FAR * (new.hull - eye)]))
-    seen &= ~shapely.intersects_xy(behind.convex_hull, *ring.T)
-    return convex_hull(np.concatenate([new.hull, ring[~seen]]))
-
-
 def _is_lower(track: ObjectTrack, top: float, view: View, T: Float64) -> bool:
     """Return whether a view looked through what an object has above a height in map, m."""
     return bool(_looked_through([track], np.array([0.5 * (top + track.high)]), view, T)[0])
-
-
-def _eye(view: View, T: Float64) -> Float64:
-    """Return the position of a view's sensor in map, or that of the base if it is unknown."""
-    return T[:3, 3] if view.viewpoint is None else transform(T, view.viewpoint[None])[0]
 
 
 def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> None:

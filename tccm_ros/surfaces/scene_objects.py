@@ -51,7 +51,7 @@ class SceneObject:
     yaw
         Yaw of its x axis, in (-pi/2, pi/2], rad.
     points
-        Number of points on it in the view that gives the box.
+        Number of points on it in the view that measured it last.
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it.
     views

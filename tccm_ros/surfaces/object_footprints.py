@@ -25,8 +25,8 @@ EXTREME = 2.0
 side of an object has about this error."""
 
 FAR = 10.0
-"""The area behind an object extends to this multiple of its distance; chosen: further than it is
-long."""
+"""Length of lines through an object, m, and of the area behind it, as a multiple of its distance.
+Chosen: further than an object is long."""
 
 
 def without_noise(
@@ -52,8 +52,13 @@ def without_noise(
     beam = np.array([*footprint.mean(axis=0), height]) - _eye(view, T)
     along = beam[:2] / max(float(np.hypot(*beam[:2])), np.finfo(float).tiny)
     sigma = range_sigma(float(np.linalg.norm(beam)), view.sensor, config)
-    moved = min(EXTREME * sigma, 0.5 * float(np.ptp(footprint @ along))) * along
-    return shapely.get_coordinates(Polygon(footprint) & Polygon(footprint + moved))[:-1]
+    shape = Polygon(footprint)
+    lines = shapely.linestrings(
+        np.stack([footprint - FAR * along, footprint + FAR * along], axis=1)
+    )
+    depth = float(shapely.length(shapely.intersection(lines, shape)).max())
+    moved = min(EXTREME * sigma, 0.5 * depth) * along
+    return shapely.get_coordinates(shape & Polygon(footprint + moved))[:-1]
 
 
 def joined_footprint(

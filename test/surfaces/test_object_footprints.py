@@ -74,6 +74,9 @@ def test_a_footprint_thinner_than_the_noise_stays_and_one_of_an_unknown_sensor_i
     thin = rectangle(2.0, 2.004, -0.1, 0.1)
     found = Polygon(without_noise(thin, HEIGHT, view_of(), np.eye(4), CONFIG))
     assert found.bounds == pytest.approx((2.002, -0.1, 2.004, 0.1), abs=1e-4)
+    oblique = rectangle(-0.2, 0.2, -0.001, 0.001) @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + [2, 0]
+    kept = Polygon(without_noise(oblique, HEIGHT, view_of(), np.eye(4), CONFIG))
+    assert 0.4 * Polygon(oblique).area < kept.area < Polygon(oblique).area
     unknown = empty_view(1, 0, CONFIG)
     assert without_noise(thin, HEIGHT, unknown, np.eye(4), CONFIG) is thin
 

@@ -64,6 +64,7 @@ def without_noise(
 def joined_footprint(
     older: Sequence[Float64],
     newest: Float64,
+    others: Sequence[Float64],
     height: float,
     view: View,
     T: Float64,
@@ -72,7 +73,8 @@ def joined_footprint(
     """Return the hull of a footprint and of the older outlines that its view did not look through.
 
     Beams pass beside an object in its own columns of free space. Outlines behind the newest
-    footprint, as seen from the sensor, are hidden by it and are kept in any case.
+    footprint, as seen from the sensor, are hidden by it and are kept. Outlines inside another
+    object of the view belong to that one.
 
     Parameters
     ----------
@@ -80,6 +82,8 @@ def joined_footprint(
         float64 (H, 2) each, footprints of earlier views, in map, m.
     newest
         float64 (H, 2), that of the view.
+    others
+        float64 (H, 2) each, footprints of the view's other objects.
     height
         Height in map at which the view may have looked through the older outlines, m.
     view, T
@@ -94,11 +98,13 @@ def joined_footprint(
     outline = shapely.segmentize(MultiPoint(np.concatenate(older)).convex_hull, spacing)
     ring = shapely.get_coordinates(outline)
     at_height = np.column_stack([ring, np.full(len(ring), height)])
-    is_free = view.free.contains(transform(inverse(T), at_height))
+    is_left = view.free.contains(transform(inverse(T), at_height))
     eye = _eye(view, T)[:2]
     behind = MultiPoint(np.concatenate([newest, eye + FAR * (newest - eye)])).convex_hull
-    is_free &= ~shapely.intersects_xy(behind, *ring.T)
-    return convex_hull(np.concatenate([newest, ring[~is_free]]))
+    is_left &= ~shapely.intersects_xy(behind, *ring.T)
+    for other in others:
+        is_left |= shapely.intersects_xy(Polygon(other), *ring.T)
+    return convex_hull(np.concatenate([newest, ring[~is_left]]))
 
 
 def _eye(view: View, T: Float64) -> Float64:

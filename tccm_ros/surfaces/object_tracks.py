@@ -67,6 +67,10 @@ class ObjectTrack:
         Class scores of its detections.
     shape
         Smallest rectangle or circle of the hull.
+    center, size
+        Centre of its box in map, and edges along its own x, y and z, float64 (3,), m.
+    footprint
+        Its box seen from above, in map, m.
     """
 
     id: int
@@ -81,25 +85,16 @@ class ObjectTrack:
     misses: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
     shape: PlanShape = field(init=False)
+    center: Float64 = field(init=False)
+    size: Float64 = field(init=False)
+    footprint: Polygon = field(init=False)
 
     def __post_init__(self) -> None:
         self.shape = plan_shape(self.hull)
-
-    @property
-    def center(self) -> Float64:
-        """Centre of its box, float64 (3,), in map, m."""
-        return np.array([self.shape.x, self.shape.y, 0.5 * (self.low + self.high)])
-
-    @property
-    def size(self) -> Float64:
-        """Edges of its box along its own x, y and z, float64 (3,), m."""
-        return np.array([self.shape.length, self.shape.width, self.high - self.low])
-
-    @property
-    def footprint(self) -> Polygon:
-        """Its box seen from above, in map, m."""
-        corners = rectangle_corners(self.shape.length, self.shape.width, self.shape.yaw)
-        return Polygon(corners + self.center[:2])
+        x, y, length, width, yaw, _ = self.shape
+        self.center = np.array([x, y, 0.5 * (self.low + self.high)])
+        self.size = np.array([length, width, self.high - self.low])
+        self.footprint = Polygon(rectangle_corners(length, width, yaw) + self.center[:2])
 
 
 def nearest_pairs(first: Float64, second: Float64, max_distance: float) -> list[tuple[int, int]]:
@@ -253,7 +248,10 @@ def _update(
     _note_looked_through(kept, view, T)
     for j, new in enumerate(seen):
         same = [known[i] for i, k in matched.items() if k == j]
-        kept.append(_combined(same, new, view, T, config.map.cell_size) if same else new)
+        if same:
+            others = [other.hull for other in seen if other is not new]
+            new = _combined(same, new, others, view, T, config.map.cell_size)
+        kept.append(new)
     needed = config.objects.agreeing_views
     return [track for track in kept if track.misses < min(track.views, needed)]
 
@@ -327,7 +325,12 @@ def _footprints(tracks: Sequence[ObjectTrack]) -> NDArray[Any]:
 
 
 def _combined(
-    same: Sequence[ObjectTrack], new: ObjectTrack, view: View, T: Float64, spacing: float
+    same: Sequence[ObjectTrack],
+    new: ObjectTrack,
+    others: Sequence[Float64],
+    view: View,
+    T: Float64,
+    spacing: float,
 ) -> ObjectTrack:
     """Merge the tracks of one object with that of a view that measured it again."""
     middle = 0.5 * (new.low + new.high)
@@ -338,7 +341,7 @@ def _combined(
         new,
         id=min(new.id, *(track.id for track in same)),
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
-        hull=joined_footprint([t.hull for t in same], new.hull, middle, view, T, spacing),
+        hull=joined_footprint([t.hull for t in same], new.hull, others, middle, view, T, spacing),
         high=max([new.high, *(t.high for t in same if not _is_lower(t, new.high, view, T))]),
         views=new.views + max(track.views for track in same),
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),

@@ -31,9 +31,9 @@ def view_of(free=(), sensor=SensorKind.LASER):
     return replace(view, viewpoint=EYE, sensor=sensor)
 
 
-def joined(older, newest, free=()):
+def joined(older, newest, free=(), others=()):
     view = view_of([(x, y, 0.5) for x, y in free])
-    return Polygon(joined_footprint([older], newest, HEIGHT, view, np.eye(4), 0.02))
+    return Polygon(joined_footprint([older], newest, others, HEIGHT, view, np.eye(4), 0.02))
 
 
 def test_sides_that_two_views_measured_are_one_footprint():
@@ -50,6 +50,13 @@ def test_older_outlines_leave_where_the_view_looked_through_and_stay_behind_the_
     assert joined(beside, front).area == pytest.approx(0.05)
     assert joined(beside, front, every).area == pytest.approx(0.02, abs=1e-3)
     assert joined(behind, front, every).area == pytest.approx(0.08)
+
+
+def test_two_objects_that_an_older_view_took_for_one_are_parted():
+    both, left, right = (rectangle(2.0, 2.1, *y) for y in ((-0.2, 0.2), (-0.2, -0.05), (0.05, 0.2)))
+    inside = np.asarray(Polygon(right).buffer(0.01, join_style="mitre").exterior.coords)
+    assert joined(both, left).area == pytest.approx(0.04)
+    assert joined(both, left, others=[inside]).bounds[3] < 0.06
 
 
 @pytest.mark.parametrize("sensor", [SensorKind.LASER, SensorKind.DEPTH_IMAGE])

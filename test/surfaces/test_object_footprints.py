@@ -52,7 +52,7 @@ def test_older_outlines_leave_where_the_view_looked_through_and_stay_behind_the_
     assert joined(behind, front, every).area == pytest.approx(0.08)
 
 
-def test_two_objects_that_an_older_view_took_for_one_are_parted():
+def test_two_objects_that_an_older_view_measured_as_one_are_parted():
     both, left, right = (rectangle(2.0, 2.1, *y) for y in ((-0.2, 0.2), (-0.2, -0.05), (0.05, 0.2)))
     inside = np.asarray(Polygon(right).buffer(0.01, join_style="mitre").exterior.coords)
     assert joined(both, left).area == pytest.approx(0.04)

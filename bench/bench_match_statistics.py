@@ -3,9 +3,10 @@
 Usage: python bench/bench_match_statistics.py [RECORDING ...]
 
 Each level scan is matched with the local map as in a replay. The columns are quantiles over the
-scans: the fraction of a scan's points that fits the map, and the fraction of the confirmed surfaces
-in view that the scan sees through. `front_end.LOST_INLIERS` and `LOST_FRACTION` are to be on the
-other side of them: last come the fraction of scans beyond both, and the longest time in a row (s).
+scans: the fraction of a scan's points that fits the map, the fraction of the confirmed surfaces in
+view that the scan sees through, and the first minus the second. Of a robot that is elsewhere the
+difference is negative (`front_end.LOST_TIME`): last come the fraction of scans in which it is, and
+the longest time in a row (s).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from tccm_ros.bags.topics import choose_topics
 from tccm_ros.config import Config
 from tccm_ros.records import PosedScan
 from tccm_ros.robot import MountKind, Robot
-from tccm_ros.slam.front_end import LOST_FRACTION, LOST_INLIERS, FrontEnd
+from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.matching.alignment import seen_through
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 
@@ -64,18 +65,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("recordings", type=Path, nargs="*", default=[FLAT])
     print(
-        "| recording | scans | inliers, 1 % and 10 % | seen through, 90 % and 99 % | beyond | s |"
+        "| recording | scans | inliers, 1 % and 10 % | seen through, 90 % and 99 % | "
+        "difference, 0.1 % and 1 % | negative | s |"
     )
-    print("|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|")
     for path in parser.parse_args().recordings:
         stamps, inliers, passed = statistics(path).T
         low, high = np.quantile(inliers, [0.01, 0.1]), np.quantile(passed, [0.9, 0.99])
-        beyond = (inliers < LOST_INLIERS) & (passed > LOST_FRACTION)
+        worst = np.quantile(inliers - passed, [0.001, 0.01])
+        beyond = passed > inliers
         edges = np.flatnonzero(np.diff(np.concatenate([[0], beyond, [0]]).astype(int)))
         runs = [stamps[b - 1] - stamps[a] for a, b in zip(edges[::2], edges[1::2])]
         print(
             f"| {path.name} | {len(stamps)} | {low[0]:.2f}, {low[1]:.2f} | {high[0]:.2f}, "
-            f"{high[1]:.2f} | {beyond.mean():.3f} | {max(runs, default=0.0) * 1e-9:.1f} |",
+            f"{high[1]:.2f} | {worst[0]:.2f}, {worst[1]:.2f} | {beyond.mean():.4f} | "
+            f"{max(runs, default=0.0) * 1e-9:.1f} |",
             flush=True,
         )
 

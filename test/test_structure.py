@@ -71,7 +71,6 @@ SUB_ROOMS = {
         "chain",
         "external_poses",
         "landmarks",
-        "registered_views",
         "systematic",
         "walls",
         "live_estimate",

@@ -143,7 +143,9 @@ class JointTimer:
 
     def add(self, event: object) -> None:
         """Add a scan of the laser or a tilt angle; other events are ignored."""
-        if isinstance(event, PosedScan) and event.role == self._role:
+        if getattr(event, "role", None) != self._role:
+            return
+        if isinstance(event, PosedScan):
             self._scans.append(event)
         elif isinstance(event, TiltAngle):
             self._cycles.add(event.stamp_ns, event.angle)

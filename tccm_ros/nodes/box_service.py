@@ -14,7 +14,7 @@ from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.nodes.interfaces import service_class
 from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.sensor_node import SensorNode
-from tccm_ros.records.building import pose_matrix
+from tccm_ros.records.building import pose_from_message
 from tccm_ros.ros.types import stamp_message
 
 STATES = {-1: 0, 0: 1, 1: 2}
@@ -71,8 +71,7 @@ class BoxService:
                 f"a box of {_text(size)} m; expected edges of at most 10 m and at most "
                 f"{MAX_VOLUME_M3:g} m3"
             )
-        p, q = request.pose.pose.position, request.pose.pose.orientation
-        T = pose_matrix((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), "the box")
+        T = pose_from_message(request.pose.pose, "the box")
         frame = request.pose.header.frame_id
         if not frame:
             raise FrameError("the box has no frame_id")

@@ -36,8 +36,8 @@ from tccm_ros.nodes.map_records import (
     MapObject,
     MapPlacement,
     MapSurface,
-    nanoseconds,
 )
+from tccm_ros.records.building import stamp_ns_from_message
 
 MAX_CHANGES = 1000
 """Changes that are kept, the newest. Chosen: days of a home; some 200 kB."""
@@ -197,8 +197,8 @@ def _surface(surface: MapSurface) -> SurfaceFacts:
         round(float(surface.size[1]), 3),
         round(surface.area, 3),
         _position(surface.T_map_surface),
-        _seconds(nanoseconds(message.first_seen)),
-        _seconds(nanoseconds(message.last_seen)),
+        _seconds(stamp_ns_from_message(message.first_seen)),
+        _seconds(stamp_ns_from_message(message.last_seen)),
     )
 
 
@@ -209,8 +209,8 @@ def _object(item: MapObject) -> ObjectFacts:
         item.surface_id,
         _position(item.T_map_object),
         _rounded(item.size),
-        _seconds(nanoseconds(item.message.first_seen)),
-        _seconds(nanoseconds(item.message.last_seen)),
+        _seconds(stamp_ns_from_message(item.message.first_seen)),
+        _seconds(stamp_ns_from_message(item.message.last_seen)),
     )
 
 

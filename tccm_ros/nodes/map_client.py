@@ -43,7 +43,6 @@ from tccm_ros.nodes.map_records import (
     event_of,
     found_objects_of,
     localisation_of,
-    nanoseconds,
     objects_of,
     placements_of,
     saved_map_of,
@@ -52,6 +51,7 @@ from tccm_ros.nodes.map_records import (
     walls_of,
 )
 from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros.types import pose_message
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -483,7 +483,7 @@ class SurfaceMapClient:
         self.compartments = tuple(compartments_of(message.compartments))
         self.walls = tuple(walls_of(message.walls))
         self.signs = tuple(signs_of(message.signs))
-        self.stamp_ns = nanoseconds(message.header.stamp)
+        self.stamp_ns = stamp_ns_from_message(message.header.stamp)
         for callback in self._on_map:
             callback()
 

@@ -12,7 +12,7 @@ from tccm_interfaces.msg import Compartment, FoundObject, Localisation, SurfaceE
 from tccm_interfaces.srv import CheckBox
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import pose_from_quaternion
+from tccm_ros.records.building import pose_from_message, stamp_ns_from_message
 
 EVENT_KINDS = {
     getattr(SurfaceEvent, name): name.lower()
@@ -380,7 +380,7 @@ def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
             m.id,
             m.label,
             m.room,
-            _pose(m.pose),
+            pose_from_message(m.pose),
             np.array([m.size_x, m.size_y]),
             m.height,
             m.area,
@@ -395,7 +395,15 @@ def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
 def objects_of(messages: Iterable[Any]) -> list[MapObject]:
     """Return tccm_interfaces/SurfaceObject messages as plain objects."""
     return [
-        MapObject(m.id, m.surface_id, m.label, m.confidence, _pose(m.pose), _vector(m.size), m)
+        MapObject(
+            m.id,
+            m.surface_id,
+            m.label,
+            m.confidence,
+            pose_from_message(m.pose),
+            _vector(m.size),
+            m,
+        )
         for m in messages
     ]
 
@@ -419,7 +427,7 @@ def compartments_of(messages: Iterable[Any]) -> list[MapCompartment]:
         MapCompartment(
             m.rack_id,
             m.board_id,
-            _pose(m.front),
+            pose_from_message(m.front),
             m.width,
             m.depth,
             m.height,
@@ -448,10 +456,10 @@ def placements_of(messages: Iterable[Any]) -> list[MapPlacement]:
     return [
         MapPlacement(
             m.surface_id,
-            _pose(m.pose),
+            pose_from_message(m.pose),
             m.clearance,
             m.free_height,
-            np.array([_pose(base.pose) for base in m.base_poses]).reshape(-1, 4, 4),
+            np.array([pose_from_message(base.pose) for base in m.base_poses]).reshape(-1, 4, 4),
         )
         for m in messages
     ]
@@ -460,7 +468,7 @@ def placements_of(messages: Iterable[Any]) -> list[MapPlacement]:
 def event_of(message: Any) -> MapEvent:
     """Return a tccm_interfaces/SurfaceEvent as a plain object."""
     before, after = (
-        None if math.isnan(pose.position.x) else _pose(pose)
+        None if math.isnan(pose.position.x) else pose_from_message(pose)
         for pose in (message.pose_before, message.pose_after)
     )
     return MapEvent(
@@ -471,14 +479,14 @@ def event_of(message: Any) -> MapEvent:
         message.label,
         before,
         after,
-        nanoseconds(message.header.stamp),
+        stamp_ns_from_message(message.header.stamp),
     )
 
 
 def localisation_of(message: Any) -> MapLocalisation:
     """Return a tccm_interfaces/Localisation as a plain object."""
-    T, state = _pose(message.pose.pose), LOCALISATION_STATES.get(message.state, "unknown")
-    return MapLocalisation(state, message.reason, T, message)
+    state = LOCALISATION_STATES.get(message.state, "unknown")
+    return MapLocalisation(state, message.reason, pose_from_message(message.pose.pose), message)
 
 
 def approach_of(result: Any) -> MapApproach:
@@ -489,36 +497,26 @@ def approach_of(result: Any) -> MapApproach:
         result.yaw_error,
         result.distance,
         result.has_moved,
-        _pose(result.surface_pose),
+        pose_from_message(result.surface_pose),
         result,
     )
 
 
 def spot_of(answer: Any) -> MapSpot:
     """Return a response of tccm_interfaces/ResolveName as a plain object."""
-    bases = np.array([_pose(base.pose) for base in answer.base_poses]).reshape(-1, 4, 4)
+    bases = np.array([pose_from_message(base.pose) for base in answer.base_poses]).reshape(-1, 4, 4)
     return MapSpot(surfaces_of([answer.surface])[0], _vector(answer.spot.point), bases)
 
 
 def box_state_of(answer: Any) -> BoxState:
     """Return a response of tccm_interfaces/CheckBox as a plain object."""
-    return BoxState(BOX_STATES[answer.state], answer.cycle, nanoseconds(answer.stamp))
+    return BoxState(BOX_STATES[answer.state], answer.cycle, stamp_ns_from_message(answer.stamp))
 
 
 def saved_map_of(message: Any) -> SavedMap:
     """Return a tccm_interfaces/MapInfo as a plain object."""
-    return SavedMap(message.name, nanoseconds(message.saved), message)
+    return SavedMap(message.name, stamp_ns_from_message(message.saved), message)
 
 
 def _vector(message: Any) -> Float64:
     return np.array([message.x, message.y, message.z])
-
-
-def _pose(message: Any) -> Float64:
-    p, q = message.position, message.orientation
-    return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
-
-
-def nanoseconds(stamp: Any) -> int:
-    """Return a builtin_interfaces/Time, ns."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

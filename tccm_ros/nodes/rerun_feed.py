@@ -23,12 +23,12 @@ from tccm_ros.errors import TccmError
 from tccm_ros.geometry import inverse, pose_from_quaternion, transform
 from tccm_ros.nodes.inputs import Inputs
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.map_records import nanoseconds
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.records import CameraImage, Event, MapOdom
+from tccm_ros.records.building import pose_from_message, stamp_ns_from_message
 from tccm_ros.results.cycles_file import MIN_CELL_SIZE_M, coarsen
 from tccm_ros.ros.pointcloud import MAP_ROW, cloud_rows
 from tccm_ros.sensors.registry import default_streams
@@ -94,12 +94,12 @@ class RerunFeed:
         p, q = message.transform.translation, message.transform.rotation
         T_map_odom = pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
         T = T_map_odom @ inverse(self._T_near_odom)
-        self._viewer.add(MapOdom(nanoseconds(message.header.stamp), T))
+        self._viewer.add(MapOdom(stamp_ns_from_message(message.header.stamp), T))
 
     def _take_planes(self, message: Any) -> None:
         shown = [m for m in message.markers if m.ns == "outline" and m.action == Marker.ADD]
         outlines = {marker.id: outline_of(marker, self._T_near_odom) for marker in shown}
-        stamps = [nanoseconds(marker.header.stamp) for marker in message.markers]
+        stamps = [stamp_ns_from_message(marker.header.stamp) for marker in message.markers]
         if stamps:
             self._viewer.show_planes(max(stamps), outlines)
 
@@ -110,13 +110,12 @@ class RerunFeed:
             self._refuse("map_cloud", error)
             return
         table, cell_size = newest_part(rows, self._T_near_odom)
-        self._viewer.show_part(nanoseconds(message.header.stamp), table, cell_size)
+        self._viewer.show_part(stamp_ns_from_message(message.header.stamp), table, cell_size)
 
 
 def outline_of(marker: Any, T_near_odom: Float64) -> Float64:
     """Return the edges of a marker of ~/planes as one line (N, 3) in the frame of the records."""
-    p, q = marker.pose.position, marker.pose.orientation
-    T = T_near_odom @ pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
+    T = T_near_odom @ pose_from_message(marker.pose, "a plane")
     ends = np.array([(point.x, point.y, point.z) for point in marker.points])
     return transform(T, ends.reshape(-1, 3))
 

@@ -234,15 +234,16 @@ class SolutionSaver:
             )
         finally:
             os.close(archive)
-        stamp = f"{solved.stamp_ns * 1e-9:.3f}"
+        up_to = f"up to {solved.stamp_ns * 1e-9:.3f} s, " if solved.stamp_ns else ""
         return (
-            f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}"
-            f"{_lacking(solved, wanted)}"
+            f"{folder}: solution {solved.number}, {up_to}{solved.content}{_lacking(solved, wanted)}"
         )
 
 
 def _lacking(solved: Solved, wanted: Wanted) -> str:
     """Return which input a solution lacks."""
+    if wanted.stamp_ns and not solved.stamp_ns:
+        return "; nothing of this drive is in it, only the map that was loaded"
     late_s = max(wanted.stamp_ns - solved.stamp_ns, 0) * 1e-9
     if late_s:
         return f"; the last {late_s:.1f} s of records are not in it"

@@ -18,8 +18,10 @@ from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.drops import PAUSED
 from tccm_ros.nodes.ending import Ending
+from tccm_ros.nodes.heap import trim_heap
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
+from tccm_ros.nodes.joint_timing_watch import JointTimingWatch
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.previous_map import keep_previous
 from tccm_ros.nodes.qos import latched, sensor, surface_message
@@ -60,6 +62,9 @@ class TccmNode(SensorNode):
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
+        self._joint_timing = JointTimingWatch(
+            self.config, next(iter(self.config.sensors.tilt_scans), ""), self.get_logger().warning
+        )
         self._message_builder = CycleMessageBuilder(
             self.bulk_types,
             self.config,
@@ -122,6 +127,7 @@ class TccmNode(SensorNode):
         Planes are published as soon as they are known.
         """
         self._publish(self.processor.add(event, self._publish_planes))
+        self._joint_timing.add(event)
         self._publish_level_scan(event)
         self._note_map()
 
@@ -170,6 +176,7 @@ class TccmNode(SensorNode):
         with output_folder(folder) as made:
             (made / CUBOIDS_FILE).write_bytes(archive)
         self._has_saved = True
+        trim_heap()
         return f"{folder}: {len(cuboids)} cuboids"
 
     def _save(self) -> str:
@@ -200,6 +207,7 @@ class TccmNode(SensorNode):
             self._frame_id = result.frame_id
             self._rig_check.add(result)
             self._rig_problems = tuple(self._rig_check.problems())
+            trim_heap()
 
     # --- services ---
 
@@ -229,7 +237,9 @@ class TccmNode(SensorNode):
     def problems(self) -> Iterable[str]:
         """Return problems of the records, of the rig, and of missing interfaces."""
         missing = filter(None, [missing_interfaces()])
-        return [*super().problems(), *self._rig_problems, *missing]
+        return [
+            *super().problems(), *self._rig_problems, *self._joint_timing.problems, *missing
+        ]  # fmt: skip
 
     def values(self) -> Mapping[str, object]:
         """Return the counts of cycles and scans used, and whether the node is paused."""

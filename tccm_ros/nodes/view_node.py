@@ -27,6 +27,7 @@ from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.run import run
+from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.view.live_state import LiveState
 
 if TYPE_CHECKING:
@@ -143,12 +144,9 @@ class ViewNode(Node):
     # --- subscriptions ---
 
     def _take_map(self, message: Any) -> None:
-        from tccm_ros.nodes.map_records import nanoseconds
-
         found = self._entities_of(message)
         self._map_frame = message.header.frame_id
-
-        stamp_ns = nanoseconds(message.header.stamp)
+        stamp_ns = stamp_ns_from_message(message.header.stamp)
 
         def change(state: LiveState) -> None:
             path = state.entities.get("path")
@@ -167,9 +165,8 @@ class ViewNode(Node):
 
     def _take_pose(self, message: Any) -> None:
         from tccm_ros.nodes.live_entities import planar
-        from tccm_ros.nodes.map_records import nanoseconds
 
-        pose, stamp_ns = planar(message.pose.pose), nanoseconds(message.header.stamp)
+        pose, stamp_ns = planar(message.pose.pose), stamp_ns_from_message(message.header.stamp)
 
         def change(state: LiveState) -> None:
             state.pose, state.stamp_ns = pose, max(state.stamp_ns, stamp_ns)

@@ -71,6 +71,12 @@ def stamp_ns_from_message(stamp: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+def pose_from_message(pose: Any, what: str = "a message") -> Float64:
+    """Return T float64 (4, 4) of a geometry_msgs/Pose; errors as of `pose_matrix`."""
+    p, q = pose.position, pose.orientation
+    return pose_matrix((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), what)
+
+
 def frame_name(name: str) -> str:
     """Return a frame name without the leading slash that bags converted from ROS 1 have."""
     return str(name).lstrip("/")

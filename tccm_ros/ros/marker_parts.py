@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import pose_from_quaternion
+from tccm_ros.records.building import pose_from_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 
 ARROW, CUBE, CYLINDER, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 3, 5, 6, 9, 11
@@ -80,8 +80,7 @@ def moved_markers(types: MessageTypes, markers: Sequence[Any], T: Float64) -> Se
     """Return markers with their poses transformed by T (4, 4) into another frame."""
     if not np.array_equal(T, np.eye(4)):
         for marker in markers:
-            p, q = marker.pose.position, marker.pose.orientation
-            own = pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
+            own = pose_from_message(marker.pose, "a marker")
             marker.pose = pose_message(types, T @ own)
     return markers
 

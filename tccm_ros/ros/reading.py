@@ -34,7 +34,7 @@ from tccm_ros.records.building import (
     frame_name,
     imu_record,
     joint_sample,
-    pose_matrix,
+    pose_from_message,
     stamp_ns_from_message,
     transform_samples,
 )
@@ -73,12 +73,11 @@ def odometry_from_message(message: Any) -> Odometry:
     MessageError
         If the pose is not finite or its quaternion is zero.
     """
-    position, q = message.pose.pose.position, message.pose.pose.orientation
     return Odometry(
         stamp_ns_from_message(message.header.stamp),
         frame_name(message.header.frame_id),
         frame_name(message.child_frame_id),
-        pose_matrix((position.x, position.y, position.z), (q.x, q.y, q.z, q.w), "odometry"),
+        pose_from_message(message.pose.pose, "odometry"),
     )
 
 

@@ -137,39 +137,38 @@ class Chain:
         anchored
             Poses anchored to keyframes, by variable.
         """
-        starts: dict[Key, Float64] = dict(zip(self.keys, poses))
+        starts, anchors = self.anchor(anchored or {}, poses)
+        factors = [*self.factors(constrained), *anchors]
+        return PoseGraph(factors, {**dict(zip(self.keys, poses)), **starts})
+
+    def factors(self, constrained: Collection[int]) -> list[Factor]:
+        """Return the factors of all keyframes; arguments as in `graph`."""
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
         for k, keyframe in enumerate(self.keyframes):
             if k and self.starts(k) and keyframe.session not in constrained:
                 factors.append(_pinned(self.keys[k], self.origins.get(k, keyframe.pose)))
-        for key, pose in (anchored or {}).items():
-            starts[key], factor = self.anchor(key, pose, poses)
-            factors.append(factor)
-        return PoseGraph(factors, starts)
+        return factors
 
     def anchor(
-        self, key: Key, anchored: AnchoredPose, poses: Sequence[Float64] | Float64
-    ) -> tuple[Float64, Factor]:
-        """Return the start value and the factor of an anchored pose.
+        self, anchored: Mapping[Key, AnchoredPose], poses: Sequence[Float64] | Float64
+    ) -> tuple[dict[Key, Float64], list[Factor]]:
+        """Return the start values (4, 4) in map of anchored poses, and their factors.
 
         Parameters
         ----------
-        key
-            Variable of the anchored pose.
         anchored
-            The pose in its keyframe.
+            Poses in their keyframes, by variable.
         poses
             float64 (K, 3), poses of the keyframes in map.
-
-        Returns
-        -------
-        float64 (4, 4), the pose in map, and the factor between keyframe and pose
         """
-        start = spatial(compose(np.asarray(poses[anchored.keyframe]), anchored.pose))
-        start[2, 3] = anchored.z
-        on, sigmas = self.keys[anchored.keyframe], anchored.sigma_z_roll_pitch
-        cov, roll_pitch = anchored.cov, anchored.roll_pitch
-        return start, KeyframeView(on, key, anchored.pose, cov, sigmas, roll_pitch, anchored.z)
+        starts: dict[Key, Float64] = {}
+        factors: list[Factor] = []
+        for key, on in anchored.items():
+            starts[key] = spatial(compose(np.asarray(poses[on.keyframe]), on.pose))
+            starts[key][2, 3] = on.z
+            keys, sigmas = (self.keys[on.keyframe], key), on.sigma_z_roll_pitch
+            factors.append(KeyframeView(*keys, on.pose, on.cov, sigmas, on.roll_pitch, on.z))
+        return starts, factors
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

@@ -12,32 +12,35 @@ batch.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from tccm_ros.arrays import Float64, Int64
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.slam.chain import AnchoredPose, Chain
-from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import Key, corner_key, wall_key
+from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.factors.factor import Factor, by_variables
+from tccm_ros.slam.factors.keys import Key, wall_key
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph.kept_graph import KeptGraph, KeptSolution
+from tccm_ros.slam.graph.incremental import IncrementalGraph, IncrementalSolution
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, loop_records
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.consistency import LOOP_CHI2
-from tccm_ros.slam.registered_views import RegisteredViews
 from tccm_ros.slam.se2 import compose
 from tccm_ros.slam.systematic import CarriedDisplacement, scale_displacements
-from tccm_ros.slam.walls.association import WallTable
-from tccm_ros.slam.walls.corners import corner_factors, uses_corners
+from tccm_ros.slam.walls.association import min_confirmations
+from tccm_ros.slam.walls.corners import find_corners
 from tccm_ros.slam.walls.growing import GrowingWalls
-from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors
+from tccm_ros.slam.walls.landmarks import wall_factors
 from tccm_ros.slam.walls.lines import Lines
 from tccm_ros.slam.walls.outliers import OBSERVATION_CHI2
+
+RELINEARIZE, WILDFIRE = 0.005, 1e-6
+"""Thresholds of motion (m, rad) of the graph, as in `graph.incremental`. Chosen: the linearisation
+error is quadratic, and is 0.01 mm over a metre here."""
 
 MIN_KEYFRAMES = 500
 """Minimum number of keyframes; with fewer, a batch takes less than a second (chosen)."""
@@ -54,12 +57,17 @@ class Growth:
     ----------
     solution
         Solution of the batch, with its covariances; all sessions are placed in the map.
+    factors
+        The factors of the batch by name. Loop closures have themselves as names, other factors the
+        names of `by_variables`.
+    changing
+        Names of the factors that each solution may change.
+    anchored
+        Variables of the poses of the batch that are anchored to keyframes.
     used
         The inliers that constrain its keyframes.
     chain, closer, lines
         Keyframes, loop closures and the lines of each keyframe; the caller appends to them.
-    views
-        Stamps (ns) of the views of the batch.
     config
         Group ``walls``.
 
@@ -67,148 +75,128 @@ class Growth:
     ----------
     used
         The inliers that constrain the keyframes now.
-    views
-        Variables of views, and factors between them.
+    poses
+        float64 (K, 3), the keyframes in the last solution, and extrapolated since.
     """
 
     def __init__(
         self,
         solution: GraphSolution,
+        factors: Mapping[Hashable, Factor],
+        changing: Iterable[Hashable],
+        anchored: Iterable[Key],
         used: Inliers,
         chain: Chain,
         closer: LoopCloser,
         lines: list[Lines],
-        views: Sequence[int],
         config: Config,
     ) -> None:
         self.used = used
         self._config, self._chain, self._closer, self._lines = config, chain, closer, lines
-        self.views = RegisteredViews(views)
         self._localised, self._loops_seen = closer.localised, len(closer.accepted)
-        keys, poses = chain.keys, solution.planar_poses(chain.keys)
-        self._assigned_at = poses
-        self._walls = GrowingWalls(used.walls, used.corners, poses, lines, config)
+        self._changing, keys = {*changing}, chain.keys
+        self.poses = self._assigned_at = solution.planar_poses(keys)
+        self._walls = GrowingWalls(used.walls, self.poses, lines, config)
+        self._first_new, self._known_walls = len(keys), len(used.walls)
+        self._new_rows = np.zeros(0, np.int64)
+        self._new: dict[Hashable, Factor] = {}
         walls = [wall_key(w) for w in range(len(used.walls) if config.walls.enabled else 0)]
-        known = [keys[-1], *walls, *self.views.keys(views)]
-        self._kept = KeptGraph({key: solution.covariance(key) for key in known})
-        loops = [p.factor(keys) for p in used.loops]
-        factors: list[Factor] = [f for k in range(len(keys)) for f in chain.factors_of(k)]
-        factors += self._wall_factors(used.walls)
-        corners = self._corner_factors(range(len(used.corners)))
-        added = self._kept.update([*loops, *factors], dict(zip(keys, poses)), groups=corners)
-        self._loop_factors = [index for (index,) in added[: len(loops)]]
+        covariances = {key: solution.covariance(key) for key in [keys[-1], *walls, *anchored]}
+        self._graph = IncrementalGraph(RELINEARIZE, WILDFIRE, covariances)
+        starts = {key: solution.pose(key) for key in [*keys, *anchored]}
+        self._graph.update(factors, starts)
         session = chain.keyframes[-1].session
         self._odometry_scale = CarriedDisplacement(
             scale_displacements(solution, chain, session)[-1], solution.planar_covariance(keys[-1])
         )
 
-    def _wall_factors(self, observations: WallTable) -> list[WallObservation]:
-        if not self._config.walls.enabled:
-            return []
-        return wall_factors(observations, self._lines, self._chain.keys, self._config)
+    def extend(self) -> bool:
+        """Add new keyframes, loop closures and lines; return False where a batch is needed."""
+        chain, closer = self._chain, self._closer
+        self._first_new = len(self.poses)
+        new = range(self._first_new, len(chain.keys))
+        if self._localised != closer.localised or any(map(chain.starts, new)):
+            return False
+        for k in new:
+            pose = compose(self.poses[-1], chain.keyframes[k].delta)
+            self.poses = np.concatenate([self.poses, pose[None]])
+        self._assigned_at = np.concatenate([self._assigned_at, self.poses[self._first_new :]])
+        loops = closer.accepted[self._loops_seen :]
+        self._loops_seen = len(closer.accepted)
+        self._new = by_variables(f for k in new for f in chain.factors_of(k))
+        self._new |= {p: p.factor(chain.keys) for p in loops}
+        self._extend_walls()
+        used = [*self.used.loops, *loops]
+        taken = {id(p) for p in used}
+        records = loop_records(closer, [id(p) in taken for p in closer.accepted])
+        self.used = replace(self.used, loops=used, records=records)
+        return True
 
-    def _corner_factors(self, numbers: Iterable[int]) -> dict[Hashable, list[Factor]]:
-        """Return the factors of corners, by corner variable."""
-        if not uses_corners(self._config):
-            return {}
-        walls, keys = self._walls, self._chain.keys
-        return {
-            corner_key(n): corner_factors(walls.corners, walls.table, keys, self._config, [n])
-            for n in numbers
-        }
+    def _extend_walls(self) -> None:
+        """Assign the lines of new keyframes."""
+        if not self._config.walls.enabled:
+            return
+        lines, keys = self._lines, self._chain.keys
+        self._known_walls = len(self._walls.table)
+        self._new_rows = self._walls.add(self.poses, lines, self._first_new)
+        seen = self._walls.observations(self._new_rows)
+        self._new |= by_variables(wall_factors(seen, lines, keys, self._config))
+        table = self._walls.table
+        corners = find_corners(table, lines, min_confirmations(self._config, len(keys)))
+        self.used = replace(self.used, walls=table, corners=corners)
 
     def solve(
-        self, anchored: Mapping[Key, AnchoredPose], others: Sequence[Factor]
-    ) -> KeptSolution | None:
-        """Add new factors and optimise; return None where a batch is needed.
+        self, starts: Mapping[Key, Float64], changing: Mapping[Hashable, Factor]
+    ) -> IncrementalSolution | None:
+        """Optimise the extended graph; return None where a batch is needed.
 
         Parameters
         ----------
-        anchored
-            All poses anchored to keyframes, by their variables.
-        others
-            All factors except those of keyframes, loop closures, walls and between views.
+        starts
+            Start values (4, 4) of the poses anchored to keyframes.
+        changing
+            All factors by name except those of keyframes, loop closures and lines.
         """
-        chain, keys = self._chain, self._chain.keys
-        new = range(len(self._assigned_at), len(keys))
-        if self._localised != self._closer.localised or any(map(chain.starts, new)):
-            return None
-        loops = self._closer.accepted[self._loops_seen :]
-        poses = self._extrapolated(new)
-        known = len(self._walls.table)
-        rows, corners = self._walls.add(poses, self._lines, new.start)
-        seen = self._wall_factors(self._walls.observations(rows))
-        factors: list[Factor] = [*seen, *(p.factor(keys) for p in loops)]
-        factors += [factor for k in new for factor in chain.factors_of(k)]
-        starts: dict[Key, Float64] = {keys[k]: poses[k] for k in new}
-        changing = [*others, *self.views.factors(anchored), *self._structure_factors()]
-        for key, pose in anchored.items():
-            starts[key], factor = chain.anchor(key, pose, poses)
-            changing.append(factor)
+        keys, gone = self._chain.keys, dict.fromkeys(self._changing - changing.keys())
+        poses = {**dict(zip(keys[self._first_new :], self.poses[self._first_new :])), **starts}
         try:
-            added = self._kept.update(factors, starts, changing, self._corner_factors(corners))
-            self._take_out(rows, added[: len(seen)], known)
+            solution = self._updated({**self._new, **gone, **changing}, poses)
+            outliers = self._without_outliers(solution)
+            solution = self._updated(dict.fromkeys(outliers), {}) if outliers else solution
         except RuntimeError:
             # Numerically singular; a batch builds a new graph.
             return None
-        self._loop_factors += [index for (index,) in added[len(seen) : len(seen) + len(loops)]]
-        self._assigned_at = np.concatenate([self._assigned_at, poses[new.start :]])
-        solution = self._kept.solution()
+        self._changing, self.poses = {*changing}, solution.planar_poses(keys)
         if not self._is_sound(solution):
             return None
-        self._odometry_scale.carry(
-            chain.keyframes[new.start : new.stop], solution.planar_covariance(keys[-1])
-        )
-        self._note_used()
+        driven = self._chain.keyframes[self._first_new : len(keys)]
+        self._odometry_scale.carry(driven, solution.planar_covariance(keys[-1]))
         return solution
 
-    def _extrapolated(self, new: range) -> Float64:
-        """Return the poses (K, 3) of all keyframes, of new ones by their odometry steps."""
-        poses = [*self._kept.solution().planar_poses(self._chain.keys[: new.start])]
-        for k in new:
-            poses.append(compose(poses[-1], self._chain.keyframes[k].delta))
-        return np.array(poses)
+    def _updated(
+        self, factors: Mapping[Hashable, Factor | None], poses: Mapping[Key, Float64]
+    ) -> IncrementalSolution:
+        self._graph.update(factors, poses)
+        self._graph.relinearise()
+        return self._graph.solution()
 
-    def _structure_factors(self) -> list[Factor]:
-        walls = self._config.walls
-        has_prior = walls.enabled and walls.structure_prior
-        return structure_factors(self._walls.table) if has_prior else []
+    def _without_outliers(self, solution: IncrementalSolution) -> list[Hashable]:
+        """Remove new lines that are outliers of their wall, one of the known first; return them."""
+        names = [name for name, f in self._new.items() if isinstance(f, WallObservation)]
+        chi2 = 2.0 * solution.errors_of(self._graph.indices_of(names))
+        gone = self._walls.without(self._new_rows, chi2 > OBSERVATION_CHI2, self._known_walls)
+        self.used = replace(self.used, walls=self._walls.table)
+        return [names[i] for i in gone]
 
-    def _take_out(self, rows: Int64, factors: Sequence[Sequence[int]], known: int) -> None:
-        """Remove new observations that are outliers of their wall, one of the `known` first."""
-        if not self._config.walls.enabled or not len(rows):
-            return
-        indices = np.array(factors, np.int64)[:, 0]
-        chi2 = 2.0 * self._kept.solution().errors_of(indices.tolist())
-        gone = self._walls.without(rows, chi2 > OBSERVATION_CHI2, known)
-        if len(gone):
-            self._kept.remove(indices[gone].tolist())
-
-    def _is_sound(self, solution: KeptSolution) -> bool:
+    def _is_sound(self, solution: IncrementalSolution) -> bool:
         """Return whether loop closures are consistent and line associations still valid."""
-        chi2 = 2.0 * solution.errors_of(self._loop_factors)
-        moved = solution.planar_poses(self._chain.keys) - self._assigned_at
-        gates = self._config.walls
+        chi2 = 2.0 * solution.errors_of(self._graph.indices_of(self.used.loops))
+        moved, gates = self.poses - self._assigned_at, self._config.walls
         far = np.hypot(moved[:, 0], moved[:, 1]) > MAX_MOVED * gates.gate_distance
         turned = np.abs(wrap_angle(moved[:, 2])) > MAX_MOVED * gates.gate_angle
         return not ((chi2 > LOOP_CHI2).any() or (far | turned).any())
 
-    def _note_used(self) -> None:
-        """Update the inliers that constrain the keyframes."""
-        closer = self._closer
-        loops = [*self.used.loops, *closer.accepted[self._loops_seen :]]
-        self._loops_seen = len(closer.accepted)
-        taken = {id(p) for p in loops}
-        records = loop_records(closer, [id(p) in taken for p in closer.accepted])
-        self.used = replace(
-            self.used,
-            loops=loops,
-            records=records,
-            walls=self._walls.table,
-            corners=[*self._walls.corners],
-        )
-
-    def newest_covariance(self, solution: KeptSolution) -> Float64:
+    def newest_covariance(self, solution: IncrementalSolution) -> Float64:
         """Return the covariance (3, 3) of (x, y, yaw) of the newest keyframe, in its own frame."""
         graph = solution.planar_covariance(self._chain.keys[-1]) * self.used.scale
         shifted = self._odometry_scale.displacement

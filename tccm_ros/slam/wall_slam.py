@@ -5,9 +5,9 @@ The method is described in docs/design/wall_slam.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +30,12 @@ from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of
 from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.external_poses import MapOdomTrack, reweigh
-from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import Key, view_key, wall_key
+from tccm_ros.slam.factors.factor import Factor, by_variables
+from tccm_ros.slam.factors.keys import Key, view_key
 from tccm_ros.slam.factors.landmarks import landmark_class
+from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
-from tccm_ros.slam.graph.pose_graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution, PoseGraph
 from tccm_ros.slam.growth import MIN_KEYFRAMES, Growth
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
@@ -43,19 +44,48 @@ from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
-from tccm_ros.slam.signs.landmarks import sign_factors, sign_observations, sign_records
+from tccm_ros.slam.signs.landmarks import sign_observations, sign_records
 from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
-from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.known_poses import walls_at
-from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_records
+from tccm_ros.slam.walls.landmarks import wall_factors, wall_records
 from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 
 SIGN_DELAY_NS = 1_000_000_000
 """Delay after which a sign measurement is used in the search for loop closures. Chosen: reading a
 picture takes up to 0.15 s, so that the result does not depend on the processing time."""
+
+
+Seen = TypeVar("Seen", AnchoredObservation, SignView)
+
+
+class _ChangingContent(NamedTuple):
+    """The content of the graph beside keyframes, loop closures and lines.
+
+    Attributes
+    ----------
+    views
+        The views, anchored to keyframes, by variable.
+    observations
+        Observations of landmarks and signs.
+    starts, anchors
+        Start values (4, 4) of the poses of views and observations, and their factors by name.
+    others
+        All other factors by name.
+    """
+
+    views: Mapping[Key, AnchoredPose]
+    observations: list[AnchoredObservation]
+    starts: Mapping[Key, Float64]
+    anchors: dict[Hashable, Factor]
+    others: dict[Hashable, Factor]
+
+    @property
+    def factors(self) -> dict[Hashable, Factor]:
+        """All factors by name."""
+        return self.anchors | self.others
 
 
 class WallSlam:
@@ -97,9 +127,11 @@ class WallSlam:
         self._unread: list[SignMeasurement] = []
         self._pictures: list[SearchedPicture] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
-        # The continued graph of the last batch, and the number of signs in it.
+        # The continued graph of the last batch, the number of signs in it, and the additional
+        # factors of the last solution.
         self._growth: Growth | None = None
         self._solved_signs = 0
+        self._between: Sequence[Factor] = ()
 
     # -- input ---------------------------------------------------------------------------------
 
@@ -347,7 +379,7 @@ class WallSlam:
         Parameters
         ----------
         views
-            Stamps (ns) of surface clouds; each gets its own pose, `view_key(index)`.
+            Stamps (ns) of surface clouds, all different; each gets its own pose, `view_key`.
         factors
             Additional factors between views, keyframes and landmarks. None: those of the previous
             solution if this one continues it, else none.
@@ -373,37 +405,39 @@ class WallSlam:
             return grown
         self._growth = None
         used, keys = self._inliers(), self._chain.keys
-        anchored = self._anchor_views(views)
-        view_keys = [view_key(v) for v in range(len(views))]
-        observations = [*used.observations, *sign_observations(used.signs)]
-        seen = landmark_factors(observations, unit_variance=used.scale)
-        anchored_poses = {**dict(zip(view_keys, anchored)), **seen.anchored}
-        graph = self._chain.graph(used.poses, self._closer.constrained, anchored_poses)
-        graph.add([p.factor(keys) for p in used.loops])
-        if self.config.walls.enabled:
-            graph.add(self._wall_factors(used))
-        graph.add(factors or ())
-        graph.add(self._sign_factors(used))
-        graph.add(seen.factors)
-        solution = graph.optimise()
+        self._between = factors or ()
+        content = self._changing_content(used, used.poses, views)
+        is_used = self.config.walls.enabled
+        lines = wall_factors(used.walls, self._lines, keys, self.config) if is_used else []
+        graph_factors = by_variables(self._chain.factors(self._closer.constrained))
+        graph_factors |= content.anchors
+        graph_factors |= {p: p.factor(keys) for p in used.loops}
+        graph_factors |= by_variables(lines) | content.others
+        starts = {**dict(zip(keys, used.poses)), **content.starts}
+        solution = PoseGraph(graph_factors.values(), starts).optimise()
         covs = _covariances(solution, keys, every_covariance) * used.scale
         covs += systematic_covariances(solution, self._chain)
-        if not is_final and len(keys) >= MIN_KEYFRAMES:
-            self._begin_growth(solution, used, views)
-        return self._result(used, solution, observations, dict(zip(view_keys, anchored)), covs)
+        is_in_map = {k.session for k in self._chain.keyframes} <= self._closer.localised
+        if not is_final and len(keys) >= MIN_KEYFRAMES and is_in_map:
+            self._solved_signs = len(self._signs)
+            self._growth = Growth(
+                solution, graph_factors, content.factors, content.starts, used,
+                self._chain, self._closer, self._lines, self.config,
+            )  # fmt: skip
+        return self._result(used, solution, content, covs)
 
     def _result(
         self,
         used: Inliers,
         solution: GraphSolution,
-        observations: Sequence[AnchoredObservation],
-        views: Mapping[Key, AnchoredPose],
+        content: _ChangingContent,
         cov_keyframes: Float64,
     ) -> Solution:
-        """Return the result of an optimised graph; `views` in the order of the result's."""
+        """Return the result of an optimised graph."""
         poses, keyframes = solution.planar_poses(self._chain.keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
-        landmarks = landmark_records(observations, solution, used.scale)
+        views = content.views
+        landmarks = landmark_records(content.observations, solution, used.scale)
         has_others = used.loops or landmarks or self._chain.external_poses
         stamps_ns = np.array([p.stamp_ns for p in tracked], np.int64)
         attitudes = self._attitudes.at(stamps_ns)
@@ -425,47 +459,50 @@ class WallSlam:
             is_chain=not (has_others or len(used.walls)),
         )
 
-    def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
-        """Let the next solutions continue a batch, if all of it is in the map's frame."""
-        if {k.session for k in self._chain.keyframes} <= self._closer.localised:
-            self._growth = Growth(
-                solution, used, self._chain, self._closer, self._lines, views, self.config
-            )
-            self._solved_signs = len(self._signs)
-
     def _grow(self, views: Sequence[int], factors: Sequence[Factor] | None) -> Solution | None:
         """Return a continuation of the previous solution; None where a batch is needed."""
         growth = self._growth
-        if growth is None or len(self._signs) != self._solved_signs:
+        is_grown = growth is not None and len(self._signs) == self._solved_signs and growth.extend()
+        if growth is None or not is_grown:
             return None
         growth.used = replace(growth.used, observations=self._all_observations())
-        used = growth.used
-        anchored = dict(zip(growth.views.keys(views), self._anchor_views(views)))
-        observations = [*used.observations, *sign_observations(used.signs)]
-        seen = landmark_factors(observations, unit_variance=used.scale)
-        if factors is not None:
-            growth.views.take(views, factors)
-        others = [*self._sign_factors(used), *seen.factors]
-        solution = growth.solve({**anchored, **seen.anchored}, others)
+        self._between = self._between if factors is None else factors
+        content = self._changing_content(growth.used, growth.poses, views)
+        solution = growth.solve(content.starts, content.factors)
         if solution is None:
             return None
         covs = np.full((len(self._chain.keys), 3, 3), np.nan)
         covs[-1] = growth.newest_covariance(solution)
-        result = self._result(growth.used, solution, observations, anchored, covs)
-        return replace(result, is_batch=False)
+        return replace(self._result(growth.used, solution, content, covs), is_batch=False)
 
-    def _wall_factors(self, used: Inliers) -> list[Factor]:
+    def _changing_content(
+        self, used: Inliers, poses: Float64, views: Sequence[int]
+    ) -> _ChangingContent:
+        """Return the content of the graph that each solution may change.
+
+        Parameters
+        ----------
+        used
+            The inliers.
+        poses
+            float64 (K, 3), start values of the keyframes.
+        views
+            Stamps (ns) of the views.
+        """
         keys = self._chain.keys
-        factors: list[Factor] = [*wall_factors(used.walls, self._lines, keys, self.config)]
-        if uses_corners(self.config):
-            factors += corner_factors(used.corners, used.walls, keys, self.config)
-        if self.config.walls.structure_prior:
-            factors += structure_factors(used.walls)
-        return factors
-
-    def _sign_factors(self, used: Inliers) -> list[Factor]:
-        walls = range(len(used.walls) if self.config.walls.enabled else 0)
-        return sign_factors(used.signs, used.scale, {wall_key(w) for w in walls})
+        anchored = dict(zip(map(view_key, views), self._anchor_views(views)))
+        observations = [*used.observations, *sign_observations(used.signs)]
+        seen = landmark_factors(observations, unit_variance=used.scale)
+        starts, anchors = self._chain.anchor({**anchored, **seen.anchored}, poses)
+        between = [
+            f
+            for f in self._between
+            if not isinstance(f, BetweenViews) or {f.i, f.j} <= anchored.keys()
+        ]
+        signs = used.sign_factors(self.config)
+        others = [*used.structure_factors(keys, self.config), *between, *signs, *seen.factors]
+        names = by_variables(anchors), by_variables(others, "beside")
+        return _ChangingContent(anchored, observations, starts, *names)
 
     def _inliers(self) -> Inliers:
         """Return the inliers; they are selected again only after new records."""
@@ -557,22 +594,20 @@ class WallSlam:
     def _all_sign_views(self) -> list[SignView]:
         """Return the views of signs in all sessions that are in the map's frame, in order."""
         seen = sorted(self._signs, key=sign_order)
-        anchored = self._anchor([m.stamp_ns for m in seen]) if self._front.tracked else []
-        views = [SignView(m, a) for m, a in zip(seen, anchored)]
-        keyframes, localised = self._chain.keyframes, self._closer.localised
-        own = [v for v in views if keyframes[v.anchored.keyframe].session in localised]
-        return [*self._saved_signs, *own]
+        anchored = self._anchor_localised([m.stamp_ns for m in seen])
+        return [*self._saved_signs, *(SignView(m, a) for m, a in zip(seen, anchored) if a)]
 
     def _picture_views(self) -> list[PictureView]:
         """Return the pictures of this run that are in the map's frame, in order."""
         seen = sorted(self._pictures, key=lambda picture: picture.key)
-        anchored = self._anchor([p.stamp_ns for p in seen]) if self._front.tracked else []
+        anchored = self._anchor_localised([p.stamp_ns for p in seen])
+        return [PictureView(p, a) for p, a in zip(seen, anchored) if a]
+
+    def _anchor_localised(self, stamps_ns: Sequence[int]) -> list[AnchoredPose | None]:
+        """Return the anchored poses at stamps; None in sessions outside the map's frame."""
+        anchored = self._anchor(stamps_ns) if self._front.tracked else []
         keyframes, localised = self._chain.keyframes, self._closer.localised
-        return [
-            PictureView(p, a)
-            for p, a in zip(seen, anchored)
-            if keyframes[a.keyframe].session in localised
-        ]
+        return [a if keyframes[a.keyframe].session in localised else None for a in anchored]
 
     # -- saved maps ----------------------------------------------------------------------------
 
@@ -588,27 +623,15 @@ class WallSlam:
         used = self._inliers() if self._growth is None else self._growth.used
         number = self.kept_keyframes()
         kept = list(number)
+        views = [replace(view, sign=sign.id) for sign in used.signs for view in sign.views]
         return pack_walls(
             SavedWalls(
                 [self._chain.keyframes[k] for k in kept],
                 [self._lines[k] for k in kept],
                 poses[kept],
                 [replace(p, a=number[p.a], b=number[p.b]) for p in used.loops],
-                [
-                    replace(o, anchored=replace(o.anchored, keyframe=number[o.anchored.keyframe]))
-                    for o in used.observations
-                    if o.anchored.keyframe in number
-                ],
-                [
-                    replace(
-                        v,
-                        anchored=replace(v.anchored, keyframe=number[v.anchored.keyframe]),
-                        sign=sign.id,
-                    )
-                    for sign in used.signs
-                    for v in sign.views
-                    if v.anchored.keyframe in number
-                ],
+                _renumbered(used.observations, number),
+                _renumbered(views, number),
                 self._closer.unjoined,
             )
         )
@@ -677,6 +700,15 @@ class WallSlam:
         slam._first_session = session
         slam._live = slam._live._replace(localised=not keyframes)
         return slam
+
+
+def _renumbered(seen: Iterable[Seen], number: Mapping[int, int]) -> list[Seen]:
+    """Return what was seen from keyframes that have a new number, with that number."""
+    return [
+        replace(x, anchored=replace(x.anchored, keyframe=number[x.anchored.keyframe]))
+        for x in seen
+        if x.anchored.keyframe in number
+    ]
 
 
 def _by_stamp(seen: Iterable[LandmarkObservation]) -> list[LandmarkObservation]:

@@ -24,6 +24,7 @@ from tccm_ros.geometry import (
     transform,
     wrap_angle,
 )
+from tccm_ros.slam.factors.keys import view_key
 from tccm_ros.slam.factors.noise import planar_covariance
 from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
@@ -222,7 +223,12 @@ def side_factors(
     )
     weight = 2.0 * known.unit_variance * observed
     return [
-        _between_factor(i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / weight)
+        BetweenViews(
+            view_key(views[i].stamp_ns),
+            view_key(views[j].stamp_ns),
+            _matched_pose(match, T_map_view[i], T_map_view[j]),
+            planar_covariance(match.cov * ((max(uses[i], uses[j]) + 1) / weight), OPEN_SIGMAS),
+        )
         for i, j, match in matches
     ]
 
@@ -298,14 +304,8 @@ def _relative_covariance(
     return np.diag([position, position, yaw])
 
 
-def _between_factor(
-    i: int, j: int, match: SideMatch, T_map_view: Float64, scale: float
-) -> BetweenViews:
-    """Return the factor of a match: x, y and yaw as matched, their covariance times `scale`.
-
-    z, roll and pitch are those of the prior poses, with `OPEN_SIGMAS`.
-    """
-    T_level_view = inverse(spatial(planar(T_map_view[j]))) @ T_map_view[j]
-    T_map_j = spatial(compose2(planar(T_map_view[i]), match.pose)) @ T_level_view
-    cov = planar_covariance(match.cov * scale, OPEN_SIGMAS)
-    return BetweenViews(i, j, inverse(T_map_view[i]) @ T_map_j, cov)
+def _matched_pose(match: SideMatch, T_map_i: Float64, T_map_view: Float64) -> Float64:
+    """Return the pose of view j in view i: x, y and yaw by a match, the rest by prior poses."""
+    T_level_view = inverse(spatial(planar(T_map_view))) @ T_map_view
+    T_map_j = spatial(compose2(planar(T_map_i), match.pose)) @ T_level_view
+    return np.asarray(inverse(T_map_i) @ T_map_j)

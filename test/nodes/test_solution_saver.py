@@ -1,11 +1,14 @@
 """The thread that saves solutions does not hold up the end of the process."""
 
+import os
 import threading
 from types import SimpleNamespace
 
+import pytest
+
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.saves import Saves
-from tccm_ros.nodes.solution_saver import Session, SolutionSaver, Wanted
+from tccm_ros.nodes.solution_saver import MapKeeper, Session, SolutionSaver, Wanted
 
 
 class SlowSolver:
@@ -41,3 +44,34 @@ def test_a_save_that_waits_for_a_solution_does_not_hold_up_the_end(monkeypatch, 
     assert saved == [True, False]  # the requested one, then that of the end
     assert asked.result() == "map"
     assert (ending.status, ending.saved) == (0, {"slam": "map"})
+
+
+class LoadedMap:
+    """A solver whose newest solution is that of a loaded map: it has no stamp."""
+
+    newest = SimpleNamespace(
+        resets=0, duration_s=0.1, number=1, stamp_ns=0, content="16 surfaces and 40 keyframes"
+    )
+
+    def wait(self, number, timeout_s=None):
+        return True
+
+    def archive(self):
+        return self.newest, os.open(os.devnull, os.O_RDONLY)
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "said"),
+    [(5, "; nothing of this drive is in it, only the map that was loaded"), (0, "")],
+)
+def test_a_save_before_the_first_solution_of_a_drive_says_so(monkeypatch, tmp_path, stamp_ns, said):
+    monkeypatch.setattr(MapKeeper, "save", lambda self, archive, content, folder, **_: folder)
+    session = Session(resets=0, keyframes=1, waits_for_scan=False)
+    saver = SolutionSaver(
+        LoadedMap(), lambda: session, Saves("slam", print), lambda name: None, lambda error: None
+    )
+    ending = Ending()
+    saver.save_at_end(tmp_path, Wanted(stamp_ns=stamp_ns, number=1), ending.begin())
+    saver.close()
+    words = "solution 1, 16 surfaces and 40 keyframes"
+    assert ending.saved == {"slam": f"{tmp_path}: {words}{said}"}

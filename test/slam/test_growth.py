@@ -169,7 +169,7 @@ def test_walls_that_grow_are_those_of_the_whole_drive(laps):
     whole = associate_walls(poses, lines, config)
     first = 40
     table = associate_walls(poses[:first], lines[:first], config)
-    walls = GrowingWalls(table, [], poses[:first], lines[:first], config)
+    walls = GrowingWalls(table, poses[:first], lines[:first], config)
     for k in range(first, len(lines)):
         walls.add(poses[: k + 1], lines[: k + 1], k)
     grown = walls.table

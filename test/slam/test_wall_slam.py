@@ -6,6 +6,7 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
+from tccm_ros.slam.factors.keys import view_key
 from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.wall_slam import WallSlam
 
@@ -128,7 +129,7 @@ def test_factors_between_views_move_them(lap, solved):
     free = slam.solve(stamps)
     T = np.linalg.inv(free.T_map_views[0]) @ free.T_map_views[1]
     T[2, 3] += 0.004
-    constrained = slam.solve(stamps, [BetweenViews(0, 1, T, np.eye(6) * 1e-8)])
+    constrained = slam.solve(stamps, [BetweenViews(*map(view_key, stamps), T, np.eye(6) * 1e-8)])
     T_view0_view1 = np.linalg.inv(constrained.T_map_views[0]) @ constrained.T_map_views[1]
     assert T_view0_view1[2, 3] == pytest.approx(0.004, abs=5e-4)
 

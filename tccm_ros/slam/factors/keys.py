@@ -10,6 +10,9 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 
+SYMBOL_BITS = 56
+"""Number of bits of the number of a variable in GTSAM's symbols."""
+
 
 class Key(NamedTuple):
     """A variable of the graph.
@@ -60,9 +63,9 @@ def keyframe_key(index: int, yaw_offset: float = 0.0) -> Key:
     return Key("x", index, yaw_offset)
 
 
-def view_key(index: int) -> Key:
-    """Return the key of a view's pose, by its index in the views given to `WallSlam.solve`."""
-    return Key("v", index)
+def view_key(stamp_ns: int) -> Key:
+    """Return the key of a view's pose, by its stamp."""
+    return Key("v", stamp_ns % 2**SYMBOL_BITS)
 
 
 def observer_key(index: int) -> Key:
@@ -75,9 +78,9 @@ def wall_key(index: int) -> Key:
     return Key("w", index)
 
 
-def corner_key(index: int) -> Key:
-    """Return the key of a corner."""
-    return Key("c", index)
+def corner_key(a: int, b: int) -> Key:
+    """Return the key of the corner of two walls, by their indices."""
+    return Key("c", (a << SYMBOL_BITS // 2) + b)
 
 
 def building_key() -> Key:

@@ -10,7 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose_from_roll_pitch, spatial
 from tccm_ros.slam.factors.factor import NoLandmark
-from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
+from tccm_ros.slam.factors.keys import Key, rotation_z
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
 Z_ROLL_PITCH_SIGMAS = (0.005, 0.00524, 0.00524)
@@ -62,20 +62,20 @@ class BetweenViews(NoLandmark):
     Attributes
     ----------
     i, j
-        Indices of the views (`view_key`).
+        Variables of the views.
     T_i_j
         float64 (4, 4), pose of view j in view i.
     cov
         float64 (6, 6) of (roll, pitch, yaw, x, y, z) in j's frame, rad and m.
     """
 
-    i: int
-    j: int
+    i: Key
+    j: Key
     T_i_j: Float64
     cov: Float64
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a robust between factor."""
         noise = huber(gaussian(self.cov))
-        keys = view_key(self.i).symbol, view_key(self.j).symbol
+        keys = self.i.symbol, self.j.symbol
         graph.add(gtsam.BetweenFactorPose3(*keys, gtsam.Pose3(np.asarray(self.T_i_j)), noise))

@@ -6,109 +6,175 @@ the cliques that new factors affect and their ancestors, and relinearises variab
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import gtsam
 
 from tccm_ros.arrays import Float64
-from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.factor import Factor, is_same
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.graph.assembly import add_factors, insert_poses
-from tccm_ros.slam.graph.pose_graph import poses_of
+from tccm_ros.slam.graph.pose_graph import GraphSolution, poses_of
 
-RELINEARIZE = 0.1
-"""Threshold of motion (m, rad) for relinearisation of a variable (GTSAM's default)."""
+RELINEARIZE, WILDFIRE = 0.1, 1e-3
+"""Thresholds of motion (m, rad) for relinearisation of a variable, and below which a change is not
+propagated (GTSAM's defaults)."""
+
+MAX_ROUNDS = 2
+"""Maximum number of updates until no variable has moved by the threshold; the next solution
+continues (chosen: in maps with many loop closures, an update takes as long as a batch step)."""
+
+MORE_FACTORS = 1.5
+"""A covariance is recomputed, one per update, when the number of its variable's factors has grown
+by this factor: uncertainty decreases over time, so that the old covariance is conservative
+(chosen)."""
 
 
-class Isam:
-    """ISAM2 with this package's factors and variables.
+@dataclass(frozen=True, eq=False)
+class IncrementalSolution(GraphSolution):
+    """Estimates of an `IncrementalGraph`, with its cached covariances.
+
+    Attributes
+    ----------
+    source
+        The graph.
+    """
+
+    source: IncrementalGraph
+
+    def covariance(self, key: Key) -> Float64:
+        """Return the marginal covariance in GTSAM's tangent order of the variable."""
+        return self.source.covariance(key)
+
+
+class IncrementalGraph:
+    """A graph that stays optimised while its factors change; each factor has a name.
 
     Parameters
     ----------
-    relinearize
-        Threshold of motion (m, rad) for relinearisation of a variable.
-    factorization
-        ``CHOLESKY`` or ``QR``. Cholesky fails ("indeterminate") if a row of the square-root
-        information is below 1/4096 of another: for example with a position uncertainty of 30 m
-        after a long corridor, and a scan-to-scan heading uncertainty of 2 mrad. QR succeeds, at
-        nearly twice the time.
-    wildfire
-        Threshold of motion (m, rad) below which a change is not propagated.
+    relinearize, wildfire
+        Thresholds, as `RELINEARIZE` and `WILDFIRE`.
+    covariances
+        Known marginal covariances of future variables, in GTSAM's tangent order.
     """
 
     def __init__(
-        self, relinearize: float, factorization: str = "CHOLESKY", wildfire: float | None = None
+        self,
+        relinearize: float = RELINEARIZE,
+        wildfire: float = WILDFIRE,
+        covariances: Mapping[Key, Float64] | None = None,
     ) -> None:
-        params = gtsam.ISAM2Params()
-        params.setRelinearizeThreshold(relinearize)
-        params.relinearizeSkip = 1
-        params.setFactorization(factorization)
-        if wildfire is not None:
-            steps = gtsam.ISAM2GaussNewtonParams()
-            steps.setWildfireThreshold(wildfire)
-            params.setOptimizationParams(steps)
-        self.isam = gtsam.ISAM2(params)
+        self._thresholds = relinearize, wildfire
+        self._isam = _isam(*self._thresholds)
+        # The factors and their indices in the graph.
+        self._held: dict[Hashable, tuple[Factor, list[int]]] = {}
+        self._starts: dict[Key, Float64] = {}
+        # Number of factors of each variable, now and when its covariance was computed.
+        self._uses: Counter[int] = Counter()
+        self._covariances = {k.symbol: (cov, 0) for k, cov in (covariances or {}).items()}
+        self._may_refresh = True
 
     def update(
-        self,
-        factors: Iterable[Factor],
-        poses: Mapping[Key, Float64],
-        gone: Sequence[int] = (),
-    ) -> list[list[int]]:
-        """Add factors and variables, and remove factors.
+        self, factors: Mapping[Hashable, Factor | None], poses: Mapping[Key, Float64]
+    ) -> None:
+        """Add, replace and remove factors, add variables, and update the estimates.
 
         Parameters
         ----------
         factors
-            New factors, which also initialise new landmarks from poses in the graph.
+            Factors by name. One that is equal to the present factor of its name is ignored
+            (`is_same`); None removes the factor. New landmarks are initialised by their factors.
         poses
-            Start values (3,) or (4, 4); those of poses in the graph are ignored.
-        gone
-            Indices of factors to remove.
+            Start values (3,) or (4, 4) of poses; those of poses in the graph are ignored.
 
-        Returns
-        -------
-        list of list of int
-            The indices in the graph of each of `factors`
+        Raises
+        ------
+        RuntimeError
+            Where the graph does not determine its variables.
         """
-        graph, values, is_known = (
-            gtsam.NonlinearFactorGraph(),
-            gtsam.Values(),
-            self.isam.valueExists,
-        )
-        fresh = {key: pose for key, pose in poses.items() if not is_known(key.symbol)}
+        new: dict[Hashable, Factor] = {}
+        gone: list[int] = []
+        for name, factor in factors.items():
+            if name in self._held:
+                if factor is not None and is_same(self._held[name][0], factor):
+                    continue
+                gone += self._held.pop(name)[1]
+            if factor is not None:
+                new[name] = factor
+        for key, pose in poses.items():
+            self._starts.setdefault(key, pose)
+        try:
+            self._insert(new, poses, gone)
+        except RuntimeError:
+            # Cholesky fails if a row of the square-root information is below 1/4096 of another: for
+            # example with a position uncertainty of 30 m after a long corridor, and a scan-to-scan
+            # heading uncertainty of 2 mrad. QR succeeds, at nearly twice the time.
+            failed, self._isam = self._isam, _isam(*self._thresholds, factorization="QR")
+            held = {name: factor for name, (factor, _) in self._held.items()}
+            for key in filter(lambda key: failed.valueExists(key.symbol), self._starts):
+                self._starts[key] = key.from_value(failed.calculateEstimatePose3(key.symbol))
+            self._insert({**held, **new}, self._starts, [])
+
+    def _insert(
+        self, factors: Mapping[Hashable, Factor], poses: Mapping[Key, Float64], gone: list[int]
+    ) -> None:
+        isam, graph, values = self._isam, gtsam.NonlinearFactorGraph(), gtsam.Values()
+        fresh = {key: pose for key, pose in poses.items() if not isam.valueExists(key.symbol)}
         starts = insert_poses(values, fresh)
 
         def pose_of(key: Key) -> Float64:
             if key in starts:
                 return starts[key]
-            return key.from_value(self.isam.calculateEstimatePose3(key.symbol))
+            return key.from_value(isam.calculateEstimatePose3(key.symbol))
 
-        ends = add_factors(graph, values, factors, pose_of, is_known)
-        result = self.isam.update(graph, values, list(gone))
-        numbers = list(result.getNewFactorsIndices())
-        return [numbers[a:b] for a, b in pairwise([0, *ends])]
+        ends = add_factors(graph, values, factors.values(), pose_of, isam.valueExists)
+        numbers = list(isam.update(graph, values, gone).getNewFactorsIndices())
+        self._may_refresh = True
+        held = isam.getFactorsUnsafe()
+        for i in numbers:
+            self._uses.update(held.at(i).keys())
+        for (name, factor), (a, b) in zip(factors.items(), pairwise([0, *ends])):
+            self._held[name] = factor, numbers[a:b]
 
-
-class IncrementalGraph:
-    """A growing graph whose poses can be read at any time."""
-
-    def __init__(self) -> None:
-        self._steps: list[tuple[list[Factor], dict[Key, Float64]]] = []
-        self._isam = Isam(RELINEARIZE)
-
-    def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
-        """Add factors and new poses, with start values (3,) or (4, 4), and update."""
-        step = list(factors), dict(poses)
-        self._steps.append(step)
-        try:
-            self._isam.update(*step)
-        except RuntimeError:
-            self._isam = Isam(RELINEARIZE, "QR")
-            for earlier in self._steps:
-                self._isam.update(*earlier)
+    def relinearise(self, rounds: int = MAX_ROUNDS) -> None:
+        """Relinearise variables that have moved, until none moves further or for some rounds."""
+        for _ in range(rounds):
+            if not self._isam.update().getVariablesRelinearized():
+                break
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""
-        return poses_of(self._isam.isam.calculateEstimate(), keys)
+        return poses_of(self._isam.calculateEstimate(), keys)
+
+    def solution(self) -> IncrementalSolution:
+        """Return the estimates of all variables."""
+        values, graph = self._isam.calculateBestEstimate(), self._isam.getFactorsUnsafe()
+        return IncrementalSolution(values, graph, 0, self)
+
+    def indices_of(self, names: Iterable[Hashable]) -> list[int]:
+        """Return the indices in the graph of factors, each in GTSAM's form a single one."""
+        return [self._held[name][1][0] for name in names]
+
+    def covariance(self, key: Key) -> Float64:
+        """Return the marginal covariance in GTSAM's tangent order; see `MORE_FACTORS`."""
+        symbol, uses = key.symbol, self._uses[key.symbol]
+        cov, then = self._covariances.get(symbol, (None, 0))
+        is_old = bool(then) and uses > MORE_FACTORS * then and self._may_refresh
+        if cov is None or is_old:
+            cov, then = self._isam.marginalCovariance(symbol), uses
+            self._may_refresh = self._may_refresh and not is_old
+        self._covariances[symbol] = cov, then or uses
+        return cov
+
+
+def _isam(relinearize: float, wildfire: float, factorization: str = "CHOLESKY") -> gtsam.ISAM2:
+    params, steps = gtsam.ISAM2Params(), gtsam.ISAM2GaussNewtonParams()
+    params.setRelinearizeThreshold(relinearize)
+    params.relinearizeSkip = 1
+    params.setFactorization(factorization)
+    steps.setWildfireThreshold(wildfire)
+    params.setOptimizationParams(steps)
+    return gtsam.ISAM2(params)

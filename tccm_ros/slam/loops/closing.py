@@ -16,6 +16,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.records import PoseGuess
 from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.factors.factor import by_variables
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.graph.incremental import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
@@ -301,16 +302,14 @@ class LoopCloser:
     def _update(self) -> None:
         """Add the pending keyframes, loop closures and observations to the live graph."""
         keys = self._chain.keys
-        factors = [factor for k in self._waiting for factor in self._chain.factors_of(k)]
+        factors = by_variables(f for k in self._waiting for f in self._chain.factors_of(k))
         # Loop closures of a trajectory that is not joined stay pending.
         fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == -1]
-        factors += [p.factor(keys) for p in fresh]
-        starts = {keys[k]: self.poses[k].copy() for k in self._waiting}
         seen = landmark_factors(self._take_usable(), first=self._observers)
-        for key, anchored in seen.anchored.items():
-            starts[key], factor = self._chain.anchor(key, anchored, self.poses)
-            factors.append(factor)
-        self._graph.add(factors + seen.factors, starts)
+        anchored, anchors = self._chain.anchor(seen.anchored, self.poses)
+        starts = {**{keys[k]: self.poses[k].copy() for k in self._waiting}, **anchored}
+        factors |= {p: p.factor(keys) for p in fresh}
+        self._graph.update(factors | by_variables([*anchors, *seen.factors]), starts)
         self._waiting = []
         self._fresh = [p for p in self._fresh if self._root(p.a) != -1 or self._root(p.b) != -1]
         self._observers += len(seen.anchored)
@@ -482,7 +481,7 @@ class LoopCloser:
 
     def _read_back(self) -> None:
         """Update all poses from the live graph, after one more iteration."""
-        self._graph.add([], {})
+        self._graph.update({}, {})
         known = [
             k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
         ]

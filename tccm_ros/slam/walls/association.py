@@ -183,6 +183,9 @@ class WallAssociation:
         self.keyframe = np.append(self.keyframe, first + keyframe)
         self.line, self.wall = np.append(self.line, line), np.append(self.wall, wall)
 
+    def __len__(self) -> int:
+        return len(self._pooled)
+
     def whole(self, thickness: float) -> Int64:
         """Return an index for each row of the table, equal for pieces within a thickness (m)."""
         return whole_walls(self._ends, self.wall, self._pooled, thickness)

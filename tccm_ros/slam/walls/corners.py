@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.slam.factors.corners import CornerObservation, WallThroughCorner
 from tccm_ros.slam.factors.factor import Factor
@@ -73,54 +72,39 @@ def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -
     list of Corner
         In the order of their walls.
     """
-    seen = shared_ends(table, lines)
+    rows = np.flatnonzero(table.wall >= 0)
+    if not len(rows):
+        return []
+    first = np.cumsum([0, *map(len, lines)])
+    at = first[table.keyframe[rows]] + table.line[rows]
+    phi = np.concatenate([x.phi for x in lines])[at]
+    ends = np.concatenate([x.endpoints for x in lines])[at]
+    keyframe, wall = table.keyframe[rows], table.wall[rows]
+    i, j = _pairs(keyframe)
+    gaps = np.hypot(*np.moveaxis(ends[i][:, :, None] - ends[j][:, None], 3, 0)).reshape(-1, 4)
+    p, q = np.divmod(np.argmin(gaps, axis=1), 2)
+    meets = np.abs(np.sin(phi[i] - phi[j])) >= np.sin(MIN_ANGLE)
+    meets &= (gaps.min(axis=1, initial=np.inf) <= JOINED) & (wall[i] != wall[j])
+    point, seen_by = 0.5 * (ends[i, p] + ends[j, q])[meets], keyframe[i][meets]
+    walls = np.sort(np.stack([wall[i], wall[j]], axis=1)[meets], axis=1)
+    order = np.lexsort(walls.T[::-1])
+    groups = np.split(order, np.flatnonzero(np.diff(walls[order], axis=0).any(axis=1)) + 1)
     return [
-        Corner(a, b, *seen[a, b]) for a, b in sorted(seen) if len(seen[a, b][0]) >= min_keyframes
+        Corner(int(walls[g[0], 0]), int(walls[g[0], 1]), seen_by[g].tolist(), [*point[g]])
+        for g in groups
+        if len(g) >= min_keyframes
     ]
 
 
-def shared_ends(
-    table: WallTable, lines: Sequence[Lines]
-) -> defaultdict[tuple[int, int], tuple[list[int], list[Float64]]]:
-    """Return the observations of two wall ends that meet.
-
-    Parameters
-    ----------
-    table, lines
-        As in `find_corners`.
-
-    Returns
-    -------
-    defaultdict of lists
-        By the indices of two walls, the smaller first: keyframes, and points float64 (2,) in their
-        base frames, m
-    """
-    seen: defaultdict[tuple[int, int], tuple[list[int], list[Float64]]] = defaultdict(
-        lambda: ([], [])
-    )
-    at = np.flatnonzero(table.wall >= 0)
-    for group in np.split(at, np.flatnonzero(np.diff(table.keyframe[at])) + 1):
-        for n, i in enumerate(group):
-            for j in group[n + 1 :]:
-                k = int(table.keyframe[i])
-                point = _shared_end(lines[k], int(table.line[i]), int(table.line[j]))
-                a, b = sorted((int(table.wall[i]), int(table.wall[j])))
-                if point is not None and a != b:
-                    seen[a, b][0].append(k)
-                    seen[a, b][1].append(point)
-    return seen
-
-
-def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
-    """Return the midpoint (2,) of two line ends that meet, or None."""
-    dphi = lines.phi[i] - lines.phi[j]
-    if abs(np.sin(dphi)) < np.sin(MIN_ANGLE):
-        return None
-    gaps = np.hypot(*np.moveaxis(lines.endpoints[i][:, None] - lines.endpoints[j][None], 2, 0))
-    p, q = divmod(int(np.argmin(gaps)), 2)
-    if gaps[p, q] > JOINED:
-        return None
-    return np.asarray(0.5 * (lines.endpoints[i, p] + lines.endpoints[j, q]))
+def _pairs(keyframe: Int64) -> tuple[Int64, Int64]:
+    """Return the pairs i < j of lines of one keyframe, in order; keyframes (N,) are ascending."""
+    pairs, gap = [np.zeros((0, 2), np.int64)], 1
+    while (same := np.flatnonzero(keyframe[gap:] == keyframe[:-gap])).size:
+        pairs.append(np.stack([same, same + gap], axis=1))
+        gap += 1
+    i, j = np.concatenate(pairs).T
+    order = np.lexsort([j, i])
+    return i[order], j[order]
 
 
 def uses_corners(config: Config) -> bool:
@@ -140,7 +124,6 @@ def corner_factors(
     table: WallTable,
     keys: Sequence[Key],
     config: Config,
-    numbers: Iterable[int] | None = None,
 ) -> list[Factor]:
     """Return the factors that make each corner a common point of two walls.
 
@@ -158,13 +141,11 @@ def corner_factors(
         Variables of all keyframes.
     config
         Parameter ``walls.corners``.
-    numbers
-        Indices of the corners to return factors for; all by default.
     """
     is_exact, factors = config.walls.corners == "endpoint", list[Factor]()
     ends = _endpoints(corners, table) if is_exact else set()
-    for n in range(len(corners)) if numbers is None else numbers:
-        corner, key = corners[n], corner_key(n)
+    for n, corner in enumerate(corners):
+        key = corner_key(corner.a, corner.b)
         walls = [w for w in (corner.a, corner.b) if not is_exact or (w, n) in ends]
         if not walls:
             continue

@@ -1,20 +1,20 @@
 """A graph that is changed piece by piece, against a batch of what it then has."""
 
 import itertools
-from unittest.mock import patch
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import compose2, spatial
+from tccm_ros.slam.factors.factor import SAME_MEASUREMENT, by_variables
 from tccm_ros.slam.factors.keys import keyframe_key, view_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.views import BetweenViews, KeyframeView
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph import kept_graph
-from tccm_ros.slam.graph.kept_graph import RELINEARIZE, SAME_MEASUREMENT, KeptGraph
+from tccm_ros.slam.graph.incremental import IncrementalGraph
 from tccm_ros.slam.graph.pose_graph import PoseGraph
+from tccm_ros.slam.growth import RELINEARIZE, WILDFIRE
 
 STEP_COV = np.diag([0.02, 0.02, 0.01]) ** 2
 WALL_COV = np.diag([0.01, 0.02]) ** 2
@@ -64,15 +64,14 @@ def histories(draw):
     return steps, draw(st.integers(0, 2**16))
 
 
-@patch.object(kept_graph, "MAX_ROUNDS", 50)
 @given(histories())
 @settings(max_examples=25, deadline=None)
 def test_it_is_the_batch_of_what_it_has(history):
     """With all rounds that robust factors take: elsewhere the next solution goes on with them."""
     steps, seed = history
     random = np.random.default_rng(seed)
-    kept, fixed, starts, measured = KeptGraph({}), [], {}, {}
-    count = 0
+    kept, fixed, starts, measured = graph(), [], {}, {}
+    count, changing_in = 0, {}
     for new, loops, moved, views in steps:
         fresh, poses = [], {}
         for k in range(count, count + new):
@@ -85,10 +84,12 @@ def test_it_is_the_batch_of_what_it_has(history):
                 fresh.append(BetweenKeyframes(key_of(k - 1), key_of(k), step, STEP_COV))
             fresh += [wall_seen(k, w, random) for w in (0, 1)]
         count += new
+        named = by_variables(fresh)
         for a, b in loops:
             if a % count != b % count:
                 step = noisy_step(a % count, b % count, random)
-                fresh.append(BetweenKeyframes(key_of(a % count), key_of(b % count), step, STEP_COV))
+                loop = BetweenKeyframes(key_of(a % count), key_of(b % count), step, STEP_COV)
+                named[loop] = loop
         changing, wanted = [], {}
         for k in views:
             wanted[view_key(k)] = starts[key_of(k)]
@@ -96,9 +97,13 @@ def test_it_is_the_batch_of_what_it_has(history):
         for i, j in itertools.pairwise(views):
             measured.setdefault((i, j), noisy_step(i, j, random))
             shifted = measured[i, j] + [moved, 0.0, 0.0]
-            changing.append(BetweenViews(i, j, spatial(shifted), VIEW_COV))
-        fixed += fresh
-        kept.update(fresh, {**poses, **wanted}, changing)
+            keys = view_key(i), view_key(j)
+            changing.append(BetweenViews(*keys, spatial(shifted), VIEW_COV))
+        fixed += named.values()
+        before, changing_in = changing_in, by_variables(changing)
+        gone = dict.fromkeys(before.keys() - changing_in.keys())
+        kept.update({**named, **gone, **changing_in}, {**poses, **wanted})
+        kept.relinearise(50)
         batch = optimum([*fixed, *changing], {**starts, **wanted})
         keys = [*starts, *wanted]
         found = kept.solution()
@@ -116,20 +121,25 @@ def optimum(factors, poses):
     return solution
 
 
+def graph():
+    return IncrementalGraph(RELINEARIZE, WILDFIRE)
+
+
 def small_graph():
     random = np.random.default_rng(1)
-    kept = KeptGraph({})
+    kept = graph()
     factors = [PriorPose(key_of(0), truth_of(0), np.eye(3) * 1e-8)]
     factors += [wall_seen(0, w, random) for w in (0, 1)]
-    kept.update(factors, {key_of(0): truth_of(0)})
+    kept.update(by_variables(factors), {key_of(0): truth_of(0)})
     return kept, factors, random
 
 
-def test_a_group_is_replaced_as_a_whole():
+def test_a_factor_replaces_the_one_of_its_name():
     kept, factors, random = small_graph()
-    old, new = ([wall_seen(0, 0, random) for _ in range(n)] for n in (3, 2))
-    kept.update([], {}, groups={"seen": old})
-    kept.update([], {}, groups={"seen": new})
+    old, new = ([wall_seen(0, 0, random) for _ in range(2)] for _ in range(2))
+    kept.update(by_variables(old, "seen"), {})
+    kept.update(by_variables(new, "seen"), {})
+    kept.relinearise()
     batch = PoseGraph([*factors, *new], {key_of(0): truth_of(0)}).optimise()
     found = kept.solution().plane(wall_key(0))
     assert np.abs(found - batch.plane(wall_key(0))).max() < 1e-6
@@ -139,9 +149,10 @@ def test_a_group_is_replaced_as_a_whole():
 
 def test_a_factor_that_is_removed_counts_no_more():
     kept, factors, random = small_graph()
-    ((index,),) = kept.update([wall_seen(0, 0, random)], {})
+    kept.update({"seen": wall_seen(0, 0, random)}, {})
     assert np.abs(kept.solution().plane(wall_key(0)) - plane_of(factors)).max() > 1e-4
-    kept.remove([index])
+    kept.update({"seen": None}, {})
+    kept.relinearise()
     assert np.abs(kept.solution().plane(wall_key(0)) - plane_of(factors)).max() < 1e-6
 
 
@@ -153,7 +164,7 @@ def plane_of(factors):
 def test_a_covariance_is_computed_again_when_its_variable_has_many_more_factors():
     kept, _, random = small_graph()
     before = kept.solution().covariance(wall_key(0))
-    kept.update([wall_seen(0, 0, random) for _ in range(8)], {})
+    kept.update(by_variables([wall_seen(0, 0, random) for _ in range(8)], "seen"), {})
     after = kept.solution().covariance(wall_key(0))
     # The angle's variance is that of nine lines, and no longer of one.
     assert after[0, 0] < before[0, 0] / 4.0

@@ -129,11 +129,16 @@ def kind(found: Found | None, truth: Float64) -> str:
     return "3 m" if found.after_m <= SOON_M else "later"
 
 
+def starts_of(drive: Drive, starts: int) -> list[int]:
+    """Return the first scans of the starts, spread over a drive; the last has some way to go."""
+    return np.linspace(0, len(drive.scans), starts, endpoint=False).astype(int).tolist()
+
+
 KINDS = ("first scan", "3 s", "3 m", "later", "searching", "wrong")
 
 
 def row(name: str, arrays: dict, drive: Drive, starts: int, other: Drive | None) -> None:
-    places = np.linspace(0, len(drive.scans) - 2, starts).astype(int).tolist()
+    places = starts_of(drive, starts)
     free, told, busy = Counter[str](), Counter[str](), []
     for start in places:
         found = find(arrays, drive, start)
@@ -145,7 +150,7 @@ def row(name: str, arrays: dict, drive: Drive, starts: int, other: Drive | None)
         told["no" if found is None else "right" if is_right(found.pose, truth) else "wrong"] += 1
     false = "-"
     if other is not None:
-        elsewhere = np.linspace(0, len(other.scans) - 2, starts).astype(int).tolist()
+        elsewhere = starts_of(other, starts)
         false = str(sum(find(arrays, other, start) is not None for start in elsewhere))
     cells = [name, str(starts), *(str(free[k]) for k in KINDS)]
     cells += [f"{told['right']} / {told['wrong']} / {told['no']}", false]
@@ -176,7 +181,7 @@ def row_of_arena(real: Path, starts: int) -> None:
     arrays = mapped(recorded(real / "robocup_c1"))
     drive = recorded(real / "robocup2026_1")
     rounds = []
-    for start in np.linspace(0, len(drive.scans) - 2, starts).astype(int).tolist():
+    for start in starts_of(drive, starts):
         found = find(arrays, drive, start)
         if found is None:
             rounds.append((None, 0.0, 0))

@@ -1,7 +1,7 @@
 """A drive in real time through the nodes as processes: pauses, drops, memory, live = offline.
 
     tccm simulate flat DIR --set laps=2 --set always=true --set cycle_period=3.1
-    python bench/soak_nodes.py DIR [--rate 1] [--remap NAME:=TOPIC]... [--no-replay]
+    python bench/soak_nodes.py DIR [--rate 1] [--remap NAME:=TOPIC]... [--no-replay] [--one]
 
 Plays a bag into tccm_node and slam_node and prints each node's longest step, the longest pause of
 `/pose`, what was dropped, the time of two saves in the midst of the drive and of one at the end,
@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
@@ -152,13 +152,14 @@ def main() -> None:
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rate", type=float, default=1.0)
     parser.add_argument("--remap", action="append", default=[], metavar="NAME:=TOPIC")
+    parser.add_argument("--one", action="store_true", help="both nodes in one process: all_in_one")
     parser.add_argument("--no-replay", action="store_true", help="compare no files")
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", "98")
     with tempfile.TemporaryDirectory() as folder:
         live, offline = Path(folder) / "live", Path(folder) / "offline"
-        drive(arguments.bag, arguments.rate, live, arguments.remap)
+        drive(arguments, live)
         if arguments.no_replay:
             return
         replay(arguments.bag, offline, Config(), pictures=False, remap=arguments.remap)
@@ -167,13 +168,15 @@ def main() -> None:
             print(f"{name}: {'equal' if is_equal else 'DIFFERS'}")
 
 
-def drive(bag: Path, rate: float, folder: Path, remap: Sequence[str]) -> None:
+def drive(arguments: argparse.Namespace, folder: Path) -> None:
     """Play a bag into the nodes, whose topics are remapped, and print what they did."""
+    bag, rate = arguments.bag, arguments.rate
     rclpy.init()
     watch = Watch()
-    rules = [word for rule in remap for word in ("-r", rule)]
+    rules = [word for rule in arguments.remap for word in ("-r", rule)]
     saving = ("-p", f"save.directory:={folder}", "-p", "qos.reliability:=reliable")
-    processes = {name: start(module, *rules, *saving) for name, module in NODES.items()}
+    modules = {"both": "all_in_one"} if arguments.one else NODES
+    processes = {name: start(module, *rules, *saving) for name, module in modules.items()}
     try:
         watch.spin_until(lambda: set(NODES) <= set(watch.reports), "the nodes")
         words = f"bag:={bag}", f"rate:={rate}", "reliable:=true", "wait_for_subscribers:=60.0"
@@ -205,9 +208,10 @@ def drive(bag: Path, rate: float, folder: Path, remap: Sequence[str]) -> None:
         before = dict(watch.reports)
         watch.spin_until(lambda: watch.reports["tccm"] is not before["tccm"], "diagnostics")
         print_pss((time.monotonic() - begin) / 60.0, processes)
-        for name, process in processes.items():
+        for name in NODES:
             values = watch.reports[name]
             print(name, {k: v for k, v in values.items() if not k.startswith("received")})
+        for name, process in processes.items():
             print(
                 "{}: peak memory {:.0f} MB, children {:.0f} MB".format(
                     name, *memory_mb(process.pid)

@@ -126,7 +126,7 @@ class Approach:
 
         None while the navigator drives: then nothing may be sent.
         """
-        lost = loss_of(senses)
+        lost = loss_of(senses, self._robot.patience_s)
         if lost is not None:
             return self._end(senses, *lost)
         self._odom_map = inverse2(_known(senses.map_odom))
@@ -142,6 +142,12 @@ class Approach:
         if self.phase == Phase.CLOSING:
             return self._close(senses, is_new)
         return self._verify(senses, is_new)
+
+    def wait(self, senses: Senses) -> Speeds | None:
+        """Return the zero command, None while the navigator drives; the approach goes on."""
+        if self._navigator is not None and self._navigator.is_active:
+            return None
+        return self._driver.stop(senses)
 
     def cancel(self, senses: Senses) -> Speeds:
         """Cancel the approach; return the zero command."""
@@ -273,8 +279,6 @@ class Approach:
                 return self._after_look(senses)
         waited_s = senses.now_s - self._since_s
         if waited_s > self._robot.patience_s:
-            if not self._is_arrived:
-                return self._after_look(senses)
             return self._end(
                 senses, Reason.LOST_SURFACE,
                 f"no tilt cycle came for {waited_s:.0f} s: does the tilting laser or the camera "

@@ -56,7 +56,7 @@ class Detection:
 
     def step(self, senses: Senses) -> None:
         """Follow the surface in a new tilt cycle; set `outcome` where it is lost."""
-        lost = loss_of(senses)
+        lost = loss_of(senses, self._robot.patience_s)
         if lost is not None:
             self.outcome = Outcome(*lost)
             return
@@ -73,6 +73,9 @@ class Detection:
                 Reason.LOST_SURFACE,
                 f"tilt cycles have not shown the surface for {self._robot.patience_s:.0f} s",
             )
+
+    def wait(self, senses: Senses) -> None:
+        """Do nothing."""
 
     def cancel(self, senses: Senses) -> None:
         """End the measurement."""

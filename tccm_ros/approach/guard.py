@@ -10,7 +10,7 @@ import shapely
 
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.speeds import STOP, Limits, Speeds, braked
+from tccm_ros.approach.speeds import HOLD_S, STOP, Limits, Speeds, stoppable
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, transform2
@@ -119,12 +119,14 @@ class Obstacles:
             way = footprint.free_way(local, self.margins, math.copysign(1.0, ahead))
             if way < BLOCKED_M:
                 return Guarded(STOP, self._nearest(local, footprint, math.copysign(1.0, ahead)))
-            ahead = braked(math.copysign(way, ahead), abs(ahead), limits.acceleration)
+            ahead = math.copysign(stoppable(way, abs(ahead), limits.acceleration), ahead)
         if yaw_rate:
-            brake = yaw_rate * yaw_rate / (2.0 * limits.yaw_acceleration)
+            rate = abs(yaw_rate)
+            brake = rate * HOLD_S + rate * rate / (2.0 * limits.yaw_acceleration)
             angle = math.copysign(brake + 2.0 * BLOCKED_RAD, yaw_rate)
-            free = footprint.free_rotation(local, self.margins, angle)
-            if abs(free) < BLOCKED_RAD:
+            free = abs(footprint.free_rotation(local, self.margins, angle))
+            yaw_rate = math.copysign(stoppable(free, rate, limits.yaw_acceleration), yaw_rate)
+            if free < BLOCKED_RAD:
                 # While driving, the yaw rate only keeps the line, so it can be zero.
                 if not ahead:
                     return Guarded(STOP, self._nearest(local, footprint, 0.0))

@@ -1,4 +1,8 @@
-"""Check of the inputs without which the base must not move: localisation, odometry, level scans."""
+"""Check of the inputs without which the base must not move.
+
+They are localisation, odometry, level scans and the obstacles of the integration map: tops beside
+and behind the base are in no level scan.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +16,26 @@ POSE_S, SCAN_S = 0.3, 0.6
 at 20 Hz, six scans at 10 Hz; the base moves 6 cm at 0.2 m/s in the first."""
 
 
-def loss_of(senses: Senses) -> tuple[Reason, str] | None:
-    """Return reason and message if an input is missing or too old; None if all are current."""
+def loss_of(senses: Senses, patience_s: float) -> tuple[Reason, str] | None:
+    """Return reason and message if an input is missing or too old; None if all are current.
+
+    Parameters
+    ----------
+    senses
+        Newest measurements.
+    patience_s
+        Maximum age of the obstacles, s: they come once a tilt cycle.
+    """
     if senses.map_odom is None:
         return Reason.LOST_POSE, f"the robot does not know where it is: {senses.why_lost}"
     if senses.now_s - senses.pose_s > POSE_S:
         return Reason.LOST_POSE, f"no odometry for {senses.now_s - senses.pose_s:.1f} s"
-    age = senses.now_s - senses.scan_s
-    if age > SCAN_S:
-        text = f"no level scan for {age:.1f} s" if math.isfinite(age) else "no level scan has come"
-        return Reason.LOST_SCANS, text
+    for what, stamp_s, max_age_s in (
+        ("level scan", senses.scan_s, SCAN_S),
+        ("~/obstacles of tccm_node", senses.cuboids_s, patience_s),
+    ):
+        age = senses.now_s - stamp_s
+        if age > max_age_s:
+            since = f"for {age:.1f} s" if math.isfinite(age) else "yet"
+            return Reason.LOST_SCANS, f"no {what} {since}"
     return None

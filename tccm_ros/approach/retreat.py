@@ -39,7 +39,7 @@ class Retreat:
 
     def step(self, senses: Senses) -> Speeds:
         """Return the velocity command of this step; zero once `outcome` is set."""
-        lost = loss_of(senses)
+        lost = loss_of(senses, self._robot.patience_s)
         if lost is not None:
             return self._end(senses, *lost)
         if self._start is None:
@@ -59,6 +59,10 @@ class Retreat:
     def way(self, pose: Float64) -> float:
         """Return the length driven up to a pose (3,), m."""
         return 0.0 if self._start is None else -float(between2(self._start, pose)[0])
+
+    def wait(self, senses: Senses) -> Speeds:
+        """Return the zero command; the retreat goes on."""
+        return self._driver.stop(senses)
 
     def cancel(self, senses: Senses) -> Speeds:
         """Cancel the retreat; return the zero command."""

@@ -44,8 +44,8 @@ class Senses:
         Reason for lost localisation, for the user.
     scan, scan_s
         float64 (N, 2), points of the level laser, and its stamp.
-    cuboids
-        float64 (M, 3), cuboids of the integration map; empty if it is not published.
+    cuboids, cuboids_s
+        float64 (M, 3), cuboids of the integration map, and their stamp.
     cycle
         Newest tilt cycle; None before the first.
     """
@@ -58,4 +58,5 @@ class Senses:
     scan: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
     scan_s: float = -np.inf
     cuboids: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    cuboids_s: float = -np.inf
     cycle: TopCycle | None = None

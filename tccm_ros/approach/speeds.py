@@ -22,6 +22,10 @@ MAX_AIM_RAD = 0.5
 SLOW_GAIN = 2.0
 """Velocity per distance near the end of a motion, 1/s: it prevents overshoot."""
 
+HOLD_S = 0.3
+"""Longest time that a command acts where the next one is late, s: one period of the loop, in which
+it is computed, and 0.25 s, the timeout of the base's watchdog in docs/guides/approaching.md."""
+
 MAX_DELAY_S = 1.0
 """Maximum age of commands in the history, s."""
 
@@ -66,6 +70,20 @@ def braked(distance: float, top: float, acceleration: float) -> float:
     way = abs(distance)
     speed = min(top, math.sqrt(2.0 * acceleration * way), SLOW_GAIN * way)
     return math.copysign(speed, distance)
+
+
+def stoppable(way: float, top: float, acceleration: float) -> float:
+    """Return the maximum speed that may act for `HOLD_S` and still stops within a distance, m/s.
+
+    Parameters
+    ----------
+    way
+        Free distance, m, >= 0. Angles work alike.
+    top, acceleration
+        Maximum speed and deceleration, >= 0.
+    """
+    held = acceleration * HOLD_S
+    return min(top, math.sqrt(held * held + 2.0 * acceleration * way) - held)
 
 
 def rotate_to(yaw_error: float, limits: Limits) -> Speeds:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -64,8 +63,11 @@ ZEROS = 2
 """Number of zero commands at the end of a goal: a best-effort subscriber may lose one."""
 
 CATCH_UP_S = 0.3
-"""Time after a step longer than the period, s, in which the messages that came meanwhile are read
-and the base stands: no input counts as lost yet. As `losses.POSE_S`."""
+"""Time after a step longer than the period, s, in which the messages that came meanwhile are read:
+until then the base stands where an input seems lost. As `losses.POSE_S`."""
+
+PERIOD_NS = round(PERIOD_S * 1e9)
+"""Period of the control loop, ns."""
 
 MAX_ZEROS = 100
 """Maximum number of zero commands while Nav2 ends its drive, 5 s. Chosen."""
@@ -220,16 +222,12 @@ class ApproachNode(Node):
         drive = self._drive
         if drive is None:
             return
-        start_s = time.monotonic()
         try:
             outcome = self._drive_on(drive)
         except Exception as error:
             self._stop(drive)
             self.get_logger().error(f"stopped: {one_line(error)}")
             outcome = Outcome(Reason.BLOCKED, f"stopped, as a step failed: {one_line(error)}")
-        end_s = time.monotonic()
-        if end_s - start_s > PERIOD_S:
-            self._reading_until_s = end_s + CATCH_UP_S
         if outcome is not None:
             self._drive = None
             drive.done.set_result(outcome)
@@ -241,17 +239,22 @@ class ApproachNode(Node):
         machine = drive.machine
         if machine.outcome is not None:
             return self._finish_drive(drive, machine.outcome)
-        senses = self.senses.newest(self.get_clock().now().nanoseconds, drive.robot.footprint)
+        start_ns = self.get_clock().now().nanoseconds
+        senses = self.senses.newest(start_ns, drive.robot.footprint)
         if senses is None:
             self._stop(drive)
             return Outcome(Reason.LOST_POSE, "no odometry has come")
         if self._is_ending or drive.is_unwanted():
             speeds = machine.cancel(senses)
-        elif time.monotonic() < self._reading_until_s and loss_of(senses) is not None:
-            is_by_nav2 = self._navigator is not None and self._navigator.is_active
-            speeds = None if is_by_nav2 else STOP
+        elif senses.now_s < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
+            speeds = machine.wait(senses)
         else:
             speeds = machine.step(senses)
+            end_ns = self.get_clock().now().nanoseconds
+            if end_ns - start_ns > PERIOD_NS:
+                # The base has moved on since: a command for its old place may touch something.
+                self._reading_until_s = end_ns * 1e-9 + CATCH_UP_S
+                speeds = None if speeds is None else machine.wait(senses)
         if speeds is not None:
             self._send(speeds)
         if isinstance(machine, Detection):

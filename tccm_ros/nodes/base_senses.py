@@ -27,6 +27,7 @@ from tccm_ros.nodes.qos import latched, sensor, static_transforms, surface_messa
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.records import Odometry, PosedScan, SurfaceCloud
+from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.robot.robot import Robot
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_rows
 from tccm_ros.ros.reading import READERS
@@ -70,7 +71,7 @@ class BaseSenses:
         self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)], expects_odometry=True)
         self._poses: deque[tuple[int, Float64]] = deque(maxlen=HISTORY)
         self._scan, self._scan_ns = np.zeros((0, 2)), -1
-        self._cuboids = np.zeros((0, 3))
+        self._cuboids, self._cuboids_ns = np.zeros((0, 3)), -1
         self._cycle: TopCycle | None = None
         self._placed: tuple[MapLocalisation, Float64] | None = None
         measured = sensor(config.qos.reliability)
@@ -156,6 +157,7 @@ class BaseSenses:
             return
         points = np.stack([rows["x"], rows["y"], rows["z"]], axis=1).astype(np.float64)
         self._cuboids = transform(self._robot.motion.odometry.T_near_odom, points)
+        self._cuboids_ns = stamp_ns_from_message(message.header.stamp)
 
     # --- where the base is ---
 
@@ -185,8 +187,7 @@ class BaseSenses:
             return None, "nobody publishes ~/localisation of the map's node"
         if localisation.state != "tracking":
             return None, localisation.reason or localisation.state
-        stamp = localisation.message.header.stamp
-        stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+        stamp_ns = stamp_ns_from_message(localisation.message.header.stamp)
         if now_ns - stamp_ns > STALE_NS:
             return None, f"~/localisation is {(now_ns - stamp_ns) * 1e-9:.1f} s old"
         if self._placed is None or self._placed[0] is not localisation:
@@ -222,8 +223,8 @@ class BaseSenses:
         local = (self._scan - pose[:2]) @ _rotation(pose[2])
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
         return Senses(
-            now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan,
-            self._scan_ns * 1e-9 if self._scan_ns >= 0 else -np.inf, self._cuboids, self._cycle,
+            now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan, _seconds(self._scan_ns),
+            self._cuboids, _seconds(self._cuboids_ns), self._cycle,
         )  # fmt: skip
 
     def start(self) -> None:
@@ -233,6 +234,11 @@ class BaseSenses:
     def close(self) -> None:
         """Stop handling messages."""
         self.intake.close()
+
+
+def _seconds(stamp_ns: int) -> float:
+    """Return a stamp in s; -inf for -1, before the first message."""
+    return stamp_ns * 1e-9 if stamp_ns >= 0 else -np.inf
 
 
 def _rotation(yaw: float) -> Float64:

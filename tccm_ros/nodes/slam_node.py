@@ -16,6 +16,7 @@ from tccm_ros.errors import TccmError
 from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.ending import Ending
+from tccm_ros.nodes.heap import trim_heap
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.keepout import tell_keepout_info
 from tccm_ros.nodes.live_pose import LivePosePublisher
@@ -243,6 +244,7 @@ class SlamNode(SensorNode):
         if isinstance(answer, Solved):
             self._client_api.receive(answer)
             self.worker.post(lambda: self.session.take_solved(answer))
+            trim_heap()
         elif isinstance(answer, Placed):
             self.worker.post(lambda: self.session.take_placed(answer))
         elif isinstance(answer, Messages):

@@ -22,7 +22,7 @@ def tccm_node() -> None:
 
 def slam_node() -> None:
     """Run slam_node."""
-    _start("slam_node")
+    _start("slam_node", solves=True)
 
 
 def managed_tccm_node() -> None:
@@ -32,7 +32,7 @@ def managed_tccm_node() -> None:
 
 def managed_slam_node() -> None:
     """Run slam_node for a lifecycle manager."""
-    _start("managed_slam_node")
+    _start("managed_slam_node", solves=True)
 
 
 def player_node() -> None:
@@ -52,13 +52,16 @@ def approach_node() -> None:
 
 def all_in_one() -> None:
     """Run tccm_node and slam_node in one process."""
-    _start("all_in_one")
+    _start("all_in_one", solves=True)
 
 
-def _start(name: str) -> None:
+def _start(name: str, *, solves: bool = False) -> None:
     leave_at_a_signal()
     find_wheels()
-    import_module(f"tccm_ros.nodes.{name}").main()
+    module = import_module(f"tccm_ros.nodes.{name}")
+    if solves:
+        import_module("tccm_ros.nodes.solver.forked").prepare()
+    module.main()
 
 
 def find_wheels() -> None:

@@ -18,6 +18,7 @@ from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.drops import PAUSED
 from tccm_ros.nodes.ending import Ending
+from tccm_ros.nodes.heap import trim_heap
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
 from tccm_ros.nodes.joint_timing_watch import JointTimingWatch
@@ -175,6 +176,7 @@ class TccmNode(SensorNode):
         with output_folder(folder) as made:
             (made / CUBOIDS_FILE).write_bytes(archive)
         self._has_saved = True
+        trim_heap()
         return f"{folder}: {len(cuboids)} cuboids"
 
     def _save(self) -> str:
@@ -205,6 +207,7 @@ class TccmNode(SensorNode):
             self._frame_id = result.frame_id
             self._rig_check.add(result)
             self._rig_problems = tuple(self._rig_check.problems())
+            trim_heap()
 
     # --- services ---
 

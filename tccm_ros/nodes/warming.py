@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from tccm_ros.config import Config
 from tccm_ros.errors import TccmError
+from tccm_ros.nodes.heap import trim_heap
 from tccm_ros.warm_up.compilation import Compilation
 from tccm_ros.warm_up.parts import warm_up
 
@@ -104,6 +105,7 @@ class Warming:
         # time.
         gc.collect()
         gc.freeze()
+        trim_heap()
         self._loaded.set()
         self._over.set()
         self._on_done()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,9 @@ from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines
 SIGN_DELAY_NS = 1_000_000_000
 """Delay after which a sign measurement is used in the search for loop closures. Chosen: reading a
 picture takes up to 0.15 s, so that the result does not depend on the processing time."""
+
+
+Seen = TypeVar("Seen", AnchoredObservation, SignView)
 
 
 class _ChangingContent(NamedTuple):
@@ -591,22 +594,20 @@ class WallSlam:
     def _all_sign_views(self) -> list[SignView]:
         """Return the views of signs in all sessions that are in the map's frame, in order."""
         seen = sorted(self._signs, key=sign_order)
-        anchored = self._anchor([m.stamp_ns for m in seen]) if self._front.tracked else []
-        views = [SignView(m, a) for m, a in zip(seen, anchored)]
-        keyframes, localised = self._chain.keyframes, self._closer.localised
-        own = [v for v in views if keyframes[v.anchored.keyframe].session in localised]
-        return [*self._saved_signs, *own]
+        anchored = self._anchor_localised([m.stamp_ns for m in seen])
+        return [*self._saved_signs, *(SignView(m, a) for m, a in zip(seen, anchored) if a)]
 
     def _picture_views(self) -> list[PictureView]:
         """Return the pictures of this run that are in the map's frame, in order."""
         seen = sorted(self._pictures, key=lambda picture: picture.key)
-        anchored = self._anchor([p.stamp_ns for p in seen]) if self._front.tracked else []
+        anchored = self._anchor_localised([p.stamp_ns for p in seen])
+        return [PictureView(p, a) for p, a in zip(seen, anchored) if a]
+
+    def _anchor_localised(self, stamps_ns: Sequence[int]) -> list[AnchoredPose | None]:
+        """Return the anchored poses at stamps; None in sessions outside the map's frame."""
+        anchored = self._anchor(stamps_ns) if self._front.tracked else []
         keyframes, localised = self._chain.keyframes, self._closer.localised
-        return [
-            PictureView(p, a)
-            for p, a in zip(seen, anchored)
-            if keyframes[a.keyframe].session in localised
-        ]
+        return [a if keyframes[a.keyframe].session in localised else None for a in anchored]
 
     # -- saved maps ----------------------------------------------------------------------------
 
@@ -622,27 +623,15 @@ class WallSlam:
         used = self._inliers() if self._growth is None else self._growth.used
         number = self.kept_keyframes()
         kept = list(number)
+        views = [replace(view, sign=sign.id) for sign in used.signs for view in sign.views]
         return pack_walls(
             SavedWalls(
                 [self._chain.keyframes[k] for k in kept],
                 [self._lines[k] for k in kept],
                 poses[kept],
                 [replace(p, a=number[p.a], b=number[p.b]) for p in used.loops],
-                [
-                    replace(o, anchored=replace(o.anchored, keyframe=number[o.anchored.keyframe]))
-                    for o in used.observations
-                    if o.anchored.keyframe in number
-                ],
-                [
-                    replace(
-                        v,
-                        anchored=replace(v.anchored, keyframe=number[v.anchored.keyframe]),
-                        sign=sign.id,
-                    )
-                    for sign in used.signs
-                    for v in sign.views
-                    if v.anchored.keyframe in number
-                ],
+                _renumbered(used.observations, number),
+                _renumbered(views, number),
                 self._closer.unjoined,
             )
         )
@@ -711,6 +700,15 @@ class WallSlam:
         slam._first_session = session
         slam._live = slam._live._replace(localised=not keyframes)
         return slam
+
+
+def _renumbered(seen: Iterable[Seen], number: Mapping[int, int]) -> list[Seen]:
+    """Return what was seen from keyframes that have a new number, with that number."""
+    return [
+        replace(x, anchored=replace(x.anchored, keyframe=number[x.anchored.keyframe]))
+        for x in seen
+        if x.anchored.keyframe in number
+    ]
 
 
 def _by_stamp(seen: Iterable[LandmarkObservation]) -> list[LandmarkObservation]:

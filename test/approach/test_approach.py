@@ -1,6 +1,9 @@
 """Whole approaches by the simulated base, in its own time."""
 
 import math
+import os
+import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,26 +144,91 @@ def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
     assert base.contacts == 0
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_cancels_and_dropouts_at_any_time_end_in_no_motion(seed):
-    """A fuzz: an input falls silent, or the goal is cancelled, at a random time."""
-    rng = np.random.default_rng(seed)
-    flat = simple_flat(None, (0.2, 0.1, 0.3))
-    machine, base = approach(flat, seed)
-    at, what = rng.uniform(0.5, 20.0), rng.choice(["odom", "scan", "cycle", "map", "cancel"])
-    while machine.outcome is None and base.t < 150.0:
-        if base.t > at and what == "cancel":
-            base.tick(machine.cancel(base.senses()))
-            continue
-        if base.t > at:
-            base.mute.add(what)
-        base.tick(machine.step(base.senses()))
-    assert machine.outcome is not None
-    for _ in range(20):
-        base.tick(STOP)
-    place = base.truth.copy()
-    for _ in range(5):
-        base.tick(STOP)
-    assert np.allclose(place, base.truth, atol=1e-5)
-    assert base.contacts == 0
-    assert machine.outcome.message
+FAULTS = ("odom", "scan", "cycle", "map", "cancel", "next goal", "nothing")
+MAX_STEPS = 60
+"""Longest time between faults, steps of the control loop."""
+
+LATE = 0.1
+"""Fraction of steps whose command comes late, by up to twice the watchdog's time."""
+
+
+class FaultyDrive:
+    """Goals one after the other, with faults at random steps and a loop that is late at times."""
+
+    def __init__(self, seed):
+        self.chance = random.Random(seed)
+        self.flat = simple_flat(None, (0.3, -0.2, 0.5))
+        self.base = SimulatedBase(self.flat, np.random.default_rng(seed))
+        self.machine, self.is_cancelled, self.outcomes = None, False, []
+
+    def tick(self):
+        machine, base = self.machine, self.base
+        if machine is None:
+            base.tick(None)
+            return
+        senses = base.senses()
+        command = machine.cancel(senses) if self.is_cancelled else machine.step(senses)
+        late = self.chance.randint(1, 10) if self.chance.random() < LATE else 0
+        for _ in range(late):
+            base.tick(None)
+        # As approach_node: a command for a place that the base has left is not sent.
+        base.tick(machine.wait(senses) if late > 1 else command)
+        if machine.outcome is not None:
+            self.outcomes.append(machine.outcome)
+            self.machine = None
+
+    def wait(self):
+        for _ in range(self.chance.randint(0, MAX_STEPS)):
+            self.tick()
+
+    def send(self):
+        is_retreat = self.chance.random() < 0.25
+        goal, around = a_goal(self.flat), surroundings(self.flat)
+        self.machine = Retreat(ROBOT, 0.2) if is_retreat else Approach(ROBOT, goal, around)
+        self.is_cancelled = False
+
+    def make(self, kind):
+        if kind == "cancel":
+            self.is_cancelled = True
+        elif kind == "next goal" and self.machine is None:
+            self.send()
+            while self.machine is not None:
+                self.tick()
+        elif kind in FAULTS[:4]:
+            self.base.mute.add(kind)
+
+    def goal(self):
+        self.send()
+        for _ in range(self.chance.randint(1, 3)):
+            self.wait()
+            self.make(self.chance.choice(FAULTS))
+            if self.chance.random() < 0.5:
+                self.wait()
+                self.base.mute.clear()
+        self.is_cancelled = True
+        while self.machine is not None:
+            self.tick()
+        self.base.mute.clear()
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("TCCM_SEEDS", "3"))))
+def test_faults_at_any_time_and_a_late_loop_end_without_motion_or_contact(seed):
+    drive = FaultyDrive(seed)
+    for number in range(8):
+        drive.goal()
+        for _ in range(20):
+            drive.base.tick(None)
+        assert drive.base.speed < 1e-3, number
+        assert drive.base.contacts == 0, (number, drive.outcomes)
+    assert all(outcome.message for outcome in drive.outcomes)
+
+
+def test_without_obstacles_of_the_integration_map_nothing_moves():
+    """A retreat from a table that stands behind: its top is in no level scan."""
+    flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.1, 0.0, math.pi))
+    base = SimulatedBase(flat, np.random.default_rng(0))
+    for machine in (Retreat(ROBOT, 0.3), approach(flat)[0]):
+        blind = replace(base.senses(), cuboids=np.zeros((0, 3)), cuboids_s=-np.inf)
+        assert machine.step(blind) == STOP
+        assert machine.outcome.reason == Reason.LOST_SCANS
+        assert "no ~/obstacles of tccm_node" in machine.outcome.message

@@ -35,7 +35,8 @@ class Driver:
         self.phases: list[int] = []
         self.is_closed = False
         self.robot.has_heard = self._has_heard
-        ros.connect(self.robot.node, self.node, "/odom", "/scan", "/tccm/surfaces")
+        inputs = "/odom", "/scan", "/tccm/surfaces", "/tccm/obstacles"
+        ros.connect(self.robot.node, self.node, *inputs)
         ros.connect(self.node, self.robot.node, "/cmd_vel")
         ros.connect(self.robot.map_node, self.node, "/map", "/surface_slam/localisation")
         ros.spin_until(lambda: all(c.server_is_ready() for c in self.clients), what="the actions")

@@ -22,12 +22,13 @@ from tccm_ros.geometry import compose2, inverse2, spatial, transform2
 from tccm_ros.nodes.qos import latched, surface_message
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import Odometry, Scan, SurfaceCloud
+from tccm_ros.ros.pointcloud import POINT_ROW, cloud_message
 from tccm_ros.ros.types import pose_message
 from tccm_ros.ros.writing import odometry_message, scan_message, surface_cloud_message
 
 START_S = 1_700_000_000
 WAIT_S = 0.25
-"""Time to wait for a command, s. Without one the base continues with its last command."""
+"""Time to wait for a command, s. Without one the base's watchdog decides."""
 
 BEAMS = 360
 
@@ -78,6 +79,7 @@ class ApproachRobot:
         self._scan = make(type(self._scan_message()), "scan", reliable)
         self._cycles = make(type(self._cloud(np.zeros((0, 3)), np.zeros(3), 0.0)),
                             "tccm/surfaces", surface_message())  # fmt: skip
+        self._obstacles = make(type(self._obstacles_message()), "tccm/obstacles", latched())
         self._grid = self.map_node.create_publisher(OccupancyGrid, "map", latched())
         self._map = self.map_node.create_publisher(SurfaceMap, "~/surface_map", latched())
         self._where = self.map_node.create_publisher(Localisation, "~/localisation", latched())
@@ -150,6 +152,11 @@ class ApproachRobot:
         )  # fmt: skip
         return surface_cloud_message(self.types, cloud)
 
+    def _obstacles_message(self):
+        rows = self.base.obstacles.astype(np.float32).view(POINT_ROW).reshape(-1)
+        stamp_ns = ns(max(self.base.obstacles_s, 0.0))
+        return cloud_message(self.types, stamp_ns, "odom", rows)
+
     def _send_cycle(self) -> None:
         cycle = self.base._cycle
         if cycle is None or cycle is self._sent_cycle or "cycle" in self.base.mute:
@@ -164,6 +171,7 @@ class ApproachRobot:
         )
         sensor = np.array([*transform2(back, cycle.sensor[None, :2])[0], cycle.sensor[2]])
         self._cycles.publish(self._cloud(points, sensor, t))
+        self._obstacles.publish(self._obstacles_message())
 
     def _send_place(self) -> None:
         state = Localisation.TRACKING if self.is_localised else Localisation.LOST
@@ -201,7 +209,7 @@ class ApproachRobot:
             self.other_commands.append(len(self.commands) - count)
             base.tick(self.nav2.speeds())
         else:
-            base.tick(self.commands[-1] if self.commands else Speeds())
+            base.tick(self.commands[-1] if len(self.commands) > count else None)
 
     def drive_until(self, is_over, seconds: float = 200.0) -> None:
         """Advance the time until `is_over` returns true, or fail after `seconds`, base clock."""

@@ -35,7 +35,14 @@ LASER = np.array([0.10, 0.0, 1.25])
 
 TILT, CYCLE_LINES, LINES_PER_TICK = (0.25, 1.25), 60, 2
 BEARINGS = np.linspace(-1.2, 1.2, 241)
+FIRST_CYCLE_S = (CYCLE_LINES / LINES_PER_TICK + 1.0) * TICK_S
+"""The base stands for its first tilt cycle before time 0."""
+
 RANGE_SIGMA = 0.005
+CUBE_M = 0.05
+WATCHDOG_S = 0.25
+"""Without a new command for so long the base stops by itself, s, as the guide asks for."""
+
 HEIGHT_M = 1.3
 ROBOT = Robot(
     Footprint.of([(0.25, 0.22), (-0.25, 0.22), (-0.25, -0.22), (0.25, -0.22)]),
@@ -153,10 +160,10 @@ class SimulatedBase:
 
     def __init__(self, flat: Flat, rng: Generator):
         self.flat, self.rng = flat, rng
-        self.truth, self.odom, self.t = flat.start.copy(), np.zeros(3), 0.0
+        self.truth, self.odom, self.t = flat.start.copy(), np.zeros(3), -FIRST_CYCLE_S
         self._origin = flat.start.copy()
-        self._sent: deque = deque([(-1.0, Speeds())])
-        self._actual = np.zeros(2)
+        self._sent: deque = deque([(-np.inf, Speeds())])
+        self._actual, self._commanded_s = np.zeros(2), -np.inf
         self.wheels = 1.0 + rng.uniform(-WHEEL_ERROR, WHEEL_ERROR, 2)
         # Localisation error of level scans: 2 cm and 0.5 deg.
         self._lost = np.array([*rng.normal(0, 0.015, 2), rng.normal(0, np.radians(0.4))])
@@ -164,14 +171,22 @@ class SimulatedBase:
         self._line, self._direction = 0, 1
         self._lines: list = []
         self._cycle: TopCycle | None = None
+        self.obstacles, self.obstacles_s = np.zeros((0, 3)), -np.inf
         self.contacts = 0
-        self.path = [self.truth.copy()]
         self.mute: set[str] = set()
         self._last: dict = {}
+        self.path: list = []
+        while self.t < 0.0:
+            self.tick(None)
+        self.senses()
 
-    def tick(self, command: Speeds) -> None:
-        """Advance the time by one step of the control loop."""
-        self._sent.append((self.t + LATENCY_S, command))
+    def tick(self, command: Speeds | None) -> None:
+        """Advance the time by one step of the control loop; None: no command has come."""
+        if command is not None:
+            self._sent.append((self.t + LATENCY_S, command))
+            self._commanded_s = self.t
+        elif self.t > self._commanded_s + WATCHDOG_S - 1e-9:
+            self._sent.append((self.t, Speeds()))
         for _ in range(5):
             dt = TICK_S / 5
             while len(self._sent) > 1 and self._sent[1][0] <= self.t + 1e-9:
@@ -240,6 +255,18 @@ class SimulatedBase:
                 sensor = transform2_3(self.odom, LASER[None])[0]
                 self._cycle = TopCycle(stamp, np.concatenate(self._lines), sensor)
                 self._lines = []
+                self._remember(self._cycle)
+
+    def _remember(self, cycle: TopCycle) -> None:
+        """Replace the obstacles that a cycle looked at by those that it saw, one for each cube."""
+        local = transform2(inverse2(self.odom), self.obstacles[:, :2]) - LASER[:2]
+        bearing, distance = np.arctan2(local[:, 1], local[:, 0]), np.hypot(*local.T)
+        down = np.arctan2(LASER[2] - self.obstacles[:, 2], distance)
+        is_looked_at = (np.abs(bearing) < BEARINGS[-1]) & (down > TILT[0]) & (down < TILT[1])
+        seen = cycle.points[cycle.points[:, 2] > CUBE_M]
+        both = np.concatenate([seen, self.obstacles[~is_looked_at]])
+        _, first = np.unique(np.floor(both / CUBE_M), axis=0, return_index=True)
+        self.obstacles, self.obstacles_s = both[first], cycle.stamp_s
 
     def _scan_line(self, tilt: float) -> np.ndarray:
         """Return the points (N, 3) on horizontal surfaces of one scan line, in the base frame."""
@@ -263,7 +290,7 @@ class SimulatedBase:
         now = {
             "odom": (self.odom.copy(), self.t),
             "scan": (transform2(self.odom, self.level_scan()), self.t),
-            "cycle": self._cycle,
+            "cycle": (self._cycle, self.obstacles, self.obstacles_s),
             "map": self.map_odom,
         }
         for name in now:
@@ -271,12 +298,9 @@ class SimulatedBase:
                 self._last[name] = now[name]
         map_odom = None if "map" in self.mute else self.map_odom
         (pose, pose_s), (scan, scan_s) = self._last["odom"], self._last["scan"]
-        cuboids = np.zeros((0, 3))
-        if self._last["cycle"] is not None:
-            cuboids = self._last["cycle"].points
+        cycle, cuboids, cuboids_s = self._last["cycle"]
         return Senses(
-            self.t, pose, pose_s, map_odom, "it is lost", scan, scan_s, cuboids,
-            self._last["cycle"],
+            self.t, pose, pose_s, map_odom, "it is lost", scan, scan_s, cuboids, cuboids_s, cycle
         )  # fmt: skip
 
     def true_figures(self) -> tuple[float, float]:

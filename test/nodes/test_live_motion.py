@@ -46,7 +46,8 @@ def drive(ros, robot):
     node = ros.add(
         ApproachNode(context=ros.another_context(), parameter_overrides=overrides(named))
     )
-    ros.connect(robot.node, node, "/odom", "/scan", "/tccm/surfaces")
+    inputs = "/odom", "/scan", "/tccm/surfaces", "/tccm/obstacles"
+    ros.connect(robot.node, node, *inputs)
     ros.connect(node, robot.node, "/cmd_vel")
     ros.connect(robot.map_node, node, "/map", "/surface_slam/localisation")
     ros.spin_until(lambda: node._client.surfaces and node._grid, what="the map")

@@ -19,13 +19,14 @@ from functools import partial
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.nodes.heap import trim_heap
 from tccm_ros.nodes.map_files import map_files, pack_files
 from tccm_ros.nodes.solver.channel import (
     GRID,
@@ -179,6 +180,7 @@ class SolverProcess:
             )
             self._connection.send(solved)
             reduction.send_handle(self._connection, archive.fileno(), os.getppid())
+        trim_heap()
 
     def _show(self, show: Show) -> None:
         serialised = self._serialised(show.topics, OptionalStages())
@@ -242,12 +244,11 @@ def listen(connection: Connection, commands: queue.SimpleQueue[Any]) -> None:
         os._exit(0)
 
 
-def main() -> None:
-    """Serve the node at the other end of the pipe whose descriptor is the first argument."""
+def serve(connection: Connection) -> NoReturn:
+    """Serve the node at the other end of a connection until it ends."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
-    connection = Connection(int(sys.argv[1]))
     commands: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=listen, args=(connection, commands), daemon=True).start()
     solver = SolverProcess(connection)
@@ -256,4 +257,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    serve(Connection(int(sys.argv[1])))

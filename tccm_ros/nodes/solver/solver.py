@@ -31,6 +31,7 @@ from tccm_ros.nodes.solver.channel import (
     Solve,
     Solved,
 )
+from tccm_ros.nodes.solver.forked import PROCESS, ForkedProcess, take_prepared
 from tccm_ros.results.labels_file import labels_beside
 from tccm_ros.surfaces.labels import SurfaceLabel
 
@@ -98,6 +99,7 @@ class Solver:
         self._is_final = False
         self._deaths = 0
         self._is_closed = False
+        self._process: subprocess.Popen[bytes] | ForkedProcess
         self.newest: Solved | None = None
         self.restarts = 0
         self._start()
@@ -270,18 +272,11 @@ class Solver:
     # --- the process ---
 
     def _start(self) -> None:
-        self._connection, theirs = Pipe()
-        # A process group of its own, because Ctrl-C in a terminal is for the node. It stays in the
-        # node's session: schedulers that group by session weigh its lower priority against the
-        # node.
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "tccm_ros.nodes.solver.process", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            stdin=subprocess.DEVNULL,
-            process_group=0,
-        )
-        theirs.close()
+        prepared = take_prepared()
+        if prepared is not None:
+            self._process, self._connection = prepared
+        else:
+            self._process, self._connection = _spawned()
         self._send_begin(self._session)
 
     def _send(self, command: Begin | Feed | Solve | Show) -> None:
@@ -351,6 +346,22 @@ class Solver:
     def _forget(answer: Any) -> None:
         if isinstance(answer, Solved):
             os.close(answer.archive)
+
+
+def _spawned() -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start the process anew; return it and the connection to it."""
+    ours, theirs = Pipe()
+    # A process group of its own, because Ctrl-C in a terminal is for the node. It stays in the
+    # node's session: schedulers that group by session weigh its lower priority against the node.
+    process = subprocess.Popen(
+        [sys.executable, "-m", PROCESS, str(theirs.fileno())],
+        pass_fds=[theirs.fileno()],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        stdin=subprocess.DEVNULL,
+        process_group=0,
+    )
+    theirs.close()
+    return process, ours
 
 
 def _copied(path: Path) -> IO[bytes]:

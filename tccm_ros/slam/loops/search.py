@@ -7,7 +7,7 @@ in a saved map is matched with the whole map, scan by scan, until it is localise
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,7 +91,7 @@ class LoopSearch:
         list of Proposal
             Proposals; those with a reason are rejected.
         """
-        return [] if k % QUERY_STEP else self._look_nearby(k, poses, lengths)
+        return [] if k % QUERY_STEP else self._match(k, self._candidates(k, poses, lengths))
 
     def look_around(
         self,
@@ -129,19 +129,11 @@ class LoopSearch:
             and (lengths is None or self._is_earlier_pass(c, k, lengths))
         ]
         centres.sort(key=lambda c: (float(np.hypot(*(poses[c, :2] - guess.centre[:2]))), c))
-        patch = make_patch(self.keyframes, k, PATCH_HALF)
-        if len(patch.points) < MIN_POINTS:
-            return []
-        found = [
-            propose(
-                self._submap(c),
-                patch,
-                replace(guess, centre=between(poses[c], guess.centre)),
-                self.config,
-            )
+        near = [
+            (c, replace(guess, centre=between(poses[c], guess.centre)))
             for c in centres[:MAX_PASSES]
         ]
-        fit = [p for p in found if p is not None and not p.reason]
+        fit = [p for p in self._match(k, near) if not p.reason]
         return [max(fit, key=lambda p: p.score)] if fit else []
 
     def _is_earlier_pass(self, c: int, k: int, lengths: PathLengths) -> bool:
@@ -149,9 +141,8 @@ class LoopSearch:
         driven = float(lengths.driven[k] - lengths.driven[c])
         return is_other or driven >= self.config.loops.min_path
 
-    def _look_nearby(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
-        """Match keyframe k with the submaps of earlier passes."""
-        candidates = self._candidates(k, poses, lengths)
+    def _match(self, k: int, candidates: Sequence[tuple[int, Window]]) -> list[Proposal]:
+        """Match keyframe k with submaps, each given by its centre and a window."""
         patch = make_patch(self.keyframes, k, PATCH_HALF) if candidates else None
         if patch is None or len(patch.points) < MIN_POINTS:
             return []

@@ -286,7 +286,7 @@ def main() -> None:
     cycles = offline_cycles(recording)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", "100")
-    run = "from tccm_ros.nodes.{} import main; main()"
+    run = "from tccm_ros.nodes.start import {0}; {0}()"
     processes = [subprocess.Popen([sys.executable, "-c", run.format(n)]) for n in NODES]
     try:
         measure(recording, cycles, processes, args)

@@ -73,6 +73,12 @@ def transform(T_a_b: ArrayLike, points_b: ArrayLike) -> Float64:
     return points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
 
 
+def transform_plan(T_a_b: ArrayLike, plan_b: ArrayLike, height_b: float) -> Float64:
+    """Return x and y in a of points (N, 2) at one height in b, float64 (N, 2)."""
+    points = np.asarray(plan_b, np.float64)
+    return transform(T_a_b, np.column_stack([points, np.full(len(points), height_b)]))[:, :2]
+
+
 def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Float64:
     """Interpolate between pairs of poses: translation linearly, rotation about one axis.
 

@@ -17,6 +17,7 @@ import pytest
 from fed import fed_tccm
 from furniture import noisy_surface
 from mapped_room import BOX, FLOOR, HALF_TIME, TABLE, WALL, ns, record, settings
+from object_boxes import objects_of
 from room import Board, Room
 from shapely import affinity, box
 from shared_data import shared
@@ -26,7 +27,6 @@ from tccm_ros.config import Config, parameters
 from tccm_ros.cuboids.timed_cycles import TimedCycles
 from tccm_ros.records import (
     JointSample,
-    ObjectBoxes,
     Odometry,
     PosedScan,
     SurfaceCloud,
@@ -131,10 +131,7 @@ def cycles_by_time(config):
 def tracked(config):
     """Return what is left of an object that one more view looked through."""
     rows = np.array([[1.05, 0.05, 0.5, 1.5]], np.float32)
-    boxes = ObjectBoxes(
-        1, "base", np.array([[1.05, 0.05, 0.8]]), np.full((1, 3), 0.04), np.zeros(1),
-        np.array([50], np.uint32), np.zeros(1, bool),
-    )  # fmt: skip
+    boxes = objects_of(1, [(1.05, 0.05, 0.8, 0.04, 0.04, 0.04, 0.0)])
     seen = [with_objects(empty_view(k, 0, config), boxes) for k in (1, 2)]
     through = with_intervals(empty_view(3, 0, config), ViewIntervals(3, "base", rows))
     poses = np.broadcast_to(np.eye(4), (3, 4, 4))

@@ -14,7 +14,7 @@ from tccm_ros.cuboids.free_intervals import FreeIntervalTracer
 from tccm_ros.cuboids.inclination import SEEN_AS_WALL
 from tccm_ros.cuboids.merging import owners
 from tccm_ros.cuboids.part_map import PartMap
-from tccm_ros.geometry import inverse, planar, transform
+from tccm_ros.geometry import inverse, transform, transform_plan
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.planes.front_tops import top_planes
 from tccm_ros.planes.horizontal_strips import horizontal_strips
@@ -29,7 +29,7 @@ from tccm_ros.records import (
     TabletopObject,
     ViewIntervals,
 )
-from tccm_ros.sensors.depth_image import depth_noise
+from tccm_ros.sensors.noise import depth_noise
 from tccm_ros.sensors.point_cloud import first_in_voxels
 from tccm_ros.tabletop.objects import find_objects
 
@@ -356,14 +356,13 @@ def object_boxes(
     if wanted and len(part):
         labels = plane_labels(part, fits)
         objects = find_objects(part.cuboids(), fits, planes, config, labels)
-    center = np.array([item.center for item in objects]).reshape(-1, 3)
-    yaw = np.array([item.yaw for item in objects], np.float64) - float(planar(T_odom_base)[2])
+    T = inverse(T_odom_base)
+    center = transform(T, np.array([item.center for item in objects]).reshape(-1, 3))
+    half = np.array([0.5 * item.size[2] for item in objects])
     return ObjectBoxes(
         cycle.stamp_ns,
         frame_id,
-        transform(inverse(T_odom_base), center),
-        np.array([item.size for item in objects]).reshape(-1, 3),
-        yaw,
+        tuple(transform_plan(T, item.footprint, float(item.center[2])) for item in objects),
+        np.column_stack([center[:, 2] - half, center[:, 2] + half]),
         np.array([item.points for item in objects], np.uint32),
-        np.array([item.is_round for item in objects], np.bool_),
     )

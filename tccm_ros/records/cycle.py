@@ -8,7 +8,7 @@ from enum import IntEnum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.arrays import Bool, Float32, Float64
+from tccm_ros.arrays import Float32, Float64
 
 
 class SensorKind(IntEnum):
@@ -70,31 +70,25 @@ class ViewIntervals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectBoxes:
-    """The objects on the surfaces of one tilt cycle, as boxes with vertical sides.
+    """The objects on the surfaces of one tilt cycle, as prisms with vertical sides.
 
     Attributes
     ----------
     stamp_ns, frame_id
-        As in the SurfaceCloud of the same cycle; boxes are in the base frame at the stamp.
-    center
-        float64 (N, 3), middle of each box, m.
-    size
-        float64 (N, 3), edges along its own x, y and z, m.
-    yaw
-        float64 (N,), yaw of the box's x axis, rad.
+        As in the SurfaceCloud of the same cycle; prisms are in the base frame at the stamp.
+    footprints
+        float64 (H, 2) of each, open rings, convex, counter-clockwise, m.
+    z
+        float64 (N, 2), lower and upper end of each, m.
     points
         uint32 (N,), points measured on it.
-    is_round
-        bool (N,), whether it is a vertical cylinder, as wide as its box.
     """
 
     stamp_ns: int
     frame_id: str
-    center: Float64
-    size: Float64
-    yaw: Float64
+    footprints: tuple[Float64, ...]
+    z: Float64
     points: NDArray[np.uint32]
-    is_round: Bool
 
 
 class PlaneKind(StrEnum):

@@ -15,6 +15,7 @@ from tccm_ros.bags.depth_topics import (
 )
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, TopicInfo
 from tccm_ros.bags.topics import (
+    MAX_READ_NS,
     OF_FRAMES,
     TopicChoice,
     choose_topics,
@@ -178,6 +179,8 @@ def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
     """Return a line for each sensor: its frame, and its base or the reason for having none."""
     notes, robot = [], Robot(Config(), choice.streams)
     described = robot_is_described(reader, choice.topics, robot)
+    is_part = choice.counts["tf"] > 0 and reader.duration > MAX_READ_NS * 1e-9
+    extent = f" (by the first {MAX_READ_NS * 1e-9:g} s of /tf)" if is_part else ""
     for stream in choice.streams:
         topic = choice.topics[stream.role]
         if not choice.counts[stream.role] or stream.is_occasional:
@@ -192,7 +195,7 @@ def _places_of_sensors(reader: BagReader, choice: TopicChoice) -> list[str]:
             if described or stream.can_be_base:
                 mount.find(frame, final=True)
         except FrameError as error:
-            notes.append(f"{topic}: {error}")
+            notes.append(f"{topic}: {error}{extent}")
             continue
         base = f"on base '{mount.base}'" if mount.base else "on no known base"
         notes.append(f"{stream.role}: {topic} in frame '{frame}' {base}")

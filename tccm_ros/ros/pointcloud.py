@@ -35,8 +35,10 @@ OBJECT_ROW = np.dtype(
 )
 """A row of ~/object_boxes of older versions."""
 
-ROUND_OBJECT_ROW = np.dtype([*OBJECT_ROW.descr, ("is_round", "<u4")])
-"""A row of ~/object_boxes, of vertical cylinders (is_round = 1) and boxes (0)."""
+CORNER_ROW = np.dtype(
+    [(name, "<f8") for name in ("x", "y", "z", "z_high")] + [("points", "<u4"), ("object", "<u4")]
+)
+"""A row of ~/object_boxes: a corner of the footprint of an object."""
 
 MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("depth", "<f4"), ("count", "<u4"), ("cycle", "<u4")]

@@ -39,15 +39,16 @@ from tccm_ros.records.building import (
     transform_samples,
 )
 from tccm_ros.ros.pointcloud import (
+    CORNER_ROW,
     HIT_ROW,
     OBJECT_ROW,
-    ROUND_OBJECT_ROW,
     SURFACE_ROW,
     VIEW_ROW,
     VIEWPOINT_ROW,
     cloud_rows,
 )
 from tccm_ros.sensors.registry import default_streams
+from tccm_ros.tabletop.free_places import rectangle_corners
 
 
 def joint_sample_from_message(message: Any) -> JointSample:
@@ -182,24 +183,33 @@ def view_from_message(message: Any) -> ViewIntervals:
 
 
 def object_boxes_from_message(message: Any) -> ObjectBoxes:
-    """Return the boxes of a sensor_msgs/PointCloud2 with the fields of ~/object_boxes.
+    """Return the objects of a sensor_msgs/PointCloud2 with the fields of ~/object_boxes.
 
     Raises
     ------
     MessageError
-        If fields differ, sizes are inconsistent, or numbers are not finite.
+        If fields differ, sizes are inconsistent, numbers are not finite, or a footprint has fewer
+        than three corners.
     """
-    has_shapes = any(field.name == "is_round" for field in message.fields)
-    rows = cloud_rows(message, ROUND_OBJECT_ROW if has_shapes else OBJECT_ROW)
-    center = np.stack([rows[name] for name in "xyz"], axis=1)
-    size = np.stack([rows[f"size_{name}"] for name in "xyz"], axis=1)
-    yaw = np.ascontiguousarray(rows["yaw"])
-    if not (np.isfinite(center).all() and np.isfinite(size).all() and np.isfinite(yaw).all()):
+    has_corners = any(field.name == "z_high" for field in message.fields)
+    rows = cloud_rows(message, CORNER_ROW if has_corners else OBJECT_ROW)
+    if not all(np.isfinite(rows[name]).all() for name in rows.dtype.names or ()):
         raise MessageError("object boxes have numbers that are not finite")
     stamp = stamp_ns_from_message(message.header.stamp)
-    frame, points = frame_name(message.header.frame_id), np.ascontiguousarray(rows["points"])
-    is_round = rows["is_round"] != 0 if has_shapes else np.zeros(len(rows), np.bool_)
-    return ObjectBoxes(stamp, frame, center, size, yaw, points, is_round)
+    frame = frame_name(message.header.frame_id)
+    xy = np.stack([rows["x"], rows["y"]], axis=1)
+    if not has_corners:
+        half = 0.5 * rows["size_z"]
+        z = np.stack([rows["z"] - half, rows["z"] + half], axis=1)
+        edges = zip(xy, rows["size_x"].tolist(), rows["size_y"].tolist(), rows["yaw"].tolist())
+        boxes = tuple(middle + rectangle_corners(*edge) for middle, *edge in edges)
+        return ObjectBoxes(stamp, frame, boxes, z, np.ascontiguousarray(rows["points"]))
+    _, first, corners = np.unique(rows["object"], return_index=True, return_counts=True)
+    if (np.diff(rows["object"].astype(np.int64)) < 0).any() or corners.min(initial=3) < 3:
+        raise MessageError("object boxes: expected three or more corners an object, by object")
+    footprints = tuple(np.split(xy, first[1:])) if len(rows) else ()
+    z = np.stack([rows["z"], rows["z_high"]], axis=1)[first]
+    return ObjectBoxes(stamp, frame, footprints, z, rows["points"][first])
 
 
 def _reader(

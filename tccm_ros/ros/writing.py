@@ -29,8 +29,8 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.ros.pointcloud import (
+    CORNER_ROW,
     HIT_ROW,
-    ROUND_OBJECT_ROW,
     SURFACE_ROW,
     VIEW_ROW,
     VIEWPOINT_ROW,
@@ -258,11 +258,11 @@ def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
 
 def object_boxes_message(types: MessageTypes, boxes: ObjectBoxes) -> Any:
     """Return ~/object_boxes, a sensor_msgs/PointCloud2 (docs/reference/nodes.md)."""
-    rows = np.zeros(len(boxes.center), ROUND_OBJECT_ROW)
-    for k, name in enumerate("xyz"):
-        rows[name] = boxes.center[:, k]
-        rows[f"size_{name}"] = boxes.size[:, k]
-    rows["yaw"] = boxes.yaw
-    rows["points"] = boxes.points
-    rows["is_round"] = boxes.is_round
+    corners = [len(footprint) for footprint in boxes.footprints]
+    rows = np.zeros(sum(corners), CORNER_ROW)
+    if corners:
+        rows["x"], rows["y"] = np.concatenate(boxes.footprints).T
+    rows["z"], rows["z_high"] = np.repeat(boxes.z, corners, axis=0).T
+    rows["points"] = np.repeat(boxes.points, corners)
+    rows["object"] = np.repeat(np.arange(len(corners)), corners)
     return cloud_message(types, boxes.stamp_ns, boxes.frame_id, rows)

@@ -237,12 +237,6 @@ def max_mapped_depth(config: Config) -> float:
     return c + math.sqrt(max(config.sensors.max_sigma - a, 0.0) / b)
 
 
-def depth_noise(depth: Float64, config: Config) -> Float64:
-    """Return the standard deviation of depths, m, by `sensors.depth_sigma`."""
-    a, b, c = config.sensors.depth_sigma
-    return np.asarray(a + b * (depth - c) ** 2)
-
-
 def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
     """Return the points of a depth image in odom, and a sample of its rays."""
     step = _pixel_steps(posed)[0]

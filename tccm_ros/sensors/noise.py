@@ -14,6 +14,32 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.records import SensorKind
 
+LASER_SIGMA = 0.008
+"""Standard deviation of a range of lasers, m: as in `calibrate.layout`."""
+
+
+def range_sigma(distance: float, sensor: SensorKind, config: Config) -> float:
+    """Return the standard deviation of a range, m.
+
+    Parameters
+    ----------
+    distance
+        Distance of the point, m.
+    sensor
+        Kind of sensor.
+    config
+        Uses `sensors.depth_sigma`.
+    """
+    if sensor != SensorKind.DEPTH_IMAGE:
+        return LASER_SIGMA
+    return float(depth_noise(np.array(distance), config))
+
+
+def depth_noise(depth: Float64, config: Config) -> Float64:
+    """Return the standard deviation of depths, m, by `sensors.depth_sigma`."""
+    a, b, c = config.sensors.depth_sigma
+    return np.asarray(a + b * (depth - c) ** 2)
+
 
 def systematic_errors(
     points: Float64, viewpoint: Float64, sensor: SensorKind, config: Config

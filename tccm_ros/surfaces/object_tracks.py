@@ -1,7 +1,7 @@
 """Object tracks: objects on surfaces keep their ids while newer views measure them again.
 
-Boxes are numbered over all views in stamp order, and the id of an object is the number of its
-oldest box. So ids follow from the views alone, like those of surfaces (`track_ids`). An object that
+Objects are numbered over all views in stamp order, and the id of a track is the number of its
+oldest one. So ids follow from the views alone, like those of surfaces (`track_ids`). An object that
 a view does not measure stays, as it may be occluded or out of view. It is removed once enough views
 have looked through it. It is a false detection if enough views looked just above it without
 measuring it. Detections at its position give its class.
@@ -21,10 +21,12 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
-from tccm_ros.geometry import inverse, planar, transform
+from tccm_ros.geometry import inverse, transform, transform_plan
+from tccm_ros.surfaces.object_footprints import joined_footprint, without_noise
 from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
 from tccm_ros.surfaces.views import SeenObject, View, with_detections
 from tccm_ros.tabletop.free_places import rectangle_corners
+from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
 
 INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
 """Points of a footprint, in edge lengths, that must all be free if the object is gone: the columns
@@ -37,10 +39,6 @@ smaller one. Chosen."""
 ABOVE = 0.05
 """A view that looks through the space this far above an object would measure it, m; chosen."""
 
-PART_OF_POINTS = 0.5
-"""A view measured only a part of an object if it has fewer points than this fraction of an earlier
-view's. Chosen."""
-
 
 @dataclass(slots=True, eq=False)
 class ObjectTrack:
@@ -50,14 +48,13 @@ class ObjectTrack:
     ----------
     id
         Number of its oldest box.
-    center
-        float64 (3,), in map, m, as measured by the view that gives the box.
-    size
-        float64 (3,), edges along its own x, y and z, m.
-    yaw
-        Yaw of its x axis in map, rad.
+    hull
+        float64 (H, 2), convex hull of its footprints, without corners that a newer view looked
+        through; in map, m.
+    low, high
+        Heights of its lower and upper end, m.
     points
-        Number of points on it in the view that gives the box.
+        Number of points on it in the view that measured it last.
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it.
     views
@@ -68,14 +65,18 @@ class ObjectTrack:
         Number of successive views that looked through it.
     scores
         Class scores of its detections.
-    is_round
-        Whether the view that gives the box measured a vertical cylinder, as wide as its box.
+    shape
+        Smallest rectangle or circle of the hull.
+    center, size
+        Centre of its box in map, and edges along its own x, y and z, float64 (3,), m.
+    footprint
+        Its box seen from above, in map, m.
     """
 
     id: int
-    center: Float64
-    size: Float64
-    yaw: float
+    hull: Float64
+    low: float
+    high: float
     points: int
     first_seen_ns: int
     last_seen_ns: int
@@ -83,13 +84,17 @@ class ObjectTrack:
     measured_ns: frozenset[int] = frozenset()
     misses: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
-    is_round: bool = False
+    shape: PlanShape = field(init=False)
+    center: Float64 = field(init=False)
+    size: Float64 = field(init=False)
+    footprint: Polygon = field(init=False)
 
-    @property
-    def footprint(self) -> Polygon:
-        """Its outline seen from above, in map, m."""
-        corners = rectangle_corners(float(self.size[0]), float(self.size[1]), self.yaw)
-        return Polygon(corners + self.center[:2])
+    def __post_init__(self) -> None:
+        self.shape = plan_shape(self.hull)
+        x, y, length, width, yaw, _ = self.shape
+        self.center = np.array([x, y, 0.5 * (self.low + self.high)])
+        self.size = np.array([length, width, self.high - self.low])
+        self.footprint = Polygon(rectangle_corners(length, width, yaw) + self.center[:2])
 
 
 def nearest_pairs(first: Float64, second: Float64, max_distance: float) -> list[tuple[int, int]]:
@@ -141,7 +146,9 @@ def with_objects_of(newer: View, older: View, config: Config) -> View:
 
 
 def _centers(objects: Sequence[SeenObject]) -> Float64:
-    return np.array([item.center for item in objects]).reshape(-1, 3)
+    return np.array(
+        [(*plan_shape(o.footprint)[:2], 0.5 * (o.low + o.high)) for o in objects]
+    ).reshape(-1, 3)
 
 
 class TrackedObjects(NamedTuple):
@@ -214,8 +221,12 @@ def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> i
     for seen in view.detections:
         center = transform(T, seen.center[None])[0]
         distances = [
-            (distance_to_box(center, t.center, t.size, t.yaw), np.linalg.norm(center - t.center), k)
-            for k, t in enumerate(tracks)
+            (
+                distance_to_box(center, track.center, track.size, track.shape.yaw),
+                np.linalg.norm(center - track.center),
+                k,
+            )
+            for k, track in enumerate(tracks)
         ]
         gap, _, nearest = min(distances, default=(np.inf, np.inf, -1))
         if gap <= MAX_GAP:
@@ -231,31 +242,38 @@ def _update(
     """Return the tracks after a view; `first` is the number of the view's first box."""
     if not known and not view.objects:
         return known
-    seen = [_seen(item, k, view, T, first) for k, item in enumerate(view.objects)]
+    seen = [_seen(item, k, view, T, first, config) for k, item in enumerate(view.objects)]
     matched = _matches(known, seen, config)
     kept = [track for i, track in enumerate(known) if i not in matched]
     _note_looked_through(kept, view, T)
     for j, new in enumerate(seen):
         same = [known[i] for i, k in matched.items() if k == j]
-        kept.append(_combined(same, new) if same else new)
+        if same:
+            others = [other.hull for other in seen if other is not new]
+            new = _combined(same, new, others, view, T, config.map.cell_size)
+        kept.append(new)
     needed = config.objects.agreeing_views
     return [track for track in kept if track.misses < min(track.views, needed)]
 
 
-def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
-    """Return a box of a view as a new track; `first` is the number of the view's first box."""
-    yaw = item.yaw + float(planar(T)[2])
+def _seen(
+    item: SeenObject, index: int, view: View, T: Float64, first: int, config: Config
+) -> ObjectTrack:
+    """Return an object of a view as a new track; `first` is the number of the first one."""
+    hull, middle = item.footprint, 0.5 * (item.low + item.high)
+    plan = transform_plan(T, hull, middle)
+    z = float(transform(T, np.array([[*hull.mean(axis=0), middle]]))[0, 2])
+    half = 0.5 * (item.high - item.low)
     return ObjectTrack(
         id=first + (index if item.number is None else item.number),
-        center=transform(T, item.center[None])[0],
-        size=item.size,
-        yaw=0.5 * math.pi - (0.5 * math.pi - yaw) % math.pi,
+        hull=without_noise(plan, z, view, T, config),
+        low=z - half,
+        high=z + half,
         points=item.points,
         first_seen_ns=view.stamp_ns if item.first_seen_ns is None else item.first_seen_ns,
         last_seen_ns=view.stamp_ns,
         views=item.views,
         measured_ns=frozenset({view.stamp_ns}),
-        is_round=item.is_round,
     )
 
 
@@ -306,39 +324,54 @@ def _footprints(tracks: Sequence[ObjectTrack]) -> NDArray[Any]:
     return np.array([track.footprint for track in tracks], dtype=object)
 
 
-def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
-    """Merge the tracks of one object with the box of a view that measured it again.
-
-    The box is that of the newest view, unless that view measured only a small part of the object.
-    """
-    best = max(same, key=lambda track: track.points)
-    box = new if new.points >= PART_OF_POINTS * best.points else best
+def _combined(
+    same: Sequence[ObjectTrack],
+    new: ObjectTrack,
+    others: Sequence[Float64],
+    view: View,
+    T: Float64,
+    spacing: float,
+) -> ObjectTrack:
+    """Merge the tracks of one object with that of a view that measured it again."""
+    middle = 0.5 * (new.low + new.high)
     scores = ClassScores()
     for track in same:
         scores.add(track.scores.total, track.scores.count)
     return replace(
-        box,
+        new,
         id=min(new.id, *(track.id for track in same)),
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
-        last_seen_ns=new.last_seen_ns,
+        hull=joined_footprint([t.hull for t in same], new.hull, others, middle, view, T, spacing),
+        high=max([new.high, *(t.high for t in same if not _is_lower(t, new.high, view, T))]),
         views=new.views + max(track.views for track in same),
         measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
-        misses=0,
         scores=scores,
     )
+
+
+def _is_lower(track: ObjectTrack, top: float, view: View, T: Float64) -> bool:
+    """Return whether a view looked through what an object has above a height in map, m."""
+    return bool(_looked_through([track], np.array([0.5 * (top + track.high)]), view, T)[0])
 
 
 def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> None:
     """Count a miss for each object that a view looked through."""
     if not tracks:
         return
+    middles = np.array([0.5 * (track.low + track.high) for track in tracks])
+    for track, is_seen in zip(tracks, _looked_through(tracks, middles, view, T)):
+        track.misses += bool(is_seen)
+
+
+def _looked_through(
+    tracks: Sequence[ObjectTrack], heights: Float64, view: View, T: Float64
+) -> Bool:
+    """Return whether a view looked through each object (N > 0) at a height (N,), m, bool (N,)."""
     points = np.empty((len(tracks), len(INNER), 3))
     for k, track in enumerate(tracks):
-        c, s = math.cos(track.yaw), math.sin(track.yaw)
+        c, s = math.cos(track.shape.yaw), math.sin(track.shape.yaw)
         sides = np.array([[c, s], [-s, c]]) * track.size[:2, None]
         points[k, :, :2] = track.center[:2] + INNER @ sides
-        points[k, :, 2] = track.center[2]
+        points[k, :, 2] = heights[k]
     seen = view.free.contains(transform(inverse(T), points.reshape(-1, 3)))
-    through = np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)
-    for k, track in enumerate(tracks):
-        track.misses += bool(through[k])
+    return np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +21,7 @@ from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.plane_errors import fit_covariance
 from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import Patch, SeenObject, View
+from tccm_ros.tabletop.free_places import rectangle_corners
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -105,7 +107,6 @@ def pack_views(views: Sequence[View]) -> Arrays:
     patches = [patch for view in views for patch in view.patches]
     objects = [item for view in views for item in view.objects]
     outlines = [np.frombuffer(shapely.to_wkb(p.outline), np.uint8) for p in patches]
-    boxes = [(*o.center, *o.size, o.yaw) for o in objects]
     counts = [_column(objects, name) for name in ("points", "number", "first_seen_ns", "views")]
     viewpoints = [UNKNOWN if v.viewpoint is None else v.viewpoint for v in views]
     return {
@@ -129,8 +130,9 @@ def pack_views(views: Sequence[View]) -> Arrays:
         "systematic": _joined([p.systematic.T for p in patches], np.float64, 3),
         "outline_bytes": np.array([len(o) for o in outlines], np.int64),
         "outlines": _joined(outlines, np.uint8),
-        "object_boxes": np.array(boxes, np.float64).reshape(-1, 7),
-        "object_is_round": np.array([o.is_round for o in objects], np.bool_),
+        **_counts(objects, footprints_of="footprint"),
+        "footprints": _joined([o.footprint for o in objects], np.float64, 2),
+        "object_z": np.array([(o.low, o.high) for o in objects], np.float64).reshape(-1, 2),
         "object_counts": np.stack(counts, axis=1),
         "viewpoints": np.array(viewpoints, float).reshape(-1, 3),
         "sensors": _column(views, "sensor"),
@@ -288,26 +290,33 @@ def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...
     """Return the objects of each view; empty for maps of older versions."""
     if "objects" not in a:
         return [()] * len(a["stamp_ns"])
-    boxes, counts = a["object_boxes"].reshape(-1, 7), a["object_counts"].reshape(-1, 4)
-    if len(boxes) != len(counts) or len(a["objects"]) != len(a["stamp_ns"]):
-        raise ValueError(f"{len(boxes)} objects, {len(counts)} expected")
-    if not np.isfinite(boxes).all():
+    counts = a["object_counts"].reshape(-1, 4)
+    footprints, z = _unpack_prisms(a)
+    if not len(footprints) == len(z) == len(counts) or len(a["objects"]) != len(a["stamp_ns"]):
+        raise ValueError(f"{len(footprints)} objects, {len(counts)} expected")
+    if not (np.isfinite(z).all() and all(np.isfinite(ring).all() for ring in footprints)):
         raise ValueError("objects are not finite")
-    is_round = a.get("object_is_round", np.zeros(len(boxes), np.bool_))
-    if is_round.shape != (len(boxes),):
-        raise ValueError(f"shapes of {len(is_round)} objects, {len(boxes)} expected")
-    return [
-        tuple(map(_unpack_object, *parts))
-        for parts in zip(*(_split(rows, a["objects"]) for rows in (boxes, counts, is_round)))
-    ]
+    objects = iter([_unpack_object(*parts) for parts in zip(footprints, z, counts)])
+    return [tuple(itertools.islice(objects, count)) for count in a["objects"].tolist()]
 
 
-def _unpack_object(box: Float64, numbers: Int64, is_round: np.bool_) -> SeenObject:
+def _unpack_prisms(a: Mapping[str, NDArray[Any]]) -> tuple[list[Float64], Float64]:
+    """Return footprint, lower and upper end of each object; those of boxes of older versions."""
+    if "object_boxes" not in a:
+        footprints = _split(a["footprints"].reshape(-1, 2), a["footprints_of"])
+        if min(map(len, footprints), default=3) < 3:
+            raise ValueError("an object has a footprint of fewer than three corners")
+        return footprints, a["object_z"].reshape(-1, 2)
+    boxes = a["object_boxes"].reshape(-1, 7)
+    half = 0.5 * boxes[:, 5]
+    footprints = [box[:2] + rectangle_corners(box[3], box[4], box[6]) for box in boxes]
+    return footprints, np.column_stack([boxes[:, 2] - half, boxes[:, 2] + half])
+
+
+def _unpack_object(footprint: Float64, z: Float64, numbers: Int64) -> SeenObject:
     points, number, first_seen_ns, views = numbers.tolist()
-    return SeenObject(
-        box[:3], box[3:6], float(box[6]), points, _absent(number), _absent(first_seen_ns), views,
-        bool(is_round),
-    )  # fmt: skip
+    low, high = z.tolist()
+    return SeenObject(footprint, low, high, points, _absent(number), _absent(first_seen_ns), views)
 
 
 def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetection, ...]]:

@@ -51,7 +51,7 @@ class SceneObject:
     yaw
         Yaw of its x axis, in (-pi/2, pi/2], rad.
     points
-        Number of points on it in the view that gives the box.
+        Number of points on it in the view that measured it last.
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it.
     views
@@ -160,8 +160,9 @@ def _is_part(
 
 def _scene_object(track: ObjectTrack, surface: int) -> SceneObject:
     return SceneObject(
-        track.id, surface, track.center, track.size, track.yaw, track.points,
-        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(), track.is_round,
+        track.id, surface, track.center, track.size, track.shape.yaw, track.points,
+        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(),
+        track.shape.is_round,
     )  # fmt: skip
 
 

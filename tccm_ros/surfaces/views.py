@@ -81,16 +81,14 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenObject:
-    """The box of an object on a surface in one view, in the base frame of the view.
+    """An object on a surface in one view, a prism in the base frame of the view.
 
     Attributes
     ----------
-    center
-        float64 (3,), m.
-    size
-        float64 (3,), edges along its own x, y and z, m.
-    yaw
-        Yaw of its x axis, rad.
+    footprint
+        float64 (H, 2), convex hull of its points seen from above, an open ring, m.
+    low, high
+        Height of its lower and upper end, m.
     points
         Number of points on it.
     number
@@ -100,18 +98,15 @@ class SeenObject:
         Stamp of that box; None: it replaced none.
     views
         Number of views that measured it, including removed views.
-    is_round
-        Whether it is a vertical cylinder, as wide as its box.
     """
 
-    center: Float64
-    size: Float64
-    yaw: float
+    footprint: Float64
+    low: float
+    high: float
     points: int
     number: int | None = None
     first_seen_ns: int | None = None
     views: int = 1
-    is_round: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -368,14 +363,9 @@ def with_intervals(view: View, intervals: ViewIntervals) -> View:
 def with_objects(view: View, boxes: ObjectBoxes) -> View:
     """Return a view with the objects of the same stamp in place of its own."""
     seen = tuple(
-        SeenObject(center, size, yaw, points, is_round=is_round)
-        for center, size, yaw, points, is_round in zip(
-            boxes.center,
-            boxes.size,
-            boxes.yaw.tolist(),
-            boxes.points.tolist(),
-            boxes.is_round.tolist(),
-            strict=True,
+        SeenObject(footprint, low, high, points)
+        for footprint, (low, high), points in zip(
+            boxes.footprints, boxes.z.tolist(), boxes.points.tolist(), strict=True
         )
     )
     return replace(view, objects=seen)

@@ -21,10 +21,9 @@ from tccm_ros.tabletop.footprints import (
     distance_to_ring,
     footprint_corners,
     loose_cuboids,
-    rectangle,
 )
 from tccm_ros.tabletop.parting import part_by_height
-from tccm_ros.tabletop.round_objects import round_footprint
+from tccm_ros.tabletop.round_objects import plan_shape
 
 SURFACE_AREA = 0.12
 """A horizontal plane smaller than this, m2, may be the top of an object. Chosen: 35 cm square."""
@@ -144,7 +143,7 @@ def _object(
     hull = convex_hull(footprint_corners(loose.low, loose.high, cluster))
     if len(hull) < 3:
         return None
-    x, y, length, width, yaw = rectangle(hull)
+    x, y, length, width, yaw, is_round = plan_shape(hull)
     nx, ny, nz = plane.normal.tolist()
     floor = (plane.offset - nx * x - ny * y) / nz
     height = float(loose.high[cluster, 2].max()) - floor
@@ -157,9 +156,6 @@ def _object(
         return None
     if distance_to_ring(hull, plane.boundary[:, :2]) > config.objects.cluster_distance:
         return None
-    circle = round_footprint(hull)
-    if circle is not None:
-        x, y, yaw, length, width = circle.x, circle.y, 0.0, 2.0 * circle.radius, 2.0 * circle.radius
     return TabletopObject(
         id=-1,
         plane=plane.id,
@@ -168,7 +164,7 @@ def _object(
         yaw=yaw,
         footprint=hull,
         points=round(points),
-        is_round=circle is not None,
+        is_round=is_round,
     )
 
 

@@ -1,4 +1,6 @@
-"""Vertical cylinders: objects whose footprint is round on the side that was seen.
+"""Boxes and vertical cylinders around footprints of objects.
+
+An object whose footprint is round on the side that was seen is a cylinder.
 
 The circle is the least-squares one of the corners of the convex hull (Kasa, A circle fitting
 procedure and its error analysis, IEEE Transactions on Instrumentation and Measurement 25, 1976).
@@ -15,6 +17,7 @@ import numpy as np
 import shapely
 
 from tccm_ros.arrays import Float64
+from tccm_ros.tabletop.footprints import rectangle
 
 ROUND = 0.12
 """Maximum distance of a hull from its circle, as a fraction of the radius: the sides of a hexagon
@@ -42,6 +45,37 @@ class Circle(NamedTuple):
     x: float
     y: float
     radius: float
+
+
+class PlanShape(NamedTuple):
+    """A footprint's smallest rectangle, or its circle.
+
+    Attributes
+    ----------
+    x, y
+        Its centre, m.
+    length, width
+        Edges along its own x and y, m; both are the diameter of a circle.
+    yaw
+        Yaw of its x axis, in (-pi/2, pi/2], rad.
+    is_round
+        Whether it is a circle.
+    """
+
+    x: float
+    y: float
+    length: float
+    width: float
+    yaw: float
+    is_round: bool
+
+
+def plan_shape(hull: Float64) -> PlanShape:
+    """Return the circle that a convex hull (H, 2), H > 2, follows, or its smallest rectangle."""
+    circle = round_footprint(hull)
+    if circle is None:
+        return PlanShape(*rectangle(hull), False)
+    return PlanShape(circle.x, circle.y, 2.0 * circle.radius, 2.0 * circle.radius, 0.0, True)
 
 
 def round_footprint(hull: Float64) -> Circle | None:

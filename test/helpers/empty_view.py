@@ -9,13 +9,5 @@ def empty_view(stamp_ns):
     return (
         SurfaceCloud(stamp_ns, "base", np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)),
         ViewIntervals(stamp_ns, "base", np.zeros((0, 4), np.float32)),
-        ObjectBoxes(
-            stamp_ns,
-            "base",
-            np.zeros((0, 3)),
-            np.zeros((0, 3)),
-            np.zeros(0),
-            np.zeros(0, np.uint32),
-            np.zeros(0, bool),
-        ),
+        ObjectBoxes(stamp_ns, "base", (), np.zeros((0, 2)), np.zeros(0, np.uint32)),
     )

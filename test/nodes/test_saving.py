@@ -179,6 +179,65 @@ def test_two_presses_of_ctrl_c_under_launch_lose_nothing(ros, tmp_path):
     assert read_content(tmp_path / "map" / "map.mcap").keyframes
 
 
+LAUNCHES = """
+import signal, subprocess, sys
+
+nodes = [
+    subprocess.Popen(
+        [sys.executable, "-c", f"from tccm_ros.nodes.start import {{name}}; {{name}}()", *{words!r}]
+    )
+    for name in ("tccm_node", "slam_node")
+]
+
+def pass_on(number, frame):
+    for node in nodes:
+        node.send_signal(number)
+
+signal.signal(signal.SIGINT, pass_on)
+print([node.wait() for node in nodes], flush=True)
+"""
+"""What `ros2 launch` does with two nodes; launch itself is not on PyPI."""
+
+
+def test_two_terminals_a_saved_map_is_continued_and_two_presses_of_ctrl_c_save_it(ros, tmp_path):
+    """Terminal 1 launches with a saved map, terminal 2 plays, then Ctrl-C twice in terminal 1."""
+    folder = tmp_path / "map"
+    before, robot = slam(ros, save__directory=str(folder)), ros.robot()
+    robot.play(recording(3, tilt=False), before)
+    assert trigger(ros, "/surface_slam/save_map").success
+    ros.remove(before)
+    saved = read_content(folder / "map.mcap").keyframes
+    words = settings(save__directory=folder, save__on_shutdown="true", qos__reliability="reliable")
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(ros.domain)}
+    with subprocess.Popen(
+        [sys.executable, "-c", LAUNCHES.format(words=words)], env=environment, process_group=0,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as terminal:  # fmt: skip
+        try:
+            for name in ("tccm/reset", "surface_slam/load_map"):
+                assert trigger(ros, f"/{name}").success
+
+            def has_new_keyframes() -> bool:
+                is_saved = trigger(ros, "/surface_slam/save_map").success
+                return is_saved and read_content(folder / "map.mcap").keyframes > saved
+
+            again = ros.robot(name="again")
+            play_until(ros, again, 3, has_new_keyframes, "keyframes", tilt=False)
+            shutil.rmtree(folder)
+            for _ in range(2):
+                os.killpg(terminal.pid, signal.SIGINT)
+                end = time.monotonic() + 2.0 * SAME_S
+                while time.monotonic() < end:
+                    os.sched_yield()
+            output, _ = terminal.communicate(timeout=PATIENCE_S)
+        finally:
+            if terminal.poll() is None:
+                os.killpg(terminal.pid, signal.SIGKILL)
+    assert "[0, 0]" in output, output
+    assert read_content(folder / "map.mcap").keyframes > saved
+    assert read_map(folder).walls
+
+
 def test_a_terminal_that_is_gone_saves_the_map(ros, tmp_path):
     """As a dropped ssh session: the kernel sends SIGHUP, and each line that is printed fails."""
     ours, theirs = os.openpty()

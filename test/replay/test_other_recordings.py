@@ -111,6 +111,24 @@ def test_descriptions_and_static_transforms_hold_from_the_start_when_they_come_l
         assert (tmp_path / "late" / name).read_bytes() == (tmp_path / "early" / name).read_bytes()
 
 
+def test_static_transforms_that_come_late_on_tf_are_used_from_then_on_and_that_is_said(tmp_path):
+    kinds = {"nav_msgs/msg/Odometry": "/odom", eb.TF: "/tf"}
+
+    def level_alone(topic, msgtype, message):
+        is_level = topic == "/front_lidar/scan"
+        return (
+            [(kinds.get(msgtype, topic), msgtype, message)] if msgtype in kinds or is_level else []
+        )
+
+    source = eb.edited(BUNDLED / "upside_down", tmp_path / "source", level_alone)
+    bag = eb.late(source, tmp_path / "bag", {"/tf"}, 9 * 10**9)
+    assert "(by the first 5 s of /tf)" in "\n".join(bag_info(bag).notes)
+    assert "(by the first 5 s of /tf)" not in "\n".join(bag_info(source).notes)
+    summary = replay(bag, tmp_path / "out", read_config(None), pictures=False)
+    assert "no way from base to sensor" in summary.text()
+    assert summary.content.counts.walls > 0
+
+
 def test_a_delay_of_the_tilt_joint_is_said_and_corrected(tmp_path):
     def delayed(topic, msgtype, message):
         if msgtype == "sensor_msgs/msg/JointState":

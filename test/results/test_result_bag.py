@@ -59,8 +59,7 @@ def cycle_result(index):
         surfaces=SurfaceCloud(middle, "base_link", np.float32(RING), np.zeros(4, "u4")),
         view=ViewIntervals(middle, "base_link", np.zeros((0, 4), np.float32)),
         boxes=ObjectBoxes(
-            middle, "base_link", np.ones((1, 3)), np.ones((1, 3)), np.zeros(1), np.ones(1, "u4"),
-            np.zeros(1, bool),
+            middle, "base_link", (RING[:3, :2],), np.array([[0.7, 0.8]]), np.ones(1, "u4")
         ),
         part=builder.close(index, start, end), scans=3, base_speed=0.0, base_angular_speed=0.0,
         ended_by="turn",

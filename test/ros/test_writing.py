@@ -22,7 +22,7 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
-from tccm_ros.ros.pointcloud import OBJECT_ROW, cloud_message, cloud_rows
+from tccm_ros.ros.pointcloud import OBJECT_ROW, cloud_message
 from tccm_ros.ros.reading import (
     joint_sample_from_message,
     object_boxes_from_message,
@@ -204,23 +204,34 @@ def test_hits_that_are_not_finite_are_refused(types):
         view_from_message(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message))
 
 
-@pytest.mark.parametrize("has_shapes", [True, False])
-def test_objects_are_read_back_and_are_boxes_if_a_publisher_leaves_their_shapes_out(has_shapes):
+def read_objects(message):
+    cloud = to_bag_message(TYPESTORE, "sensor_msgs/msg/PointCloud2", message)
+    return object_boxes_from_message(cloud)
+
+
+@pytest.mark.parametrize("corners", [(3, 5), (4,), ()])
+def test_objects_are_read_back(corners):
     rng = np.random.default_rng(0)
-    boxes = ObjectBoxes(
-        STAMP, "base", *rng.random((2, 2, 3)), rng.random(2), np.uint32([50, 60]),
-        np.array([False, True]),
-    )  # fmt: skip
-    message = object_boxes_message(TYPESTORE, boxes)
-    if not has_shapes:
-        rows = cloud_rows(message, OBJECT_ROW)
-        message = cloud_message(TYPESTORE, STAMP, "base", np.ascontiguousarray(rows))
-    back = object_boxes_from_message(
-        to_bag_message(TYPESTORE, "sensor_msgs/msg/PointCloud2", message)
-    )
-    for name in ("center", "size", "yaw", "points"):
-        assert bits(getattr(back, name)) == bits(getattr(boxes, name))
-    assert back.is_round.tolist() == [False, has_shapes]
+    rings = tuple(rng.random((count, 2)) for count in corners)
+    points = np.arange(len(corners), dtype=np.uint32)
+    boxes = ObjectBoxes(STAMP, "base", rings, rng.random((len(corners), 2)), points)
+    back = read_objects(object_boxes_message(TYPESTORE, boxes))
+    assert [bits(ring) for ring in back.footprints] == [bits(ring) for ring in rings]
+    assert (bits(back.z), bits(back.points)) == (bits(boxes.z), bits(points))
+
+
+def test_objects_of_version_0_1_0_have_the_footprints_of_their_boxes():
+    rows = np.array([(1.0, 2.0, 0.8, 0.4, 0.2, 0.1, 0.0, 50)], OBJECT_ROW)
+    back = read_objects(cloud_message(TYPESTORE, STAMP, "base", rows))
+    np.testing.assert_allclose(back.z, [[0.75, 0.85]])
+    np.testing.assert_allclose(np.sort(back.footprints[0][:, 0]), [0.8, 0.8, 1.2, 1.2])
+    np.testing.assert_allclose(np.sort(back.footprints[0][:, 1]), [1.9, 1.9, 2.1, 2.1])
+
+
+def test_footprints_without_area_are_refused():
+    boxes = ObjectBoxes(STAMP, "base", (np.eye(2),), np.zeros((1, 2)), np.zeros(1, np.uint32))
+    with pytest.raises(MessageError, match="three or more corners"):
+        read_objects(object_boxes_message(TYPESTORE, boxes))
 
 
 def test_a_stamp_that_does_not_fit_a_message_is_refused():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from object_boxes import prism
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
@@ -29,8 +30,8 @@ from tccm_ros.surfaces.views import SeenObject, View, empty_view, with_detection
 
 CONFIG = Config()
 S = 1_000_000_000
-CUP = SeenObject(np.array([1.0, 0.0, 0.8]), np.array([0.08, 0.08, 0.1]), 0.4, 50)
-PAN = SeenObject(np.array([1.0, 0.5, 0.75]), np.array([0.3, 0.2, 0.05]), 0.0, 90)
+CUP = SeenObject(*prism(1.0, 0.0, 0.8, 0.08, 0.08, 0.1, 0.4), 50)
+PAN = SeenObject(*prism(1.0, 0.5, 0.75, 0.3, 0.2, 0.05, 0.0), 90)
 
 
 def seen(x, y, z, count=1, **scores) -> SeenDetection:
@@ -80,7 +81,7 @@ def test_the_mean_score_of_the_best_class_over_all_views():
 
 def test_detections_move_with_their_view():
     poses = np.array([spatial([3.0, -2.0, 1.1]), spatial([3.1, -2.0, 1.1])])
-    moved = replace(CUP, center=CUP.center - [0.0999, 0, 0])
+    moved = replace(CUP, footprint=CUP.footprint - [0.0999, 0])
     found = tracked(
         view(1, [CUP], [seen(1, 0, 0.8, mug=0.9)]),
         view(2, [moved], [seen(0.9, 0, 0.8, mug=0.7)]),

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from object_boxes import objects_of
 
 from tccm_ros.config import Config
+from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, planar, spatial, transform
-from tccm_ros.records import ObjectBoxes, ViewIntervals
+from tccm_ros.records import ViewIntervals
 from tccm_ros.surfaces.object_tracks import nearest_pairs, track_objects, with_objects_of
 from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.views import empty_view, with_intervals, with_objects
@@ -17,18 +19,13 @@ BOX = (1.2, 0.3, 0.8, 0.2, 0.1, 0.16, 0.4)
 """x, y, z, edges and yaw in map, m and rad."""
 
 
-def view(stamp_ns, boxes, *, seen_through=(), above=0.5, pose=(0.0, 0.0, 0.0), is_round=False):
+def view(stamp_ns, boxes, *, seen_through=(), above=0.5, pose=(0.0, 0.0, 0.0), points=50):
     """Return a view from a planar pose, which looked through columns above a height, and that."""
     T = spatial(np.array(pose))
     rows = np.array(boxes, float).reshape(-1, 7)
-    made = with_objects(
-        empty_view(stamp_ns, 0, CONFIG),
-        ObjectBoxes(
-            stamp_ns, "base", transform(inverse(T), rows[:, :3]), rows[:, 3:6],
-            rows[:, 6] - planar(T)[2], np.full(len(rows), 50, np.uint32),
-            np.full(len(rows), is_round),
-        ),
-    )  # fmt: skip
+    rows[:, :3] = transform(inverse(T), rows[:, :3])
+    rows[:, 6] -= planar(T)[2]
+    made = with_objects(empty_view(stamp_ns, 0, CONFIG), objects_of(stamp_ns, rows, points))
     if len(seen_through):
         centers = transform(inverse(T), np.array([b[:3] for b in seen_through]))
         near = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2)
@@ -52,19 +49,22 @@ def test_an_object_keeps_its_id_from_wherever_it_is_seen():
     )
     assert (track.id, track.views, track.first_seen_ns, track.last_seen_ns) == (0, 3, 10, 30)
     np.testing.assert_allclose(track.center, BOX[:3], atol=1e-9)
-    assert np.sin(2 * (track.yaw - BOX[6])) == pytest.approx(0.0, abs=1e-6)
+    assert np.sin(2 * (track.shape.yaw - BOX[6])) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_an_object_is_round_if_the_view_that_gives_its_box_says_so():
-    looks = [view(10, [BOX]), view(20, [BOX], is_round=True)]
-    assert [track.is_round for k in (1, 2) for track in tracks(*looks[:k])] == [False, True]
-
-
-def test_a_saved_view_keeps_the_shapes_and_one_of_an_older_version_has_boxes_alone():
-    arrays = pack_views([view(10, [BOX], is_round=True)[0]])
-    assert [item.is_round for item in unpack_views(arrays)[0].objects] == [True]
-    older = {name: rows for name, rows in arrays.items() if name != "object_is_round"}
-    assert [item.is_round for item in unpack_views(older)[0].objects] == [False]
+def test_a_saved_view_keeps_footprints_and_one_of_an_older_version_has_boxes():
+    (seen,) = view(10, [BOX])[0].objects
+    arrays = pack_views([view(10, [BOX])[0], view(20, [])[0]])
+    older = {k: v for k, v in arrays.items() if "footprint" not in k and k != "object_z"}
+    older["object_boxes"] = np.array([BOX])
+    for saved in (arrays, older):
+        first, second = unpack_views(saved)
+        (item,), none = first.objects, second.objects
+        np.testing.assert_allclose(item.footprint, seen.footprint)
+        assert (item.low, item.high, none) == (seen.low, seen.high, ())
+    arrays |= {"footprints_of": np.array([2]), "footprints": np.eye(2)}
+    with pytest.raises(MapError, match="fewer than three corners"):
+        unpack_views(arrays)
 
 
 def test_what_no_view_looked_through_stays_and_what_some_did_leaves():

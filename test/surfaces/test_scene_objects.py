@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from object_boxes import prism
 from outlined_surfaces import surface
 from shapely import Polygon, box
 
@@ -59,8 +60,8 @@ CRATE_TOP = surface(box(0.1, 0.1, 0.4, 0.4), height=1.10, label="other", number=
 
 
 def track(xy, size, top, number=9):
-    center = np.array([*xy, top - 0.5 * size[2]])
-    return ObjectTrack(number, center, np.array(size), 0.0, 50, 1, 2, 2)
+    middle = top - 0.5 * size[2]
+    return ObjectTrack(number, *prism(*xy, middle, *size, 0.0), 50, 1, 2, 2)
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ def test_nav2_without_a_way_is_a_reason(drive_by_nav2):
 
 
 def test_the_docking_server_is_told_where_the_base_belongs_and_nothing_moves(drive):
-    driver = drive(simple_flat(None, (0.3, -0.2, 0.5), (-1.8, 0.0, 0.0)))
+    driver = drive(simple_flat(None, (0.3, -0.2, 0.5), (-1.4, 0.0, 0.0)))
     ear = Listener(driver.ros, "docking_server")
     told = []
     ear.node.create_subscription(PoseStamped, "approach/detected_dock_pose", told.append, 10)

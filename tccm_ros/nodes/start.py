@@ -58,10 +58,9 @@ def all_in_one() -> None:
 def _start(name: str, *, solves: bool = False) -> None:
     leave_at_a_signal()
     find_wheels()
-    module = import_module(f"tccm_ros.nodes.{name}")
     if solves:
         import_module("tccm_ros.nodes.solver.forked").prepare()
-    module.main()
+    import_module(f"tccm_ros.nodes.{name}").main()
 
 
 def find_wheels() -> None:

@@ -18,6 +18,9 @@ from multiprocessing.connection import Connection
 
 from tccm_ros.nodes.stopping import SIGNALS
 
+COMMON = "tccm_ros.nodes.solver.solver"
+"""Module whose imports both need. None of them is rclpy, whose libraries start threads."""
+
 PROCESS = "tccm_ros.nodes.solver.process"
 """Module that the process runs. The node does not import it: gtsam alone takes 39 MB."""
 
@@ -57,6 +60,7 @@ _prepared: list[tuple[ForkedProcess, Connection]] = []
 
 def prepare() -> None:
     """Fork the process for the first `Solver` of this process; there must be no threads yet."""
+    import_module(COMMON)
     ours, theirs = Pipe()
     gc.collect()
     gc.freeze()  # so that no collection writes to pages of both

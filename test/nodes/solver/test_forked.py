@@ -6,15 +6,16 @@ import sys
 PATIENCE_S = 120.0
 
 SOLVES = """
-import os, signal
+import os, signal, sys
 from pathlib import Path
-from tccm_ros.config import Config
-from tccm_ros.nodes import slam_node
 from tccm_ros.nodes.solver import forked
-from tccm_ros.nodes.solver.solver import Solver
 
 if {is_forked}:
     forked.prepare()
+assert "rclpy" not in sys.modules  # its libraries start threads
+from tccm_ros.config import Config
+from tccm_ros.nodes.solver.solver import Solver
+
 solver = Solver(Config(), lambda answer: None)
 first = solver.pid
 assert solver.wait(solver.solve(frozenset()), {patience})

@@ -5,7 +5,6 @@ The intake's thread handles all messages and runs the control loop.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -18,23 +17,20 @@ from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.arrays import Float64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
-from tccm_ros.errors import TccmError
-from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform, wrap_angle
+from tccm_ros.errors import FrameError, TccmError
+from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform
 from tccm_ros.nodes.inputs import Inputs
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.map_records import MapLocalisation
 from tccm_ros.nodes.qos import latched, sensor, static_transforms, surface_message
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.records import Odometry, PosedScan, SurfaceCloud
+from tccm_ros.records import PosedScan, SurfaceCloud
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.robot.robot import Robot
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_rows
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, bearings, scan_stream
-
-HISTORY = 3000
-"""Number of odometry poses in the history: a minute at 50 Hz."""
 
 STALE_NS = 3_000_000_000
 """Maximum age of ~/localisation, ns. It is published once a second: older, its node is gone."""
@@ -66,16 +62,16 @@ class BaseSenses:
         refuse: Callable[[str, Exception], None],
     ):
         self._localisation, self._refuse = localisation, refuse
+        self._odometry_topic = node.resolve_topic_name("odom")
         self.intake = Intake(node, lambda error: refuse("intake", error))
         self._inputs = Inputs(node, config.qos.silence, self.intake)
-        self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)], expects_odometry=True)
-        self._poses: deque[tuple[int, Float64]] = deque(maxlen=HISTORY)
+        self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)])
         self._scan, self._scan_ns = np.zeros((0, 2)), -1
         self._cuboids, self._cuboids_ns = np.zeros((0, 3)), -1
         self._cycle: TopCycle | None = None
         self._placed: tuple[MapLocalisation, Float64] | None = None
         measured = sensor(config.qos.reliability)
-        self._subscribe("odom", measured, self._take_odometry)
+        self._subscribe("odom", measured, self._take_sensor)
         self._subscribe("scan", measured, self._take_sensor, reader=LEVEL_SCAN.reader)
         self._subscribe("joint_states", measured, self._take_sensor)
         self._subscribe("robot_description", latched(), self._take_sensor)
@@ -114,18 +110,11 @@ class BaseSenses:
     # --- messages, in the intake's thread ---
 
     def _take_sensor(self, role: str, record: Any) -> None:
+        if self._robot.motion.source is None:
+            self._robot.expects_odometry = self._inputs.is_published(self._odometry_topic)
         for event in self._robot.add(role, record):
             if isinstance(event, PosedScan):
                 self._take_scan(event)
-
-    def _take_odometry(self, role: str, record: Odometry) -> None:
-        self._take_sensor(role, record)
-        latest_ns = self._robot.motion.latest_ns
-        if latest_ns is not None and (not self._poses or latest_ns > self._poses[-1][0]):
-            T = self._robot.motion.at(np.array([latest_ns], np.int64), record.child_frame_id)[0]
-            self._poses.append((latest_ns, planar(T)))
-        elif latest_ns is not None and latest_ns < self._poses[-1][0]:
-            self._poses.clear()  # the clock went back
 
     def _take_scan(self, posed: PosedScan) -> None:
         scan = posed.scan
@@ -161,24 +150,40 @@ class BaseSenses:
 
     # --- where the base is ---
 
+    @property
+    def _base(self) -> str:
+        return self._robot.sensors[LEVEL_SCAN.role].mount.base or ""
+
+    def _known_ns(self) -> tuple[int, int] | None:
+        """Return the first and the newest stamp of the base's pose, ns; None without a pose.
+
+        The pose is that of odometry or, where nobody publishes it, of tf.
+        """
+        try:
+            tracks = self._robot.motion.tracks(self._base)
+        except FrameError:  # tf has no chain to the base
+            return None
+        if not tracks or not all(map(len, tracks)):
+            return None
+        firsts, lasts = zip(*(track.stamps_ns[[0, -1]].tolist() for track in tracks))
+        return max(firsts), min(lasts)
+
     def _pose_at(self, stamp_ns: int) -> Float64 | None:
         """Return the pose (3,) in odom at a stamp; the newest pose for newer stamps.
 
         None for stamps before the history.
         """
-        if not self._poses or stamp_ns < self._poses[0][0]:
+        known = self._known_ns()
+        if known is None or stamp_ns < known[0]:
             return None
-        after = before = self._poses[-1]
-        for entry in reversed(self._poses):
-            before = entry
-            if entry[0] <= stamp_ns:
-                break
-            after = entry
-        span = after[0] - before[0]
-        fraction = min(max((stamp_ns - before[0]) / span, 0.0), 1.0) if span > 0 else 0.0
-        step = after[1] - before[1]
-        step[2] = wrap_angle(step[2])
-        return np.asarray(before[1] + fraction * step)
+        at_ns = np.array([min(stamp_ns, known[1])], np.int64)
+        return planar(self._robot.motion.at(at_ns, self._base)[0])
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the base's newest pose, ns; -1 before the first."""
+        known = self._known_ns()
+        return -1 if known is None else known[1]
 
     def _map_odom(self, now_ns: int) -> tuple[Float64 | None, str]:
         """Return the pose (3,) of odom in map and an empty text, or None and the reason."""
@@ -216,9 +221,10 @@ class BaseSenses:
         footprint
             Level scan points within it are on the robot itself, and are left out.
         """
-        if not self._poses:
+        stamp_ns = self.newest_ns
+        pose = self._pose_at(stamp_ns)
+        if pose is None:
             return None
-        stamp_ns, pose = self._poses[-1]
         map_odom, why_lost = self._map_odom(now_ns)
         local = (self._scan - pose[:2]) @ _rotation(pose[2])
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan

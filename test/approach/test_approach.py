@@ -2,12 +2,12 @@
 
 import math
 import os
-import random
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
+from approach_faults import FaultyDrive
 from approach_world import (
     ROBOT,
     SimulatedBase,
@@ -142,73 +142,6 @@ def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
     outcome = run(machine, base)
     assert outcome.reason == Reason.BLOCKED
     assert base.contacts == 0
-
-
-FAULTS = ("odom", "scan", "cycle", "map", "cancel", "next goal", "nothing")
-MAX_STEPS = 60
-"""Longest time between faults, steps of the control loop."""
-
-LATE = 0.1
-"""Fraction of steps whose command comes late, by up to twice the watchdog's time."""
-
-
-class FaultyDrive:
-    """Goals one after the other, with faults at random steps and a loop that is late at times."""
-
-    def __init__(self, seed):
-        self.chance = random.Random(seed)
-        self.flat = simple_flat(None, (0.3, -0.2, 0.5))
-        self.base = SimulatedBase(self.flat, np.random.default_rng(seed))
-        self.machine, self.is_cancelled, self.outcomes = None, False, []
-
-    def tick(self):
-        machine, base = self.machine, self.base
-        if machine is None:
-            base.tick(None)
-            return
-        senses = base.senses()
-        command = machine.cancel(senses) if self.is_cancelled else machine.step(senses)
-        late = self.chance.randint(1, 10) if self.chance.random() < LATE else 0
-        for _ in range(late):
-            base.tick(None)
-        # As approach_node: a command for a place that the base has left is not sent.
-        base.tick(machine.wait(senses) if late > 1 else command)
-        if machine.outcome is not None:
-            self.outcomes.append(machine.outcome)
-            self.machine = None
-
-    def wait(self):
-        for _ in range(self.chance.randint(0, MAX_STEPS)):
-            self.tick()
-
-    def send(self):
-        is_retreat = self.chance.random() < 0.25
-        goal, around = a_goal(self.flat), surroundings(self.flat)
-        self.machine = Retreat(ROBOT, 0.2) if is_retreat else Approach(ROBOT, goal, around)
-        self.is_cancelled = False
-
-    def make(self, kind):
-        if kind == "cancel":
-            self.is_cancelled = True
-        elif kind == "next goal" and self.machine is None:
-            self.send()
-            while self.machine is not None:
-                self.tick()
-        elif kind in FAULTS[:4]:
-            self.base.mute.add(kind)
-
-    def goal(self):
-        self.send()
-        for _ in range(self.chance.randint(1, 3)):
-            self.wait()
-            self.make(self.chance.choice(FAULTS))
-            if self.chance.random() < 0.5:
-                self.wait()
-                self.base.mute.clear()
-        self.is_cancelled = True
-        while self.machine is not None:
-            self.tick()
-        self.base.mute.clear()
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("TCCM_SEEDS", "3"))))

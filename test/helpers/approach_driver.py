@@ -10,13 +10,13 @@ SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 class Driver:
     """approach_node, the base that it drives, and a client."""
 
-    def __init__(self, ros, flat, **values):
+    def __init__(self, ros, flat, *, is_on_tf=False, **values):
         from approach_robot import ApproachRobot
         from tccm_interfaces.action import ApproachSurface, Retreat
 
         from tccm_ros.nodes.approach_node import ApproachNode
 
-        self.ros, self.robot = ros, ApproachRobot(ros, flat)
+        self.ros, self.robot = ros, ApproachRobot(ros, flat, is_on_tf=is_on_tf)
         named = {"use_sim_time": True, "qos.reliability": "reliable"}
         named |= {
             "approach.footprint": [0.25, 0.22, -0.25, 0.22, -0.25, -0.22, 0.25, -0.22],
@@ -35,7 +35,7 @@ class Driver:
         self.phases: list[int] = []
         self.is_closed = False
         self.robot.has_heard = self._has_heard
-        inputs = "/odom", "/scan", "/tccm/surfaces", "/tccm/obstacles"
+        inputs = "/tf" if is_on_tf else "/odom", "/scan", "/tccm/surfaces", "/tccm/obstacles"
         ros.connect(self.robot.node, self.node, *inputs)
         ros.connect(self.node, self.robot.node, "/cmd_vel")
         ros.connect(self.robot.map_node, self.node, "/map", "/surface_slam/localisation")
@@ -49,8 +49,7 @@ class Driver:
             self.robot.step()
 
     def _has_heard(self, stamp_ns: int) -> bool:
-        poses = self.node.senses._poses
-        return bool(poses) and poses[-1][0] >= stamp_ns
+        return self.node.senses.newest_ns >= stamp_ns
 
     def send(self, which=0, ids=(1,), **fields):
         goal = self.kinds[which].Goal(**fields)

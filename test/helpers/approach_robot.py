@@ -21,10 +21,15 @@ from tccm_ros.approach.speeds import Speeds
 from tccm_ros.geometry import compose2, inverse2, spatial, transform2
 from tccm_ros.nodes.qos import latched, surface_message
 from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.records import Odometry, Scan, SurfaceCloud
+from tccm_ros.records import Odometry, Scan, SurfaceCloud, TransformSample
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_message
 from tccm_ros.ros.types import pose_message
-from tccm_ros.ros.writing import odometry_message, scan_message, surface_cloud_message
+from tccm_ros.ros.writing import (
+    odometry_message,
+    scan_message,
+    surface_cloud_message,
+    transforms_message,
+)
 
 START_S = 1_700_000_000
 WAIT_S = 0.25
@@ -59,7 +64,7 @@ class ApproachRobot:
         Returns whether approach_node has received the odometry of a stamp, ns.
     """
 
-    def __init__(self, ros, flat: Flat, seed: int = 0):
+    def __init__(self, ros, flat: Flat, seed: int = 0, *, is_on_tf: bool = False):
         self.ros, self.flat = ros, flat
         self.base = SimulatedBase(flat, np.random.default_rng(seed))
         self.types = RosidlMessages()
@@ -75,7 +80,9 @@ class ApproachRobot:
         reliable = QoSProfile(depth=200)
         make = self.node.create_publisher
         self._clock = make(Clock, "/clock", 10)
-        self._odometry = make(type(self._odometry_message()), "odom", reliable)
+        self._odometry_message = self._transforms if is_on_tf else self._odometry_of_base
+        topic = "/tf" if is_on_tf else "odom"
+        self._odometry = make(type(self._odometry_message()), topic, reliable)
         self._scan = make(type(self._scan_message()), "scan", reliable)
         self._cycles = make(type(self._cloud(np.zeros((0, 3)), np.zeros(3), 0.0)),
                             "tccm/surfaces", surface_message())  # fmt: skip
@@ -130,7 +137,12 @@ class ApproachRobot:
 
     # --- measurements ---
 
-    def _odometry_message(self):
+    def _transforms(self):
+        T = spatial(self.base.odom)
+        sample = TransformSample(ns(self.base.t), "odom", "base", T, is_static=False)
+        return transforms_message(self.types, [sample])
+
+    def _odometry_of_base(self):
         T = spatial(self.base.odom)
         return odometry_message(self.types, Odometry(ns(self.base.t), "odom", "base", T))
 

@@ -123,6 +123,23 @@ def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):
     assert all(speeds == (0.0, 0.0) for speeds in driver.robot.commands)
 
 
+def test_odometry_on_tf_alone_is_driven_by_and_its_silence_stops(drive):
+    pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed")
+    driver = drive(simple_flat(None, (0.3, -0.2, 0.5)), is_on_tf=True)
+    status, result = driver.ask()
+    assert (status, result.reason) == (SUCCEEDED, 0), result.message
+    gap, yaw = driver.robot.base.true_figures()
+    assert gap == pytest.approx(0.05, abs=0.02)
+    assert abs(math.degrees(yaw)) < 1.5
+    goal = driver.send(1, distance=0.5)
+    driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
+    driver.robot.base.mute.add("odom")
+    status, result = driver.result(goal, 5.0)
+    assert (status, result.reason) == (ABORTED, Reason.LOST_POSE), result.message
+    assert driver.stands()
+    assert driver.robot.base.contacts == 0
+
+
 def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_second(drive):
     driver = drive(simple_flat())
     goal = driver.send()

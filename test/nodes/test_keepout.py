@@ -1,8 +1,12 @@
 """Masks and shapes of what is under furniture, for Nav2's costmaps, over DDS."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
+from bag_player import play_bag
 from live_robot import Listener, recording, slam, tccm
 from nav_msgs.msg import OccupancyGrid
 from outlined_surfaces import surface
@@ -16,6 +20,10 @@ from tccm_ros.surfaces.scene import KnownSurface, Scene
 
 nav2 = pytest.importorskip("nav2_msgs.msg")
 services = pytest.importorskip("nav2_msgs.srv")
+
+WALKTHROUGH = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
+LEAVES_S = 12.3
+"""Time before the stool is carried away, s."""
 
 TABLE = surface(box(0.0, 0.0, 1.2, 0.8), number=4)
 MOVED = surface(box(0.4, 0.0, 1.6, 0.8), number=4)
@@ -98,3 +106,27 @@ def test_without_the_server_nothing_is_sent(ros):
     shapes = VectorShapes(node, RosidlMessages())
     shapes.send(scene(TABLE))
     assert shapes._shown == {}
+
+
+def test_the_mask_follows_what_is_carried_away(ros):
+    """The stool of the walkthrough is carried away after 12.3 s; its table stays."""
+    tilt_node, node = tccm(ros), slam(ros)
+    masks = Listener(ros).listen(OccupancyGrid, "/surface_slam/keepout_mask", latched=True)
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    world = json.loads((WALKTHROUGH / "truth.json").read_text())
+    (stool,) = world["gone"]
+    table = max((s for s in world["surfaces"] if "table" in s["label"]), key=lambda s: s["area"])
+
+    def blocks(top):
+        """Return whether the newest mask has the middle of a true top."""
+        info = masks[-1].info
+        x, y = np.mean(np.array(top["boundary"])[:, :2], axis=0)
+        column = int((x - info.origin.position.x) / info.resolution)
+        row = int((y - info.origin.position.y) / info.resolution)
+        inside = 0 <= row < info.height and 0 <= column < info.width
+        return inside and masks[-1].data[row * info.width + column] == 100
+
+    play_bag(ros, WALKTHROUGH, tilt_node, node, duration=LEAVES_S)
+    ros.spin_until(lambda: masks and blocks(stool) and blocks(table), what="both in the mask")
+    play_bag(ros, WALKTHROUGH, tilt_node, node, start=LEAVES_S)
+    ros.spin_until(lambda: blocks(table) and not blocks(stool), what="the mask without the stool")

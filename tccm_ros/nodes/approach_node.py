@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -222,12 +223,16 @@ class ApproachNode(Node):
         drive = self._drive
         if drive is None:
             return
+        start_s = time.monotonic()
         try:
             outcome = self._drive_on(drive)
         except Exception as error:
             self._stop(drive)
             self.get_logger().error(f"stopped: {one_line(error)}")
             outcome = Outcome(Reason.BLOCKED, f"stopped, as a step failed: {one_line(error)}")
+        end_s = time.monotonic()
+        if end_s - start_s > PERIOD_S:
+            self._reading_until_s = end_s + CATCH_UP_S
         if outcome is not None:
             self._drive = None
             drive.done.set_result(outcome)
@@ -246,14 +251,13 @@ class ApproachNode(Node):
             return Outcome(Reason.LOST_POSE, "no odometry has come")
         if self._is_ending or drive.is_unwanted():
             speeds = machine.cancel(senses)
-        elif senses.now_s < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
+        elif time.monotonic() < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
             speeds = machine.wait(senses)
         else:
             speeds = machine.step(senses)
             end_ns = self.get_clock().now().nanoseconds
             if end_ns - start_ns > PERIOD_NS:
                 # The base has moved on since: a command for its old place may touch something.
-                self._reading_until_s = end_ns * 1e-9 + CATCH_UP_S
                 speeds = None if speeds is None else machine.wait(senses)
         if speeds is not None:
             self._send(speeds)

@@ -81,7 +81,7 @@ def test_no_level_laser_is_a_warning_of_slam(ros):
     statuses, robot = Statuses(ros), ros.robot()
     robot.play(without(recording(3), "scan"), *nodes)
     statuses.assert_becomes("surface_slam", DiagnosticStatus.WARN, "level laser", "'/scan'")
-    assert statuses.is_at("tccm", DiagnosticStatus.OK)
+    statuses.assert_becomes("tccm", DiagnosticStatus.OK)
 
 
 def test_a_robot_that_has_stopped_is_ok(ros):

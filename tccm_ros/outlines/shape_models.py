@@ -192,31 +192,13 @@ def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Mo
     best, lowest = None, 2.0 * free * np.log(n)
     for model in _models(samples, outline, yaws):
         polygon = model.polygon()
-        if polygon is None or has_far_corner(model, polygon, outline):
+        if polygon is None:
             continue
         cost = model.parameters * np.log(n) - 2.0 * np.log(ODDS[model.shape])
         criterion = _squared_errors(samples, polygon) + cost
         if criterion < lowest:
             best, lowest = model, criterion
     return best
-
-
-def has_far_corner(model: Model, polygon: Polygon, outline: Polygon) -> bool:
-    """Return whether sides of a model without axes meet too far beyond the outline.
-
-    Two sides that are nearly parallel meet anywhere, and no sample is near their corner.
-
-    Parameters
-    ----------
-    model, polygon
-        A model and its outline.
-    outline
-        Area that the views cover.
-    """
-    if isinstance(model, RoundModel) or model.has_axes:
-        return False
-    corners = shapely.points(shapely.get_coordinates(polygon))
-    return bool(shapely.distance(corners, outline).max() > HIDDEN_SIGMA)
 
 
 def _models(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Iterator[Model]:

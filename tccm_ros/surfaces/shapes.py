@@ -25,7 +25,6 @@ from tccm_ros.outlines.shape_models import (
     RoundModel,
     StraightModel,
     choose_model,
-    has_far_corner,
 )
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edge_samples import PIECE, Edge, EdgeSampler
@@ -157,7 +156,7 @@ def fit_shape(
     else:
         model, sigmas = _refined_round(model, sampler)
     polygon = model.polygon()
-    if polygon is None or has_far_corner(model, polygon, exterior):
+    if polygon is None:
         return _free(sampler, samples, others)
     edges = _edges(model, polygon, sigmas, sampler, samples, near, others)
     holes = [ring for ring in surface.polygon.interiors if polygon.contains(Polygon(ring))]

@@ -1,7 +1,5 @@
 """The model of an outline is the simplest that its samples support."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import shapely
@@ -14,7 +12,6 @@ from tccm_ros.outlines.shape_models import (
     OutlineSamples,
     StraightModel,
     choose_model,
-    has_far_corner,
 )
 from tccm_ros.records import SurfaceShape
 
@@ -63,22 +60,6 @@ def test_an_l_is_one():
     assert model.shape is SurfaceShape.L
     found = model.polygon()
     assert found.intersection(true).area / found.union(true).area > 0.95
-
-
-@pytest.mark.parametrize(("angle", "is_far"), [(0.2, True), (0.9, False)])
-def test_sides_that_meet_far_beyond_the_outline_are_no_corner(angle, is_far):
-    """A wedge whose tip was cut off where its sides are 0.15 m from each other."""
-    start, end = np.array([0.5, 1.5]) * 0.15 / np.tan(angle)
-    sides = np.array([[start, end, end], [0.0, 0.0, end * np.tan(angle)]]).T
-    outline = Polygon([*sides, (start, start * np.tan(angle))])
-    c, s = np.cos(angle), np.sin(angle)
-    normals = np.array([[0.0, -1.0], [1.0, 0.0], [-s, c]])
-    wedge = StraightModel(SurfaceShape.POLYGON, normals, np.array([0.0, end, 0.0]), False)
-    assert has_far_corner(wedge, wedge.polygon(), outline) == is_far
-    assert not has_far_corner(replace(wedge, has_axes=True), wedge.polygon(), outline)
-    model = chosen(outline, rng=np.random.default_rng(3))
-    if model is not None and is_far:
-        assert outline.buffer(0.3).contains(model.polygon())
 
 
 def test_a_circle_is_one():

@@ -13,6 +13,7 @@ from tccm_ros.cuboids.moments import plane_of, residuals_of
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PLANE, PlaneMap, PlaneTable, plane_map
 from tccm_ros.planes.blocks import Blocks, find_patches, sort_into_blocks
+from tccm_ros.planes.edge_planes import drop_edge_planes
 from tccm_ros.planes.inliers import (
     GATE,
     Flood,
@@ -112,6 +113,7 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     )
     planes = planes_of_regions(cuboids, blocks, region, pooled, place, flood, limits, labels)
     planes = reassign_inliers(cuboids.M, blocks, labels, planes, are_vertical(planes))
+    planes = drop_edge_planes(cuboids, blocks, labels, planes, are_vertical(planes))
     for p in range(len(planes)):
         orient(planes[p], view, cuboids.origin * cuboids.tick, limits.horizontal)
     return labels, planes

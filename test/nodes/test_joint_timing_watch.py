@@ -56,6 +56,7 @@ def test_a_delay_is_in_the_diagnostics_of_the_node(ros):
     node, robot = tccm(ros), ros.robot()
     robot.play(delayed(0.3), node)
     ros.spin_until(lambda: any(SAID in line for line in node.all_problems()), what="the delay")
+    assert sum(SAID in line for line in node.all_problems()) == 1
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.3])

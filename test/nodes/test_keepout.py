@@ -130,3 +130,5 @@ def test_the_mask_follows_what_is_carried_away(ros):
     ros.spin_until(lambda: masks and blocks(stool) and blocks(table), what="both in the mask")
     play_bag(ros, WALKTHROUGH, tilt_node, node, start=LEAVES_S)
     ros.spin_until(lambda: blocks(table) and not blocks(stool), what="the mask without the stool")
+    assert len(masks) > 1
+    assert masks[-1].header.frame_id == "map"

@@ -123,14 +123,14 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     passed &= ~measured
     inside = on & (np.abs(ends[:, 1]) < 0.5 * face.width) & (np.abs(ends[:, 2]) < face.height)
     offset = float(np.median(ends[inside, 0])) if inside.any() else 0.0
-    fractions, row, bar = (measured.mean(), passed.mean()), None, np.inf
-    if _state(*fractions) == FaceState.OPEN:
+    row, bar = None, np.inf
+    if _state(measured.mean(), passed.mean()) == FaceState.OPEN:
         row = _bar([_state(*f) for f in zip(measured.mean(axis=0), passed.mean(axis=0))])
     if row is not None:
-        fractions = measured[:, :row].mean(), passed[:, :row].mean()
         in_bar = inside & (ends[:, 2] >= row * size[1]) & (ends[:, 2] < (row + 2) * size[1])
         bar = float(np.quantile((ends[:, 2] - hits.half)[in_bar], LOWEST))
-    return SeenFace(*map(float, fractions), offset, bar)
+    below = measured[:, :row], passed[:, :row]
+    return SeenFace(float(below[0].mean()), float(below[1].mean()), offset, bar)
 
 
 def _bar(rows: Sequence[FaceState]) -> int | None:

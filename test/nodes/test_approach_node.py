@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from approach_driver import ABORTED, CANCELED, SUCCEEDED
+from approach_robot import WAIT_S
 from approach_world import circle, l_shape, simple_flat
 from geometry_msgs.msg import PointStamped
 from live_robot import Listener
@@ -88,8 +89,10 @@ def test_what_came_during_a_long_plan_is_read_before_an_input_is_lost(drive, mon
     def long_plan(self, senses):
         speeds, until = plan(self, senses), driver.robot.base.t + 1.0
         end_s = time.monotonic() + 60.0
+        driver.robot.wait_s = 0.0  # no command comes now
         while driver.robot.base.t < until and time.monotonic() < end_s:
             time.sleep(0.001)
+        driver.robot.wait_s = WAIT_S
         return speeds
 
     monkeypatch.setattr(Approach, "_plan", long_plan)

@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.fleet.map_inputs import Footprint, MapInput, NumberedSign
 from tccm_ros.geometry import transform2
 from tccm_ros.results.models import Covariance3, Vector
-from tccm_ros.slam.loops.map_matching import match_walls, median_pose
+from tccm_ros.slam.map_matching import match_walls, median_pose
 
 MIN_OVERLAP = 0.5
 """Minimum fraction of a surface that the other map has seen, for it to count, and that surfaces of

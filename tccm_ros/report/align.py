@@ -18,7 +18,7 @@ from tccm_ros.geometry import planar, spatial, transform, transform2, wrap_angle
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
-from tccm_ros.slam.loops.map_matching import match_walls, median_pose
+from tccm_ros.slam.map_matching import match_walls, median_pose
 from tccm_ros.slam.saved_walls import unpack_walls
 from tccm_ros.surfaces.saved_map import SavedMap, views_in_map
 from tccm_ros.surfaces.session_alignment import align_session

@@ -59,12 +59,13 @@ class SeenFace:
     Attributes
     ----------
     measured, passed
-        Fractions of its area on which beams ended, and which beams passed without an end on it.
+        Fractions of its area, below a bar, on which beams ended, and which beams passed without an
+        end on it.
     offset
         Median offset of hits along its outward normal, m; 0 if no beam ended on it.
     bar
         Lower end of the lowest bar across it, as of a board's front, over its lower edge, m; inf
-        without one. A bar is measured, and the face is open below it.
+        without one. A bar is measured, the face is open as a whole and below it.
     """
 
     measured: float
@@ -122,12 +123,14 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     passed &= ~measured
     inside = on & (np.abs(ends[:, 1]) < 0.5 * face.width) & (np.abs(ends[:, 2]) < face.height)
     offset = float(np.median(ends[inside, 0])) if inside.any() else 0.0
-    row = _bar([_state(*f) for f in zip(measured.mean(axis=0), passed.mean(axis=0))])
-    bar = np.inf
+    row, bar = None, np.inf
+    if _state(measured.mean(), passed.mean()) == FaceState.OPEN:
+        row = _bar([_state(*f) for f in zip(measured.mean(axis=0), passed.mean(axis=0))])
     if row is not None:
         in_bar = inside & (ends[:, 2] >= row * size[1]) & (ends[:, 2] < (row + 2) * size[1])
         bar = float(np.quantile((ends[:, 2] - hits.half)[in_bar], LOWEST))
-    return SeenFace(float(measured.mean()), float(passed.mean()), offset, bar)
+    below = measured[:, :row], passed[:, :row]
+    return SeenFace(float(below[0].mean()), float(below[1].mean()), offset, bar)
 
 
 def _bar(rows: Sequence[FaceState]) -> int | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from tccm_ros.arrays import Bool, Int32, Int64
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.planes import PlaneFits
@@ -22,7 +22,7 @@ from tccm_ros.tabletop.footprints import (
     footprint_corners,
     loose_cuboids,
 )
-from tccm_ros.tabletop.parting import part_by_height
+from tccm_ros.tabletop.parting import part_around, part_by_height
 from tccm_ros.tabletop.round_objects import plan_shape
 
 SURFACE_AREA = 0.12
@@ -70,17 +70,19 @@ def find_objects(
     levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
     if not levels:
         return []
-    loose = loose_cuboids(
-        cuboids.arrays, fits.labels if labels is None else labels, _are_structure(fits)
-    )
+    labels, structure = fits.labels if labels is None else labels, _are_structure(fits)
+    loose = loose_cuboids(cuboids.arrays, labels, structure)
+    kept = cuboids.mean()[np.append(structure, False)[labels]]
     covers = [plane for plane in levels if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down: a box on a stove is assigned to the stove, not the counter.
     for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
         members, starts = _take_clusters(loose, plane, config)
+        on_plane = np.abs(kept @ plane.normal - plane.offset) < config.objects.min_height
+        surface = kept[on_plane, :2]
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
-            for part in _parts(loose, cluster, plane, config):
+            for part in _parts(loose, cluster, surface, plane, config):
                 candidate = _object(loose, part, plane, config)
                 if candidate is not None and not _carries(candidate, covers):
                     found.append(candidate)
@@ -99,7 +101,28 @@ def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> t
     return cluster_footprints(loose.mean, chosen, config.objects.cluster_distance)
 
 
-def _parts(loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config) -> list[Int64]:
+def _parts(
+    loose: LooseCuboids, cluster: Int64, surface: Float64, plane: PlaneRecord, config: Config
+) -> Iterator[Int64]:
+    """Yield the parts of a cluster between which the surface or a step in height is seen.
+
+    Parameters
+    ----------
+    loose, cluster
+        Cuboids of the map, and int64 (K,), those of the cluster.
+    surface
+        float64 (S, 2), means of the surface's cuboids, m.
+    plane, config
+        The surface; group `objects`.
+    """
+    mean, max_length = loose.mean[cluster, :2], config.objects.max_height
+    for part in part_around(mean, surface, loose.cell, max_length):
+        yield from _parts_by_height(loose, cluster[part], plane, config)
+
+
+def _parts_by_height(
+    loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config
+) -> list[Int64]:
     """Return the parts of a cluster if each of them is an object, else the whole cluster."""
     gap = config.objects.cluster_distance
     parts = part_by_height(loose.mean[cluster, :2], loose.high[cluster, 2], loose.cell, gap)

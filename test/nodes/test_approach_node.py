@@ -143,6 +143,7 @@ def test_odometry_on_tf_alone_is_driven_by_and_its_silence_stops(drive):
     assert driver.robot.base.contacts == 0
 
 
+@pytest.mark.every_distro
 def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_second(drive):
     driver = drive(simple_flat())
     goal = driver.send()
@@ -178,6 +179,7 @@ def test_what_is_lost_on_the_way_stops_the_base(drive, lose, reason):
     assert driver.robot.base.contacts == 0
 
 
+@pytest.mark.every_distro
 def test_the_base_backs_off(drive):
     driver = drive(simple_flat())
     before = driver.robot.base.truth.copy()

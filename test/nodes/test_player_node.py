@@ -69,6 +69,7 @@ def listener_to_clock(ros):
     return got
 
 
+@pytest.mark.every_distro
 def test_all_messages_arrive_in_order_and_the_clock_runs(ros, bag):
     _, got = listener(ros)
     times = listener_to_clock(ros)
@@ -100,6 +101,7 @@ def test_start_and_duration_cut_the_bag(ros, bag):
     assert [round(m.position[0], 6) for m in got] == [round(i * 0.01, 6) for i in range(100, 151)]
 
 
+@pytest.mark.every_distro
 def test_a_topic_is_remapped_alone(ros, bag):
     node, got = listener(ros)
     elsewhere, models = [], []

@@ -1,4 +1,4 @@
-# make demo | make messages | make test | make test-fast | make test-lowest | make bench | make lint | make build | make docs | make reference | make figures
+# make demo | make messages | make test | make test-fast | make test-distro | make test-lowest | make bench | make lint | make build | make docs | make reference | make figures
 #
 # Everything lives in .venv, which is made when it is missing or what it is made from has changed. Each
 # target installs what it needs: demo and the nodes what runs, the others tests and tools as well.
@@ -23,7 +23,7 @@ export MPLBACKEND := Agg
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
 
-.PHONY: demo messages test test-fast test-lowest bench lint build docs reference figures clean
+.PHONY: demo messages test test-fast test-distro test-lowest bench lint build docs reference figures clean
 
 # The replay needs no ROS messages.
 demo: $(VENV)/.wheels
@@ -44,6 +44,10 @@ test: $(TESTING)
 # For the inner loop: without DDS, whole recordings and installations (`SLOW` in test/conftest.py).
 test-fast: $(TESTING)
 	@$(BIN)/python $(PYTEST) -m "not slow" test
+
+# Each node once: make test-distro DISTRO=kilted.
+test-distro: $(TOOLS)
+	@$(BIN)/python $(PYTEST) -m every_distro test/nodes test/interfaces
 
 # The lowest versions that setup.py allows, in an environment of their own.
 test-lowest: $(VENV)/.wheels

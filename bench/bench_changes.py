@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "test" / "helpers")]
 
-from changing_rooms import told  # noqa: E402
+from changing_rooms import solved, told  # noqa: E402
 from experiments_surfaces import score  # noqa: E402
 from random_changes import Piece, in_map, random_rooms  # noqa: E402
 
@@ -98,7 +98,7 @@ def slam_inputs(simulation: Simulation) -> list[object]:
 def outcome(inputs: Iterable[object], pieces: list[Piece], simulation: Simulation) -> Outcome:
     """Tell what changes, as a robot does, and compare it with what happened."""
     slam = SurfaceSlam(Config())
-    found = [e for e in told(inputs, slam, MapChanges()) if e.object_id < 0]
+    found = [e for e in told(solved(inputs, slam), MapChanges()) if e.object_id < 0]
     owners = [_piece_of(event, pieces) for event in found]
     named = [(p.name, e.kind) for p, e in zip(owners, found) if p is not None]
     true = {(p.name, kind) for p in pieces for kind in p.kinds}

@@ -40,7 +40,11 @@ class Motion:
 
     def at(self, time: float) -> Float64:
         """Return the offset (x, y, z, yaw) at a time, float64 (4,), constant outside the keys."""
-        return np.array([np.interp(time, self.times, column) for column in self.offsets.T])
+        k = int(np.searchsorted(self.times, time, "right"))
+        if k == 0 or k == len(self.times):
+            return self.offsets[max(k - 1, 0)]
+        slope = (self.offsets[k] - self.offsets[k - 1]) / (self.times[k] - self.times[k - 1])
+        return np.asarray(slope * (time - self.times[k - 1]) + self.offsets[k - 1])
 
     @staticmethod
     def through(keys: Sequence[Sequence[float]]) -> Motion:

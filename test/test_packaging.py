@@ -36,7 +36,7 @@ def installed(tmp_path_factory):
     run(*pip, "wheel", "-q", "--no-deps", "-w", folder, source, folder=folder)
     [wheel] = folder.glob("tccm_ros-*.whl")
     run(sys.executable, "-m", "venv", folder / "venv", folder=folder)
-    run(folder / "venv/bin/pip", "install", "-q", wheel, folder=folder)
+    run(folder / "venv/bin/pip", "install", "-q", "--no-compile", wheel, folder=folder)
     return folder
 
 

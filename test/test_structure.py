@@ -78,6 +78,7 @@ SUB_ROOMS = {
         "signs",
         "loops",
         "saved_walls",
+        "map_matching",
         "inliers",
         "growth",
         "wall_slam",

@@ -11,7 +11,7 @@ from tccm_ros.approach.drive import Driver, LegDrive, close_in, pose_behind
 from tccm_ros.approach.edge import MeasuredEdge, measured_edge
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
-from tccm_ros.approach.locating import Located, is_elsewhere, locate, top_points
+from tccm_ros.approach.locating import is_elsewhere, locate, top_points
 from tccm_ros.approach.losses import loss_of
 from tccm_ros.approach.navigator import Navigator
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
@@ -208,15 +208,13 @@ class Approach:
             self._steepest = max(self._steepest, float(_depressions(cycle).max()))
         return True
 
-    def _locate(self) -> Located | None:
+    def _locate(self) -> Target | None:
         """Return the surface as located in the newest cycles; None where it is not found."""
         assert self.target is not None
         assert self._expected is not None
         cycles = [c for c in self._cycles if c.stamp_s >= self._since_s - 2.0] or self._cycles
-        points = np.concatenate([c.points for c in cycles])
         for target in (self.target, self._expected):
-            tops = top_points(points, target, self._same_height)
-            found = locate(tops, cycles[-1].sensor[:2], target)
+            found = locate(cycles, target, self._same_height)
             if found is not None:
                 return found
         return None
@@ -228,9 +226,7 @@ class Approach:
     def _is_elsewhere(self) -> bool:
         """Return whether the newest cycle shows the surface at another place."""
         assert self.target is not None
-        cycle = self._cycles[-1]
-        tops = top_points(cycle.points, self.target, self._same_height)
-        return is_elsewhere(tops, cycle.sensor[:2], self.target)
+        return is_elsewhere(self._cycles[-1], self.target, self._same_height)
 
     def _measure(self) -> MeasuredEdge | None:
         """Return the edge ahead, measured in the newest cycles; None where it is not visible."""
@@ -268,7 +264,7 @@ class Approach:
             self._seen_cycles += 1
             found = self._locate()
             if found is not None:
-                self.target, self._located = found.target, True
+                self.target, self._located = found, True
                 return self._after_look(senses)
             if self._is_arrived and self._seen_cycles >= CYCLES:
                 return self._end(

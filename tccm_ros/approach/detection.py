@@ -90,28 +90,28 @@ class Detection:
         assert senses.map_odom is not None
         odom_map = inverse2(senses.map_odom)
         others = [transform2(odom_map, o[:, :2]) for o in self._around.same_height]
-        points = np.concatenate([cycle.points for cycle in self._cycles])
-        tops = top_points(points, self._expected, others)
-        found = locate(tops, self._cycles[-1].sensor[:2], self._expected)
+        found = locate(self._cycles, self._expected, others)
         if found is None:
             return
         standing = self._standing
         if standing is None:
-            standing = self._chosen(senses, found.target)
+            standing = self._chosen(senses, found)
             if standing is None:
                 return
         else:
-            motion = compose2(found.target.pose, inverse2(self._expected.pose))
+            motion = compose2(found.pose, inverse2(self._expected.pose))
             standing = standing.moved(motion)
         yaw = standing.pose[2]
         normal = np.array([-math.cos(yaw), -math.sin(yaw)])
-        edge = measured_edge(tops, found.target, standing.edge, normal)
+        points = np.concatenate([cycle.points for cycle in self._cycles])
+        tops = top_points(points, self._expected, others)
+        edge = measured_edge(tops, found, standing.edge, normal)
         if edge is not None:
             point, normal = edge.facing(standing.pose[:2])
             place = point + (self._goal.gap + self._robot.footprint.front) * normal
             pose = np.array([*place, math.atan2(-normal[1], -normal[0])])
             standing = standing.moved(compose2(pose, inverse2(standing.pose)))
-        self._standing, self._expected = standing, found.target
+        self._standing, self._expected = standing, found
         self.pose, self.stamp_s = standing.pose, self._cycles[-1].stamp_s
         self._since_s = senses.now_s
 

@@ -11,6 +11,7 @@ from tccm_ros.approach.guard import Guarded, Obstacles
 from tccm_ros.approach.senses import Senses
 from tccm_ros.approach.settings import Robot
 from tccm_ros.approach.speeds import CommandHistory, Speeds, along_line, rotate_to
+from tccm_ros.approach.walkers import Walkers
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, compose2, transform2, wrap_angle
 
@@ -29,7 +30,7 @@ ALIGNED_RAD = math.radians(4.0)
 
 
 class Driver:
-    """Limits velocity commands to free motions, and records blocking obstacles.
+    """Limits velocity commands to free motions, and records blocking obstacles and people.
 
     Parameters
     ----------
@@ -47,6 +48,7 @@ class Driver:
     def __init__(self, robot: Robot):
         self._robot = robot
         self._history = CommandHistory(robot.limits, robot.latency_s)
+        self._walkers = Walkers(robot)
         self.blocked_s: float | None = None
         self.blocker: Float64 | None = None
 
@@ -56,13 +58,18 @@ class Driver:
 
     def stop(self, senses: Senses) -> Speeds:
         """Return the zero command."""
+        self._walkers.add(senses)
         return self._history.stop(senses.now_s)
 
     def move(self, wanted: Speeds, senses: Senses, obstacles: Obstacles) -> Speeds:
         """Return the next command: the wanted one, slowed or zero where an obstacle requires it."""
         pose = self.pose(senses)
         robot = self._robot
-        guarded: Guarded = obstacles.guard(wanted, pose, robot.footprint, robot.limits)
+        self._walkers.add(senses)
+        wanted, person = self._walkers.limit(wanted, pose)
+        guarded = Guarded(wanted, person)
+        if person is None:
+            guarded = obstacles.guard(wanted, pose, robot.footprint, robot.limits)
         if guarded.blocker is None:
             self.blocked_s = self.blocker = None
             speeds = self._history.send(guarded.speeds, senses.now_s, PERIOD_S)

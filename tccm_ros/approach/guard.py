@@ -16,7 +16,8 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, transform2
 
 OWN_M = 0.06
-"""Points within this of the surface's outline belong to it, m: a cube of ~/obstacles is 5 cm."""
+"""Points within this of the surface's outline belong to it, m: the middle of a cube of ~/obstacles
+is up to 4 cm from a point in it, and 2 cm are the error of the pose."""
 
 OWN_GAPS = 0.3
 """Margin of the surface's own legs and edge, as a fraction of the gap: the rest allows for errors
@@ -27,6 +28,9 @@ FLOOR_M = 0.06
 
 NEAR_M = 2.5
 """Obstacles further away are ignored, m: more than any braking distance."""
+
+RIM = np.array([[math.cos(a), math.sin(a)] for a in np.arange(8) * math.pi / 4.0])
+"""Directions to the points of an obstacle's rim: cells of 5 cm between them are not skipped."""
 
 BLOCKED_M, BLOCKED_RAD = 0.01, math.radians(1.0)
 """A motion is blocked where less than this is free."""
@@ -50,17 +54,20 @@ class Guarded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacles:
-    """Obstacles around the base.
+    """Obstacles around the base, as discs.
 
     Attributes
     ----------
     points
-        float64 (N, 2), in odom, m.
+        float64 (N, 2), their middles, in odom, m.
+    radii
+        float64 (N,), m; 0 for a measured point.
     margins
-        float64 (N,), minimum distance of the footprint from each, m.
+        float64 (N,), minimum distance of the footprint from each disc, m.
     """
 
     points: Float64
+    radii: Float64
     margins: Float64
 
     @classmethod
@@ -82,22 +89,25 @@ class Obstacles:
         """
         is_low = (senses.cuboids[:, 2] > FLOOR_M) & (senses.cuboids[:, 2] < height)
         points = np.concatenate([senses.scan, senses.cuboids[is_low, :2]])
-        points = points[np.hypot(*(points - senses.pose[:2]).T) < NEAR_M]
-        margins = np.full(len(points), margin)
+        radii = np.repeat([0.0, senses.cube_m / math.sqrt(2.0)], [len(senses.scan), is_low.sum()])
+        is_near = np.hypot(*(points - senses.pose[:2]).T) < NEAR_M
+        points, radii = points[is_near], radii[is_near]
         if target is None:
-            return cls(points, margins)
+            return cls(points, radii, np.full(len(points), margin))
         is_own = shapely.contains_xy(target.polygon.buffer(OWN_M), *points.T)
-        # Cuboids of the top extend beyond its edge by half a cube: the outline is more exact.
+        # Cubes of the top extend beyond its edge: the outline is more exact.
         legs = points[is_own][shapely.contains_xy(target.polygon, *points[is_own].T)]
         edge, *_ = target.edge_points()
-        points = np.concatenate([points[~is_own], legs, edge])
-        margins = np.full(len(points), OWN_GAPS * gap)
-        margins[: int((~is_own).sum())] = margin
-        return cls(points, margins)
+        own = np.concatenate([legs, edge])
+        margins = np.repeat([margin, OWN_GAPS * gap], [(~is_own).sum(), len(own)])
+        radii = np.concatenate([radii[~is_own], np.zeros(len(own))])
+        return cls(np.concatenate([points[~is_own], own]), radii, margins)
 
     def others(self, margin: float) -> Float64:
-        """Return the points (M, 2) with at least this margin, m."""
-        return self.points[self.margins >= margin]
+        """Return points (M, 2) on the rim of each obstacle with at least this margin, m."""
+        is_other = self.margins >= margin
+        rims = self.radii[is_other, None, None] * RIM
+        return np.asarray((self.points[is_other, None] + rims).reshape(-1, 2))
 
     def guard(self, wanted: Speeds, pose: Float64, footprint: Footprint, limits: Limits) -> Guarded:
         """Return the wanted motion, slowed or stopped by obstacles.
@@ -114,9 +124,10 @@ class Obstacles:
         if wanted == STOP or not len(self.points):
             return Guarded(wanted)
         local = transform2(between2(pose, np.zeros(3)), self.points)
+        margins = self.radii + self.margins
         ahead, yaw_rate = wanted
         if ahead:
-            way = footprint.free_way(local, self.margins, math.copysign(1.0, ahead))
+            way = footprint.free_way(local, margins, math.copysign(1.0, ahead))
             if way < BLOCKED_M:
                 return Guarded(STOP, self._nearest(local, footprint, math.copysign(1.0, ahead)))
             ahead = math.copysign(stoppable(way, abs(ahead), limits.acceleration), ahead)
@@ -124,7 +135,7 @@ class Obstacles:
             rate = abs(yaw_rate)
             brake = rate * HOLD_S + rate * rate / (2.0 * limits.yaw_acceleration)
             angle = math.copysign(brake + 2.0 * BLOCKED_RAD, yaw_rate)
-            free = abs(footprint.free_rotation(local, self.margins, angle))
+            free = abs(footprint.free_rotation(local, margins, angle))
             yaw_rate = math.copysign(stoppable(free, rate, limits.yaw_acceleration), yaw_rate)
             if free < BLOCKED_RAD:
                 # While driving, the yaw rate only keeps the line, so it can be zero.
@@ -135,6 +146,6 @@ class Obstacles:
 
     def _nearest(self, local: Float64, footprint: Footprint, direction: float) -> Float64:
         """Return the point (2,) nearest to the footprint in a direction (1, -1, or 0 for any)."""
-        distances = footprint.distance(local) - self.margins
+        distances = footprint.distance(local) - self.radii - self.margins
         distances[direction * local[:, 0] < 0.0] = np.inf
         return self.points[int(distances.argmin())]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from tccm_ros.approach.senses import TopCycle
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import transform2
@@ -42,28 +44,43 @@ FIT_M = 0.03
 """Maximum median distance of the edge points from a fitted outline, m: half the largest spacing of
 scan lines."""
 
+MAX_FREE = 0.1
+"""Maximum fraction of the visible cells of an outline that beams passed through, more than `FIT_M`
+inside it."""
+
 LOOSE = 0.02
 """Weight of the initial pose as prior in a fit, per m and rad: it is decisive only along an edge
 whose ends are not visible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Located:
-    """A surface located in the newest tilt cycles.
+class _Seen:
+    """What tilt cycles show at the height of a surface, in cells of `CELL_M`.
 
     Attributes
     ----------
-    target
-        The moved outline.
-    motion
-        float64 (3,), rigid motion from the expected pose.
     points
-        float64 (N, 2), points of its top.
+        float64 (N, 2), of its largest cluster.
+    edge
+        float64 (M, 2), those nearest to the sensor.
+    free
+        float64 (K, 2), places that beams to lower points passed through.
     """
 
-    target: Target
-    motion: Float64
     points: Float64
+    edge: Float64
+    free: Float64
+
+    def is_fit(self, target: Target) -> bool:
+        """Return whether an outline has the edge, all points, and no free place inside."""
+        polygon = target.polygon
+        to_edge = shapely.distance(polygon.boundary, shapely.points(self.edge))
+        outside = shapely.distance(polygon, shapely.points(self.points))
+        if np.median(to_edge) >= FIT_M or np.quantile(outside, 0.95) >= FIT_M:
+            return False
+        inside = polygon.buffer(-FIT_M)
+        hits, free = (shapely.contains_xy(inside, *p.T).sum() for p in (self.points, self.free))
+        return bool(free <= MAX_FREE * (hits + free))
 
 
 def top_points(points: Float64, target: Target, others: list[Float64]) -> Float64:
@@ -89,48 +106,65 @@ def top_points(points: Float64, target: Target, others: list[Float64]) -> Float6
     return near
 
 
-def is_elsewhere(points: Float64, sensor: Float64, target: Target) -> bool:
-    """Return whether a surface is visible, but not at its expected pose; fast, used while driving.
+def is_elsewhere(cycle: TopCycle, target: Target, others: list[Float64]) -> bool:
+    """Return whether a cycle shows a surface, but not at its expected pose; fast.
 
     Parameters
     ----------
-    points, sensor, target
-        As in `locate`.
+    cycle
+        The newest tilt cycle.
+    target, others
+        As in `top_points`.
     """
-    thin = _largest(_thinned(points))
-    return len(thin) >= MIN_POINTS and not _is_fit(_facing(thin, sensor), thin, target)
+    seen = _seen([cycle], target, others)
+    return seen is not None and not seen.is_fit(target)
 
 
-def locate(points: Float64, sensor: Float64, target: Target) -> Located | None:
+def locate(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) -> Target | None:
     """Return the located surface; None where its points are too few or no rigid motion fits.
 
     Of several poses that fit, it is the nearest to the expected one.
 
     Parameters
     ----------
-    points
-        float64 (N, 2), points that may belong to it, m.
-    sensor
-        float64 (2,), position of the sensor.
-    target
-        Expected surface.
+    cycles
+        The newest tilt cycles, the newest last.
+    target, others
+        As in `top_points`.
     """
-    thin = _largest(_thinned(points))
-    if len(thin) < MIN_POINTS:
+    seen = _seen(cycles, target, others)
+    if seen is None:
         return None
-    edge = _facing(thin, sensor)
     starts = [np.zeros(3)]
-    if not _is_fit(edge, thin, target):
-        starts += [_start(yaw, thin, target) for yaw in YAWS[: 1 if target.is_round else None]]
-    motions = [_fit(start, edge, thin, target) for start in starts]
-    motions = [m for m in motions if _is_fit(edge, thin, target.moved(m))]
+    if not seen.is_fit(target):
+        yaws = YAWS[: 1 if target.is_round else None]
+        starts += [_start(yaw, seen.points, target) for yaw in yaws]
+    motions = [_fit(start, seen.edge, seen.points, target) for start in starts]
+    motions = [m for m in motions if seen.is_fit(target.moved(m))]
     if not motions:
         return None
     # Where only a part is visible, several poses fit.
-    motion = min(motions, key=lambda m: _displacement(target, m))
-    moved = target.moved(motion)
-    around = moved.polygon.buffer(CELL_M)
-    return Located(moved, motion, points[shapely.contains_xy(around, *points.T)])
+    return target.moved(min(motions, key=lambda m: _displacement(target, m)))
+
+
+def _seen(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) -> _Seen | None:
+    """Return what tilt cycles show at the height of a surface; None with too few of its points."""
+    tops = top_points(np.concatenate([c.points for c in cycles]), target, others)
+    points = _largest(_thinned(tops))
+    if len(points) < MIN_POINTS:
+        return None
+    free = _thinned(np.concatenate([_free_places(c, target) for c in cycles]))
+    return _Seen(points, _facing(points, cycles[-1].sensor[:2]), free)
+
+
+def _free_places(cycle: TopCycle, target: Target) -> Float64:
+    """Return where beams to points below a surface passed through its height, (N, 2)."""
+    height, sensor = target.height, cycle.sensor
+    below = cycle.points[cycle.points[:, 2] < height - HEIGHT_M]
+    if sensor[2] <= height:
+        return below[:0, :2]
+    fractions = (sensor[2] - height) / (sensor[2] - below[:, 2:])
+    return np.asarray(sensor[:2] + fractions * (below[:, :2] - sensor[:2]))
 
 
 def _thinned(points: Float64) -> Float64:
@@ -155,13 +189,6 @@ def _facing(points: Float64, sensor: Float64) -> Float64:
     order = np.lexsort((np.hypot(*rays.T), bearings))
     first = order[np.r_[True, np.diff(bearings[order]) != 0]]
     return points[first]
-
-
-def _is_fit(edge: Float64, points: Float64, target: Target) -> bool:
-    polygon = target.polygon
-    to_edge = shapely.distance(polygon.boundary, shapely.points(edge))
-    outside = shapely.distance(polygon, shapely.points(points))
-    return bool(np.median(to_edge) < FIT_M and np.quantile(outside, 0.95) < FIT_M)
 
 
 def _start(yaw: float, points: Float64, target: Target) -> Float64:

@@ -44,10 +44,15 @@ class Senses:
         Reason for lost localisation, for the user.
     scan, scan_s
         float64 (N, 2), points of the level laser, and its stamp.
+    laser
+        float64 (2,), position of the level laser at that stamp.
     cuboids, cuboids_s
-        float64 (M, 3), cuboids of the integration map, and their stamp.
+        float64 (M, 3), occupied cubes of the integration map: x, y of the middle, z of a point in
+        it; and their stamp.
     cycle
         Newest tilt cycle; None before the first.
+    cube_m
+        Edge of the cubes, m.
     """
 
     now_s: float
@@ -57,6 +62,8 @@ class Senses:
     why_lost: str = ""
     scan: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
     scan_s: float = -np.inf
+    laser: Float64 = field(default_factory=lambda: np.zeros(2))
     cuboids: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     cuboids_s: float = -np.inf
     cycle: TopCycle | None = None
+    cube_m: float = 0.0

@@ -169,7 +169,7 @@ def read_map(path: Path, config: Config) -> MapInput:
         If the map is damaged or of another version, or has no walls.
     """
     saved = load_map(path)
-    if not len(saved.walls.get("keyframe_stamp_ns", ())):
+    if not saved.keyframe_count:
         raise MapError(f"{path}: made without a level laser: it has no keyframes to merge it by")
     beside = path.parent / "surfaces.json"
     signs: tuple[NumberedSign, ...] = ()

@@ -1,13 +1,12 @@
-"""Match two maps by searching for the second one's keyframes in the first, as for a new session.
+"""Match two maps of a fleet by their walls, furniture and door signs.
 
-The proposals come from the loop search, and confirm each other (`slam.loops`). Walls alone cannot
-distinguish two floors of a building, so furniture and door signs must agree, too.
+Walls alone cannot distinguish two floors of a building: furniture and door signs must agree, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -16,13 +15,9 @@ import shapely
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.fleet.map_inputs import Footprint, MapInput, NumberedSign
-from tccm_ros.geometry import between2, compose2, inverse2, transform2
+from tccm_ros.geometry import transform2
 from tccm_ros.results.models import Covariance3, Vector
-from tccm_ros.slam.chain import Chain
-from tccm_ros.slam.loops.closing import LoopCloser
-from tccm_ros.slam.loops.matching import Proposal
-from tccm_ros.slam.saved_walls import SavedWalls
-from tccm_ros.slam.signs.views import SignView
+from tccm_ros.slam.map_matching import match_walls, median_pose
 
 MIN_OVERLAP = 0.5
 """Minimum fraction of a surface that the other map has seen, for it to count, and that surfaces of
@@ -37,9 +32,6 @@ moved between two drives."""
 
 MAX_SIGN_DISTANCE = 0.3
 """Maximum distance of a door sign in two maps, m. Chosen: less than the distance of two doors."""
-
-YAW_WEIGHT = 3.0
-"""Weight of yaw in the distance of two poses, m/rad. Chosen."""
 
 
 class PairReason(StrEnum):
@@ -116,7 +108,7 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
     loops = match_walls(one.walls, other.walls, config)
     if not loops:
         return PairMatch(PairReason.NO_MATCH, np.zeros(3))
-    T = _median_pose(loops, one.walls.poses, other.walls.poses)
+    T = median_pose(loops, one.walls.poses, other.walls.poses)
     area, agreement = compare_furniture(one.surfaces, other.surfaces, T)
     same, others = compare_signs(one.signs, other.signs, T)
     reason: str = PairReason.ACCEPTED
@@ -126,53 +118,6 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
         reason = PairReason.OTHER_FURNITURE.format(agreement)
     rows = [PairLoop(p.a, p.b, p.delta, p.cov, p.inliers, p.score, p.window) for p in loops]
     return PairMatch(reason, T, tuple(rows), area, agreement)
-
-
-def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Proposal]:
-    """Match the keyframes of a map in another one; return the confirmed matches.
-
-    Parameters
-    ----------
-    one, other
-        The maps; ids in the result are local to each map.
-    config
-        Groups ``loops`` and ``matching``.
-    """
-    chain = Chain()
-    closer = LoopCloser(config, chain, begins_trajectories=False)
-    for keyframe, lines in zip(one.keyframes, one.lines):
-        chain.add(keyframe, lines.phi)
-    closer.load(one.poses, one.loops, (), one.sign_views, one.unjoined)
-    count = len(one.keyframes)
-    first_session = 1 + max(keyframe.session for keyframe in one.keyframes)
-    for k, (keyframe, lines) in enumerate(zip(other.keyframes, other.lines)):
-        session = first_session + keyframe.session
-        chain.add(replace(keyframe, id=count + k, session=session), lines.phi)
-        closer.add(count + k, (), _sign_views_on(k, other, count))
-    found = [p for p in closer.accepted[len(one.loops) :] if p.a < count <= p.b]
-    found = [replace(p, b=p.b - count) for p in found]
-    return [p for p in found if other.keyframes[p.b].session not in other.unjoined]
-
-
-def _sign_views_on(k: int, walls: SavedWalls, count: int) -> list[SignView]:
-    """Return the sign views at a keyframe, with keyframe ids offset by `count` and no sign id."""
-    views = [view for view in walls.sign_views if view.anchored.keyframe == k]
-    views.sort(key=lambda view: view.measurement.stamp_ns)
-    return [replace(v, anchored=replace(v.anchored, keyframe=count + k), sign=-1) for v in views]
-
-
-def _median_pose(loops: Sequence[Proposal], one: Float64, other: Float64) -> Float64:
-    """Return the pose of a map in another one from the match nearest to all matches."""
-    poses = np.array(
-        [compose2(compose2(one[p.a], p.delta), inverse2(other[p.b])) for p in loops]
-    ).reshape(-1, 3)
-    distances = [_distances(pose, poses).sum() for pose in poses]
-    return np.asarray(poses[int(np.argmin(distances))])
-
-
-def _distances(one: Float64, others: Float64) -> Float64:
-    error = between2(one, others)
-    return np.asarray(np.hypot(error[:, 0], error[:, 1]) + YAW_WEIGHT * np.abs(error[:, 2]))
 
 
 def compare_furniture(

@@ -28,6 +28,7 @@ from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.records import PosedScan, SurfaceCloud
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.robot.robot import Robot
+from tccm_ros.ros.output_messages import OBSTACLE_STEP_M
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_rows
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, bearings, scan_stream
@@ -67,6 +68,7 @@ class BaseSenses:
         self._inputs = Inputs(node, config.qos.silence, self.intake)
         self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)])
         self._scan, self._scan_ns = np.zeros((0, 2)), -1
+        self._laser = np.zeros(2)
         self._cuboids, self._cuboids_ns = np.zeros((0, 3)), -1
         self._cycle: TopCycle | None = None
         self._placed: tuple[MapLocalisation, Float64] | None = None
@@ -127,6 +129,7 @@ class BaseSenses:
         middle = len(posed.pose_stamps_ns) // 2
         T = posed.T_odom_base[middle] @ posed.T_base_laser[min(middle, len(posed.T_base_laser) - 1)]
         self._scan, self._scan_ns = transform(T, local)[:, :2], posed.scan.stamp_ns
+        self._laser = T[:2, 3]
 
     def _take_cycle(self, role: str, cloud: SurfaceCloud) -> None:
         pose = self._pose_at(cloud.stamp_ns)
@@ -145,6 +148,7 @@ class BaseSenses:
             self._refuse("tccm/obstacles", error)
             return
         points = np.stack([rows["x"], rows["y"], rows["z"]], axis=1).astype(np.float64)
+        points[:, :2] = cube_middles(points[:, :2])
         self._cuboids = transform(self._robot.motion.odometry.T_near_odom, points)
         self._cuboids_ns = stamp_ns_from_message(message.header.stamp)
 
@@ -230,7 +234,7 @@ class BaseSenses:
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
         return Senses(
             now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan, _seconds(self._scan_ns),
-            self._cuboids, _seconds(self._cuboids_ns), self._cycle,
+            self._laser, self._cuboids, _seconds(self._cuboids_ns), self._cycle, OBSTACLE_STEP_M,
         )  # fmt: skip
 
     def start(self) -> None:
@@ -240,6 +244,13 @@ class BaseSenses:
     def close(self) -> None:
         """Stop handling messages."""
         self.intake.close()
+
+
+def cube_middles(points: Float64) -> Float64:
+    """Return the middles (N, 2) of the cubes of ~/obstacles in which points (N, 2) are, in odom."""
+    # Points on a side belong to the cube beyond it, also after rounding to float32.
+    cubes = np.floor(points / OBSTACLE_STEP_M + 1e-3)
+    return np.asarray((cubes + 0.5) * OBSTACLE_STEP_M)
 
 
 def _seconds(stamp_ns: int) -> float:

@@ -98,7 +98,11 @@ class SensorNode(Node):
         super().__init__(name, **kwargs)
         self._processor_name, self._shared = processor_name, shared
         self.is_active = False
-        self.come_up()
+        try:
+            self.come_up()
+        except Exception:
+            self.destroy_node()  # otherwise other nodes see a node that does nothing
+            raise
 
     def come_up(self) -> None:
         """Configure and activate the node, and start loading the kernels."""

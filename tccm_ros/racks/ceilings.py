@@ -11,6 +11,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.racks.compartment import FaceState
+from tccm_ros.racks.faces import LOWEST
 from tccm_ros.tabletop.free_places import polygon_parts
 
 MIN_HEIGHT = 0.10
@@ -50,10 +51,6 @@ LEVELS = 4
 MIN_FRONT_CELLS = 3
 """Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
 
-LOWEST = 0.1
-"""Quantile of the lowest points of the cubes' columns that gives the lower edge of a front: in each
-column the last scan line is at another height above it. Chosen: one in ten may be a mixed pixel."""
-
 CUBE = 0.04
 """`mapping.surface_message.HITS_CUBE`, m."""
 
@@ -71,7 +68,8 @@ class Ceiling:
     state
         Whether the underside was measured.
     above
-        Index of the board above; -1 where the underside belongs to no surface.
+        Index of the board above; -1 where the underside belongs to no surface. Where it was not
+        measured either, hits on an edge may be those of a board's front.
     """
 
     low: Float64
@@ -187,7 +185,8 @@ def _unnamed(
     """Yield the lowest underside over a part of a board that belongs to no surface of the map.
 
     Hits within `EDGE` of the sides and the back are theirs: an underside whose other hits come near
-    an edge of the part ends there.
+    an edge of the part ends there. Without an underside, it is at `MAX_HEIGHT` and unknown, if hits
+    on an edge may be the front of a board.
     """
     low, high = np.reshape(part.bounds, (2, 2))
     z = ends[:, 2]
@@ -212,3 +211,18 @@ def _unnamed(
             height = float(np.median(z[inner][on]))
             yield Ceiling(begin, end, height, FaceState.MEASURED, -1)
             return
+    if _may_have_front(low, high, ends[(z > MIN_HEIGHT) & (z < MAX_HEIGHT)]):
+        yield Ceiling(low, high, MAX_HEIGHT, FaceState.UNKNOWN, -1)
+
+
+def _may_have_front(low: Float64, high: Float64, ends: Float64) -> bool:
+    """Return whether hits at one height are along most of an edge of a part of a board."""
+    outer = ends[((ends[:, :2] > low - EDGE) & (ends[:, :2] < high + EDGE)).all(axis=1)]
+    for axis in range(2):
+        for edge in (low[axis], high[axis]):
+            on = outer[np.abs(outer[:, axis] - edge) <= EDGE]
+            cells = np.unique(np.floor(on[:, [2, 1 - axis]] / CUBE).astype(np.int64), axis=0)
+            _, counts = np.unique(cells[:, 0], return_counts=True)
+            if counts.max(initial=0) * CUBE > 0.5 * (high - low)[1 - axis]:
+                return True
+    return False

@@ -128,7 +128,7 @@ def _over(
         found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
         if found is None:
             continue
-        upper = _outline(stack[ceiling.above]) if other is not None else found.outline
+        upper = found.outline if found.above is None else _outline(stack[ceiling.above])
         walls = found.left, found.right, found.back
         if FaceState.MEASURED in walls or _have_common_front(_outline(board), upper, found):
             yield found
@@ -208,7 +208,12 @@ def _compartment(
     faces = [_face(T_map_board, middle, half, height, k) for k in range(4)]
     seen = [look_at(face, hits, views) for face in faces]
     front = _front(faces, seen, hits)
-    if seen[front].passed < MIN_FRONT:
+    if seen[front].bar < math.inf:
+        height = seen[front].bar + FACE_MARGIN
+        lower = replace(ceiling, height=height, state=FaceState.MEASURED, above=-1)
+        return _compartment(board, None, T_map_board, lower, hits, views)
+    is_known = ceiling.above >= 0 or ceiling.state == FaceState.MEASURED
+    if seen[front].passed < MIN_FRONT or not is_known:
         return None
     right, back, left = (seen[(front + k) % 4] for k in (1, 2, 3))
     is_along = front % 2 == 0  # its normal is the x axis of the board

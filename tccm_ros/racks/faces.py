@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +26,10 @@ PASSED = 0.06
 
 STATE_FRACTION = 0.5
 """Minimum fraction of a face that is measured, or passed, for its state; chosen: most of it."""
+
+LOWEST = 0.1
+"""Quantile of the lower ends of hits that gives the lower end of a front: the last scan line on
+each part of it is at another height above it. Chosen: one in ten may be a mixed pixel."""
 
 MIN_COSINE = 0.3
 """Minimum cosine between a beam and a face's normal; chosen: 17 degrees of grazing angle."""
@@ -54,23 +59,32 @@ class SeenFace:
     Attributes
     ----------
     measured, passed
-        Fractions of its area on which beams ended, and which beams passed without an end on it.
+        Fractions of its area, below a bar, on which beams ended, and which beams passed without an
+        end on it.
     offset
         Median offset of hits along its outward normal, m; 0 if no beam ended on it.
+    bar
+        Lower end of the lowest bar across it, as of a board's front, over its lower edge, m; inf
+        without one. A bar is measured, the face is open as a whole and below it.
     """
 
     measured: float
     passed: float
     offset: float
+    bar: float
 
     @property
     def state(self) -> FaceState:
         """Observation state of the face."""
-        if self.measured >= STATE_FRACTION * (self.measured + self.passed) and (
-            self.measured >= 0.5 * STATE_FRACTION
-        ):
-            return FaceState.MEASURED
-        return FaceState.OPEN if self.passed >= STATE_FRACTION else FaceState.UNKNOWN
+        return _state(self.measured, self.passed)
+
+
+def _state(measured: float, passed: float) -> FaceState:
+    """Return the state of a face, or of a row of its cells, by the fractions of `SeenFace`."""
+    is_closed = measured >= STATE_FRACTION * (measured + passed)
+    if is_closed and measured >= 0.5 * STATE_FRACTION:
+        return FaceState.MEASURED
+    return FaceState.OPEN if passed >= STATE_FRACTION else FaceState.UNKNOWN
 
 
 def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
@@ -109,7 +123,22 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     passed &= ~measured
     inside = on & (np.abs(ends[:, 1]) < 0.5 * face.width) & (np.abs(ends[:, 2]) < face.height)
     offset = float(np.median(ends[inside, 0])) if inside.any() else 0.0
-    return SeenFace(float(measured.mean()), float(passed.mean()), offset)
+    row, bar = None, np.inf
+    if _state(measured.mean(), passed.mean()) == FaceState.OPEN:
+        row = _bar([_state(*f) for f in zip(measured.mean(axis=0), passed.mean(axis=0))])
+    if row is not None:
+        in_bar = inside & (ends[:, 2] >= row * size[1]) & (ends[:, 2] < (row + 2) * size[1])
+        bar = float(np.quantile((ends[:, 2] - hits.half)[in_bar], LOWEST))
+    below = measured[:, :row], passed[:, :row]
+    return SeenFace(float(below[0].mean()), float(below[1].mean()), offset, bar)
+
+
+def _bar(rows: Sequence[FaceState]) -> int | None:
+    """Return the lowest measured row of cells above an open one; None without one."""
+    for k, (below, row) in enumerate(pairwise(rows)):
+        if (below, row) == (FaceState.OPEN, FaceState.MEASURED):
+            return k + 1
+    return None
 
 
 def _columns_passed(face: Face, points: Float64, view: SeenView) -> Bool:

@@ -12,7 +12,7 @@ import shapely
 from shapely.affinity import translate
 
 from tccm_ros.arrays import Float64
-from tccm_ros.report.align import MAX_HEIGHT_DIFFERENCE_M, line_angle
+from tccm_ros.geometry import wrap_angle
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 
@@ -27,6 +27,9 @@ class Kind(StrEnum):
     WENT = "went"
     """Only in the first map."""
 
+
+MAX_HEIGHT_DIFFERENCE_M = 0.05
+"""Largest difference in height of one surface in two maps, m; chosen."""
 
 MIN_OVERLAP = 0.3
 """Smallest fraction of the smaller outline inside the other, of one surface in place; chosen."""
@@ -178,7 +181,7 @@ def _normal(wall: WallEntry) -> Float64:
 
 def _is_one_wall(a: WallEntry, b: WallEntry) -> bool:
     # The normal of a wall through the origin may point either way.
-    angle = abs(float(line_angle(a.phi - b.phi)))
+    angle = abs(float(wrap_angle(2.0 * (a.phi - b.phi)))) / 2.0  # of lines without a direction
     if angle > MAX_WALL_ANGLE_RAD or _wall_distance(a, b) > MAX_WALL_DISTANCE_M:
         return False
     tangent = np.array([-np.sin(a.phi), np.cos(a.phi)])

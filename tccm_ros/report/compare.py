@@ -1,7 +1,7 @@
 """Compare two maps of the same rooms: surfaces that came, went or moved, walls and paths.
 
 Two replays of a bag, or a map and its continuation, have the same map frame. Other recordings have
-their own frames, and the second map is aligned to the first by their common surfaces and walls.
+their own frames, and the second map is searched for in the first as a new session is.
 """
 
 from __future__ import annotations
@@ -13,11 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.report.align import find_alignment, moved_results, pose_text
 from tccm_ros.report.changes import Change, Item, Kind, surface_changes, wall_changes
 from tccm_ros.report.tables import text_table
 from tccm_ros.results.folder_reader import Results, load_results
+from tccm_ros.results.labels_file import MAP_FILE
+from tccm_ros.results.map_file import load_map
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
 
@@ -132,17 +135,17 @@ def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = Fals
     Raises
     ------
     MapError
-        If a folder or one of its files is missing or damaged, or if the maps have too few common
-        surfaces and walls.
+        If a folder or one of its files is missing or damaged, or if one map is not found in the
+        other.
     """
     before, after = load_results(folder_a), load_results(folder_b)
     if not lay_over:
         return compare_results(before, after)
-    pose = find_alignment(before, after)
+    one, other = (load_map(Path(folder) / MAP_FILE) for folder in (folder_a, folder_b))
+    pose = find_alignment(one, other, Config())
     if pose is None:
         raise MapError(
-            f"{folder_b}: too few surfaces and walls match those of {folder_a}; "
-            "expected two maps of the same rooms"
+            f"{folder_b}: not found in the map of {folder_a}; expected two maps of the same rooms"
         )
     comparison = compare_results(before, moved_results(after, pose))
     x, y, yaw = (round(float(value), 6) for value in pose)

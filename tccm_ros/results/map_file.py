@@ -130,7 +130,7 @@ def read_content(path: Path) -> MapContent:
             metadata = next(m.metadata for m in make_reader(file).iter_metadata())
         return MapContent(*(int(metadata[name]) for name in MapContent._fields))
     saved = load_map(path)
-    return MapContent(len(saved.walls.get("keyframe_stamp_ns", ())), len(saved.views), 0)
+    return MapContent(saved.keyframe_count, len(saved.views), 0)
 
 
 def save_map(

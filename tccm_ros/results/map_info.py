@@ -64,7 +64,7 @@ def map_info(path: Path | str) -> MapInfo:
         path.stat().st_size,
         len({view.view.session for view in saved.views}),
         len(saved.views),
-        len(saved.walls.get("keyframe_stamp_ns", ())),
+        saved.keyframe_count,
         1e-9 * min(stamps) if stamps else None,
         1e-9 * max(stamps) if stamps else None,
     )

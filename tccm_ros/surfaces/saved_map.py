@@ -78,6 +78,11 @@ class SavedMap:
     walls: Mapping[str, NDArray[Any]]
     views: tuple[SavedView, ...]
 
+    @property
+    def keyframe_count(self) -> int:
+        """Number of keyframes; 0 without a level laser."""
+        return len(self.walls.get("keyframe_stamp_ns", ()))
+
 
 def views_in_map(saved: SavedMap) -> tuple[SavedView, ...]:
     """Return the views of a saved map with fixed poses in map, independent of keyframes.

@@ -98,6 +98,31 @@ def test_who_walks_in_the_way_is_waited_for():
     assert_is_there(base)
 
 
+@pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
+def test_who_walks_into_the_side_of_the_base_finds_it_at_rest(speed):
+    flat = simple_flat(None, (0.4, 0.0, 0.0), (-2.4, 0.0, 0.0))
+    machine, base = approach(flat, seed=1)
+    touched = []
+
+    def walk(base):
+        # From the side, towards the base on its way; away again once they have met.
+        if not touched and flat.person is None and base.speed > 0.2:
+            start = base.truth[:2] + np.array([0.15, 1.6])
+            flat.person = (start, np.array([0.0, -1.0]), speed, 0.2, base.t)
+        person = flat.person_at(base.t)
+        body = shapely.Polygon(ROBOT.footprint.at(base.truth))
+        if person is not None and person.intersects(body):
+            touched.append(base.speed)
+            flat.person = None
+
+    outcome = run(machine, base, on_tick=walk)
+    assert touched
+    assert touched[0] < 0.02
+    assert base.contacts == 0
+    assert outcome.reason == Reason.NONE, outcome.message
+    assert_is_there(base)
+
+
 def test_what_stays_in_every_way_ends_it_with_a_place():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
     ring = [(-1.15, y) for y in np.linspace(-2.9, 2.9, 30)]

@@ -51,7 +51,7 @@ def test_a_late_loop_carries_the_base_into_nothing(points, ahead, yaw_rate, dela
     points = points[start > ROBOT.margin]
     if not len(points):
         return
-    obstacles = Obstacles(points, np.full(len(points), ROBOT.margin))
+    obstacles = Obstacles(points, np.zeros(len(points)), np.full(len(points), ROBOT.margin))
     base, driver = IdealBase(), Driver(ROBOT)
     for late in [k for delay in delays for k in (0, 0, delay)]:
         senses = Senses(base.t, base.pose, base.t, np.zeros(3))

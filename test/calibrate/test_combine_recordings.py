@@ -14,26 +14,31 @@ from tccm_ros.calibrate.reading import read_recording
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError
 from tccm_ros.geometry import transform2
-from tccm_sim.options import Options
-from tccm_sim.recording import simulate
 
 ERRORS = {"tilt_offset": 0.05, "tilt_scale": 0.98, "laser_roll": 0.01, "joint_time_offset": 0.008}
 
 
-def bag(folder: Path, world: str = "room", **errors) -> Path:
-    settings = {
-        "tilt_beams": 121, "sigma": 0.006, "cycle_period": 2.0, "base_tilt": 0.0, "people": False,
-    } | errors  # fmt: skip
-    simulate(world, folder, options=Options(**settings))
-    return folder
+@pytest.fixture
+def bag(session_files, tmp_path):
+    """Make a recording of a simulated rig with some errors, of the given name."""
+
+    def make(name: str, world: str = "room", **errors) -> Path:
+        settings = {
+            "tilt_beams": 121, "sigma": 0.006, "cycle_period": 2.0, "base_tilt": 0.0,
+            "people": False,
+        } | errors  # fmt: skip
+        (tmp_path / name).symlink_to(session_files.simulated(world, **settings))
+        return tmp_path / name
+
+    return make
 
 
 def sigmas(found: Calibration) -> dict[str, float]:
     return {q.name: q.sigma for q in found.observability.quantities if q.sigma is not None}
 
 
-def test_two_recordings_of_one_rig_give_smaller_standard_deviations_than_one(tmp_path: Path):
-    bags = [bag(tmp_path / world, world, **ERRORS) for world in ("room", "moved")]
+def test_two_recordings_of_one_rig_give_smaller_standard_deviations_than_one(bag):
+    bags = [bag(world, world, **ERRORS) for world in ("room", "moved")]
     both = calibrate(bags, floor_z=0.0)
     alone = [calibrate(one, floor_z=0.0) for one in bags]
     assert both.bags == ("room", "moved")
@@ -51,9 +56,9 @@ def test_two_recordings_of_one_rig_give_smaller_standard_deviations_than_one(tmp
     assert both.yaml().startswith("# Made by `tccm calibrate room moved`.")
 
 
-def test_recordings_with_different_tilt_zeros_are_refused(tmp_path: Path):
-    one = bag(tmp_path / "before", **ERRORS)
-    other = bag(tmp_path / "after", **ERRORS | {"tilt_offset": 0.07})
+def test_recordings_with_different_tilt_zeros_are_refused(bag):
+    one = bag("before", **ERRORS)
+    other = bag("after", **ERRORS | {"tilt_offset": 0.07})
     with pytest.raises(BagError, match=r"not of one rig: tilt_offset is .* in before and .* after"):
         calibrate([one, other], floor_z=0.0)
 
@@ -70,8 +75,8 @@ def test_the_same_bag_twice_is_refused(tmp_path: Path):
         calibrate([tmp_path / "one", tmp_path / "two" / ".." / "one"])
 
 
-def test_the_error_names_a_laser_that_is_mounted_elsewhere(tmp_path: Path):
-    recording = read_recording(bag(tmp_path / "one"), Config())
+def test_the_error_names_a_laser_that_is_mounted_elsewhere(bag):
+    recording = read_recording(bag("one"), Config())
     cycle = recording.cycles[0]
     chain = replace(cycle.chain, fixed=cycle.chain.fixed.copy())
     chain.fixed[-1, 2, 3] += 0.01
@@ -84,8 +89,8 @@ def test_the_error_names_a_laser_that_is_mounted_elsewhere(tmp_path: Path):
     assert combine_recordings([recording, recording]).bags == ("one (1)", "one (2)")
 
 
-def test_joined_recordings_number_their_places_consecutively(tmp_path: Path):
-    recording = read_recording(bag(tmp_path / "one"), Config())
+def test_joined_recordings_number_their_places_consecutively(bag):
+    recording = read_recording(bag("one"), Config())
     both = combine_recordings([recording, recording])
     n = len(recording.bag)
     assert both.bag.tolist() == [0] * n + [1] * n

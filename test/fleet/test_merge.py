@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 from distributed import LocalCluster
 from map_truth import surface_errors, wall_errors
-from split_bag import split_bag
 
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError
 from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.merge import merge_maps
 from tccm_ros.geometry import inverse2, transform2
-from tccm_ros.replay.replay import replay
 from tccm_ros.results.map_info import map_info
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
@@ -29,9 +27,8 @@ MAX_ERROR = 0.015
 def maps(session_files, tmp_path_factory):
     """The maps of both halves, and that of another place."""
     root = tmp_path_factory.mktemp("maps")
-    halves = split_bag(BAGS / "flat" / "flat.mcap", root, 2, overlap_s=6.0)
-    for name, bag in zip(("first", "second"), halves):
-        replay(bag, root / name, Config(), pictures=False)
+    for folder in session_files.replayed_halves():
+        shutil.copytree(folder, root / folder.name)
     shutil.copytree(session_files.replayed("walkthrough"), root / "elsewhere")
     return root
 

@@ -8,13 +8,13 @@ import pytest
 import shapely
 
 from tccm_ros.config import Config
-from tccm_ros.fleet import pair_matching
 from tccm_ros.fleet.map_inputs import Footprint, NumberedSign
 from tccm_ros.fleet.pair_matching import (
     compare_furniture,
     compare_signs,
 )
 from tccm_ros.geometry import inverse2, transform2
+from tccm_ros.slam import map_matching
 
 FLOOR = Footprint(0, shapely.box(-4, -3, 4, 3), 0.0, True)
 TABLE = Footprint(1, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
@@ -132,9 +132,9 @@ def test_signs_of_both_maps_are_given_to_the_search(monkeypatch):
             given.append([(v.measurement.stamp_ns, v.anchored.keyframe) for v in sign_views])
             assert all(v.sign == -1 for v in sign_views), "ids of signs are those of one map"
 
-    monkeypatch.setattr(pair_matching, "LoopCloser", Search)
-    monkeypatch.setattr(pair_matching, "Chain", lambda: SimpleNamespace(add=lambda *_: None))
+    monkeypatch.setattr(map_matching, "LoopCloser", Search)
+    monkeypatch.setattr(map_matching, "Chain", lambda: SimpleNamespace(add=lambda *_: None))
     one = walls_with_signs(2, [(5, 1, 3)])
     other = walls_with_signs(3, [(9, 2, 0), (7, 2, 1), (1, 0, 0)])
-    assert pair_matching.match_walls(one, other, Config()) == []
+    assert map_matching.match_walls(one, other, Config()) == []
     assert given == [[(1, 3)], [(1, 2)], [], [(7, 4), (9, 4)]]

@@ -34,7 +34,7 @@ class Driver:
         ]
         self.phases: list[int] = []
         self.is_closed = False
-        self.robot.has_heard = self._has_heard
+        self.robot.driver = self.node
         inputs = "/tf" if is_on_tf else "/odom", "/scan", "/tccm/surfaces", "/tccm/obstacles"
         ros.connect(self.robot.node, self.node, *inputs)
         ros.connect(self.node, self.robot.node, "/cmd_vel")
@@ -47,9 +47,6 @@ class Driver:
         )  # fmt: skip
         for _ in range(12):
             self.robot.step()
-
-    def _has_heard(self, stamp_ns: int) -> bool:
-        return self.node.senses.newest_ns >= stamp_ns
 
     def send(self, which=0, ids=(1,), **fields):
         goal = self.kinds[which].Goal(**fields)

@@ -33,13 +33,14 @@ from tccm_ros.ros.writing import (
 
 START_S = 1_700_000_000
 WAIT_S = 0.25
-"""Time to wait for a command, s. Without one the base's watchdog decides."""
+"""Time to wait for an expected command, s. Without one the base's watchdog decides."""
 
 BEAMS = 360
 
 
 def ns(t: float) -> int:
-    return round((START_S + t) * 1e9)
+    """Return a stamp of the base's clock, exact: the timer of the control loop misses none."""
+    return START_S * 1_000_000_000 + round(t * 1e9)
 
 
 def stamp(t: float) -> Time:
@@ -56,12 +57,12 @@ class ApproachRobot:
         Commands received.
     nav2
         Stand-in of Nav2's navigator, which drives the base while it has a goal; None without one.
-    is_watched
-        Whether no commands are expected: a step then ends when approach_node has heard of it.
     other_commands
         Numbers of commands received in the steps in which Nav2 drove.
-    has_heard
-        Returns whether approach_node has received the odometry of a stamp, ns.
+    driver
+        The approach_node that drives the base; None before there is one.
+    wait_s
+        Time to wait for an expected command, s.
     """
 
     def __init__(self, ros, flat: Flat, seed: int = 0, *, is_on_tf: bool = False):
@@ -72,9 +73,8 @@ class ApproachRobot:
         self.node = ros.add(Node("bot", context=ros.another_context()))
         self.commands: list[Speeds] = []
         self.nav2 = None
-        self.is_watched = False
         self.other_commands: list[int] = []
-        self.has_heard = lambda stamp_ns: False
+        self.driver, self.wait_s = None, WAIT_S
         self._history: list = []
         self._sent_cycle = None
         reliable = QoSProfile(depth=200)
@@ -198,8 +198,25 @@ class ApproachRobot:
     def _obey(self, twist) -> None:
         self.commands.append(Speeds(twist.linear.x, twist.angular.z))
 
+    def _has_heard(self) -> bool:
+        """Return whether approach_node has received the odometry and the clock of this step."""
+        if self.driver is None:
+            return False
+        now_ns, senses = ns(self.base.t), self.driver.senses
+        is_newest = "odom" in self.base.mute or senses.newest_ns >= now_ns
+        return is_newest and self.driver.get_clock().now().nanoseconds >= now_ns
+
+    def _is_driven(self) -> bool:
+        """Return whether commands are expected: a goal is active that moves the base."""
+        drive = None if self.driver is None else self.driver._drive
+        is_other = self.nav2 is not None and self.nav2.is_driving
+        return drive is not None and drive.is_driving and not is_other
+
     def step(self) -> None:
-        """Publish the current measurements, wait for the command, and advance the time."""
+        """Publish the current measurements, wait for the command, and advance the time.
+
+        Where none is expected, the step ends when approach_node has received the measurements.
+        """
         base = self.base
         self._history.append((base.t, base.odom.copy()))
         count = len(self.commands)
@@ -212,11 +229,12 @@ class ApproachRobot:
         self._send_cycle()
         self._clock.publish(Clock(clock=stamp(base.t)))
         is_other = self.nav2 is not None and self.nav2.is_driving
-        end = time.monotonic() + WAIT_S
-        while len(self.commands) == count and time.monotonic() < end:
-            if (is_other or self.is_watched) and self.has_heard(ns(base.t)):
-                break
+        end = time.monotonic() + self.wait_s
+        while True:
             self.ros.executor.spin_once(timeout_sec=0.005)
+            is_told = len(self.commands) > count
+            if is_told or time.monotonic() >= end or (self._has_heard() and not self._is_driven()):
+                break
         if is_other and self.nav2.is_driving:
             self.other_commands.append(len(self.commands) - count)
             base.tick(self.nav2.speeds())

@@ -39,7 +39,9 @@ FIRST_CYCLE_S = (CYCLE_LINES / LINES_PER_TICK + 1.0) * TICK_S
 """The base stands for its first tilt cycle before time 0."""
 
 RANGE_SIGMA = 0.005
-CUBE_M = 0.05
+CUBE_M, WINDOW_CYCLES = 0.05, 10
+"""Cubes of ~/obstacles, and the default of `map.window_cycles`: what left stays that long."""
+
 WATCHDOG_S = 0.25
 """Without a new command for so long the base stops by itself, s, as the guide asks for."""
 
@@ -171,6 +173,7 @@ class SimulatedBase:
         self._line, self._direction = 0, 1
         self._lines: list = []
         self._cycle: TopCycle | None = None
+        self._window: deque = deque(maxlen=WINDOW_CYCLES)
         self.obstacles, self.obstacles_s = np.zeros((0, 3)), -np.inf
         self.contacts = 0
         self.mute: set[str] = set()
@@ -258,15 +261,11 @@ class SimulatedBase:
                 self._remember(self._cycle)
 
     def _remember(self, cycle: TopCycle) -> None:
-        """Replace the obstacles that a cycle looked at by those that it saw, one for each cube."""
-        local = transform2(inverse2(self.odom), self.obstacles[:, :2]) - LASER[:2]
-        bearing, distance = np.arctan2(local[:, 1], local[:, 0]), np.hypot(*local.T)
-        down = np.arctan2(LASER[2] - self.obstacles[:, 2], distance)
-        is_looked_at = (np.abs(bearing) < BEARINGS[-1]) & (down > TILT[0]) & (down < TILT[1])
-        seen = cycle.points[cycle.points[:, 2] > CUBE_M]
-        both = np.concatenate([seen, self.obstacles[~is_looked_at]])
-        _, first = np.unique(np.floor(both / CUBE_M), axis=0, return_index=True)
-        self.obstacles, self.obstacles_s = both[first], cycle.stamp_s
+        """Add the obstacles that a cycle saw, and forget those of the cycle before the window."""
+        self._window.append(cycle.points[cycle.points[:, 2] > CUBE_M])
+        points = np.concatenate(self._window)
+        _, first = np.unique(np.floor(points / CUBE_M), axis=0, return_index=True)
+        self.obstacles, self.obstacles_s = points[first], cycle.stamp_s
 
     def _scan_line(self, tilt: float) -> np.ndarray:
         """Return the points (N, 3) on horizontal surfaces of one scan line, in the base frame."""
@@ -289,7 +288,7 @@ class SimulatedBase:
         """Return the newest measurements of all inputs that are not in `mute`."""
         now = {
             "odom": (self.odom.copy(), self.t),
-            "scan": (transform2(self.odom, self.level_scan()), self.t),
+            "scan": (transform2(self.odom, self.level_scan()), self.t, self.odom[:2].copy()),
             "cycle": (self._cycle, self.obstacles, self.obstacles_s),
             "map": self.map_odom,
         }
@@ -297,10 +296,12 @@ class SimulatedBase:
             if name not in self.mute:
                 self._last[name] = now[name]
         map_odom = None if "map" in self.mute else self.map_odom
-        (pose, pose_s), (scan, scan_s) = self._last["odom"], self._last["scan"]
-        cycle, cuboids, cuboids_s = self._last["cycle"]
+        (pose, pose_s), scan = self._last["odom"], self._last["scan"]
+        cycle, obstacles, cuboids_s = self._last["cycle"]
+        cuboids = obstacles.copy()
+        cuboids[:, :2] = (np.floor(cuboids[:, :2] / CUBE_M) + 0.5) * CUBE_M
         return Senses(
-            self.t, pose, pose_s, map_odom, "it is lost", scan, scan_s, cuboids, cuboids_s, cycle
+            self.t, pose, pose_s, map_odom, "it is lost", *scan, cuboids, cuboids_s, cycle, CUBE_M
         )  # fmt: skip
 
     def true_figures(self) -> tuple[float, float]:

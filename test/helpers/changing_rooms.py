@@ -92,10 +92,10 @@ def solved(inputs: Iterable[object], slam: SurfaceSlam) -> Iterator[Scene]:
             yield scene_of(slam.solve(every_covariance=False), "map")
 
 
-def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
-    """Yield the reported changes of the inputs."""
-    for scene in solved(inputs, slam):
-        yield from events.note(scene, slam.config.objects.agreeing_views)
+def told(scenes: Iterable[Scene], events: MapChanges) -> list[Change]:
+    """Return the reported changes of consecutive scenes."""
+    views = Config().objects.agreeing_views
+    return [change for scene in scenes for change in events.note(scene, views)]
 
 
 def index_at(inputs: list[object], seconds: float) -> int:

@@ -1,11 +1,10 @@
 """Fixtures for tests with rclpy: each test has its own context and domain."""
 
 import fcntl
-import os
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -25,18 +24,33 @@ BETWEEN_NS = 5_000_000_000
 """Interval between recordings played to one process, ns: more than any wait in message time."""
 
 
+def _lock(domain: int) -> Path:
+    return Path(tempfile.gettempdir()) / f"tccm_ros_test_domain_{domain}.lock"
+
+
+def _last_use(domain: int) -> float:
+    """Return when a test in any process used a domain last, s."""
+    with suppress(FileNotFoundError):
+        return _lock(domain).stat().st_mtime
+    return 0.0
+
+
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Yield a domain that no other test on this machine uses, in any process."""
-    first = os.getpid() % len(DOMAINS)
-    for domain in (*DOMAINS[first:], *DOMAINS[:first]):
-        path = Path(tempfile.gettempdir()) / f"tccm_ros_test_domain_{domain}.lock"
-        with path.open("a") as lock:
+    """Yield a domain that no other test on this machine uses, in any process.
+
+    It is the one that was not used for longest: messages in flight from a test that is over would
+    tell of nodes that are gone.
+    """
+    for domain in sorted(DOMAINS, key=_last_use):
+        with _lock(domain).open("a") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 continue
+            _lock(domain).touch()
             yield domain
+            _lock(domain).touch()
             return
     raise RuntimeError("all domains are in use")
 

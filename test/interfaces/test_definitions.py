@@ -111,6 +111,7 @@ def types_by_package() -> dict[str, Path]:
     return {document.PACKAGE: INTERFACES} | {p.name: p for p in PUBLIC.iterdir()}
 
 
+@pytest.mark.every_distro
 def test_generated_types_have_the_hashes_of_their_definitions():
     """The other implementation of type hashes is rosbags'."""
     typestore, types = get_typestore(Stores.ROS2_JAZZY), {}

@@ -71,6 +71,7 @@ def program(ros):
     return ros.add(Node("program", context=ros.another_context()))
 
 
+@pytest.mark.every_distro
 def test_a_late_listener_gets_the_whole_map(ros, robot, program):
     robot.create_publisher(SurfaceMap, "surface_map", LATCHED).publish(whole_map())
     heard = []
@@ -79,6 +80,7 @@ def test_a_late_listener_gets_the_whole_map(ros, robot, program):
     assert heard == [whole_map()]
 
 
+@pytest.mark.every_distro
 def test_a_question_is_answered(ros, robot, program):
     def answer(request, response):
         found = [s for s in whole_map().surfaces if s.label in request.filter.labels]
@@ -95,6 +97,7 @@ def test_a_question_is_answered(ros, robot, program):
     assert response.surfaces == SurfaceArray(header=HEADER, surfaces=[surface(5, "counter")])
 
 
+@pytest.mark.every_distro
 def test_the_action_tells_its_phase_and_its_result(ros, robot, program):
     def scan(goal):
         goal.publish_feedback(

@@ -71,7 +71,5 @@ def test_a_goal_ends_and_the_base_stands_whatever_happens(drive, seed):
         assert status in (SUCCEEDED, CANCELED, ABORTED), (number, told)
         assert result.message, (number, told)
         faults.repair()
-        robot.is_watched = True
         assert driver.stands(), (number, told, result.message)
-        robot.is_watched = False
         assert robot.base.contacts == 0, (number, told)

@@ -88,7 +88,6 @@ def test_the_docking_server_is_told_where_the_base_belongs_and_nothing_moves(dri
     ear.node.create_subscription(PoseStamped, "approach/detected_dock_pose", told.append, 10)
     driver.ros.connect(driver.node, ear.node, "/approach/detected_dock_pose")
     base = driver.robot.base
-    driver.robot.is_watched = True
     goal = driver.send(detect_only=True)
     driver.robot.drive_until(lambda: len(told) > 2)
     assert driver.ask()[1].reason == Reason.BUSY
@@ -114,7 +113,6 @@ def test_a_surface_that_is_not_there_is_not_told_to_the_docking_server(drive):
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.8, 0.0, 0.0))
     flat.target = flat.target.moved(0.0, 2.5, 0.0)
     driver = drive(flat, approach__patience=4.0)
-    driver.robot.is_watched = True
     status, result = driver.ask(detect_only=True)
     assert (status, result.reason) == (ABORTED, Reason.LOST_SURFACE)
     assert "tilt cycles have not shown the surface for 4 s" in result.message

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from approach_driver import ABORTED, CANCELED, SUCCEEDED
+from approach_robot import WAIT_S
 from approach_world import circle, l_shape, simple_flat
 from geometry_msgs.msg import PointStamped
 from live_robot import Listener
@@ -88,8 +89,10 @@ def test_what_came_during_a_long_plan_is_read_before_an_input_is_lost(drive, mon
     def long_plan(self, senses):
         speeds, until = plan(self, senses), driver.robot.base.t + 1.0
         end_s = time.monotonic() + 60.0
+        driver.robot.wait_s = 0.0  # no command comes now
         while driver.robot.base.t < until and time.monotonic() < end_s:
             time.sleep(0.001)
+        driver.robot.wait_s = WAIT_S
         return speeds
 
     monkeypatch.setattr(Approach, "_plan", long_plan)
@@ -140,6 +143,7 @@ def test_odometry_on_tf_alone_is_driven_by_and_its_silence_stops(drive):
     assert driver.robot.base.contacts == 0
 
 
+@pytest.mark.every_distro
 def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_second(drive):
     driver = drive(simple_flat())
     goal = driver.send()
@@ -175,6 +179,7 @@ def test_what_is_lost_on_the_way_stops_the_base(drive, lose, reason):
     assert driver.robot.base.contacts == 0
 
 
+@pytest.mark.every_distro
 def test_the_base_backs_off(drive):
     driver = drive(simple_flat())
     before = driver.robot.base.truth.copy()

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from example_process import EXAMPLES, example, printed, run_example
 from live_robot import Listener, end_input, slam, tccm, wait_until_done
 from rclpy.node import Node
 from shapely import Point, Polygon
+from std_srvs.srv import Trigger
 
 from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.qos import latched
@@ -25,6 +27,9 @@ BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 STOOL_LEAVES_S = 12.3
 """Before the stool of the walkthrough is carried away."""
+
+LAST_METRES_S = 97.0
+"""In the flat."""
 
 NEAR_M = 0.1
 """A middle is so near to the truth: the side of a box that nobody saw is not measured."""
@@ -116,11 +121,10 @@ def box(item: dict) -> Polygon:
     return Polygon(corners @ R.T + (x, y))
 
 
-@pytest.fixture
-def nodes(ros):
-    """Both nodes with one robot, as in all_in_one."""
+def both_nodes(ros, **values):
+    """Add both nodes with one robot, as in all_in_one."""
     tilt_node = tccm(ros, context=ros.context)
-    return tilt_node, slam(ros, context=ros.context, shared=tilt_node.robot)
+    return tilt_node, slam(ros, context=ros.context, shared=tilt_node.robot, **values)
 
 
 def map_all(ros, nodes) -> None:
@@ -180,8 +184,8 @@ def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
     assert said == "table 7 moved from [1. 0.]\nto [7. 0.]\n"
 
 
-def test_in_the_walkthrough_the_stool_goes_and_both_boxes_stand_on_the_table(ros, nodes):
-    tilt_node, node = nodes
+def test_in_the_walkthrough_the_stool_goes_and_both_boxes_stand_on_the_table(ros):
+    tilt_node, node = nodes = both_nodes(ros)
     events = Listener(ros).listen(message_class(SURFACE_EVENT), "/surface_slam/events")
     with example(ros, "wait_for_move.py", "seat") as waiting:
         ros.spin_until(lambda: node.count_subscribers("/surface_slam/events") == 2)
@@ -200,8 +204,15 @@ def test_in_the_walkthrough_the_stool_goes_and_both_boxes_stand_on_the_table(ros
     assert_nothing_else_is_listed(text, "walkthrough")
 
 
-def test_in_the_flat_what_stands_on_tables_is_listed_and_the_mug_has_a_place(ros, nodes):
-    play_bag(ros, BAGS / "flat", *nodes)
+def test_in_the_flat_what_stands_on_tables_is_listed_and_the_mug_has_a_place(
+    ros, session_files, tmp_path
+):
+    """The saved map of the flat is loaded, and the robot drives its last metres once more."""
+    folder = shutil.copytree(session_files.replayed("flat"), tmp_path / "map")
+    nodes = both_nodes(ros, save__directory=str(folder))
+    load = nodes[1].create_client(Trigger, "/surface_slam/load_map")
+    assert ros.call(load, Trigger.Request()).success
+    play_bag(ros, BAGS / "flat", *nodes, start=LAST_METRES_S)
     map_all(ros, nodes)
     assert_all_true_objects_are_listed(run_example(ros, "list_counters.py"), "flat")
     found, mug, base = run_example(ros, "put_down_mug.py").splitlines()

@@ -36,7 +36,7 @@ def test_an_input_that_is_not_needed_may_be_absent(ros):
 def test_a_publisher_of_another_type_is_a_problem_that_names_it(ros):
     inputs, received = watched(ros)
     # One participant cannot have two types on a topic; another process can.
-    talker = Node("talker", context=ros.another_context())
+    talker = ros.add(Node("talker", context=ros.another_context()))
     talker.create_publisher(JointState, "tilt_scan", 10)
     ros.spin_until(
         lambda: any("published as sensor_msgs/msg/JointState" in p for p in inputs.problems())

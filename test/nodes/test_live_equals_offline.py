@@ -59,7 +59,7 @@ EQUAL = (
 @pytest.mark.parametrize(
     ("bag", "remap", "is_shared", "config"),
     [
-        ("walkthrough", (), False, None),
+        pytest.param("walkthrough", (), False, None, marks=pytest.mark.every_distro),
         ("walkthrough", (), True, None),
         ("walkthrough", (), False, PAPER),
         ("upside_down", OTHER_NAMES, False, None),

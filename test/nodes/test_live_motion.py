@@ -54,6 +54,7 @@ def drive(ros, robot):
     # The clients' first goal is refused if it comes before the discovery of find_surfaces.
     services = node._client._clients.values()
     ros.spin_until(lambda: any(c.service_is_ready() for c in services), what="find_surfaces")
+    robot.driver = node
     for _ in range(12):
         robot.step()
     yield node

@@ -81,6 +81,7 @@ def later(start: int, cycles: int = 3):
     return list(recording(cycles, start_ns=START_NS + start * CYCLE_SCANS * STEP_NS))
 
 
+@pytest.mark.every_distro
 def test_a_managed_tccm_node_maps_while_it_is_active_and_only_then(ros):
     node, robot = managed(ros, ManagedTccmNode), ros.robot()
     manager = Manager(ros, "tccm")
@@ -123,6 +124,7 @@ def test_a_managed_tccm_node_maps_while_it_is_active_and_only_then(ros):
     assert len(node.processor.map.cuboids()) == 0
 
 
+@pytest.mark.every_distro
 def test_a_managed_slam_node_keeps_its_map_over_a_pause(ros, tmp_path):
     node, robot = managed(ros, ManagedSlamNode, save__directory=str(tmp_path)), ros.robot()
     manager, viewer = Manager(ros, "surface_slam"), Listener(ros)
@@ -162,6 +164,7 @@ def test_a_transition_that_is_not_possible_is_refused(ros, state, transition):
     assert manager.state == state
 
 
+@pytest.mark.every_distro
 def test_a_wrong_parameter_is_an_error_of_configure_with_its_reason(ros):
     viewer = Listener(ros)
     events = viewer.listen(TransitionEvent, "/tccm/transition_event")

@@ -34,6 +34,7 @@ def test_a_question_that_nobody_can_answer_or_that_is_none_is_told_at_once(ros):
         client.find_surfaces(labels)
 
 
+@pytest.mark.every_distro
 def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     from tccm_interfaces.msg import SurfaceFilter
 

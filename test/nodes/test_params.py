@@ -20,6 +20,7 @@ def make(ros, **overrides):
     return ros.add(Node("probe", context=ros.context, parameter_overrides=values))
 
 
+@pytest.mark.every_distro
 def test_every_parameter_is_declared_with_its_meaning_and_range(ros):
     node = make(ros)
     assert declare_config(node) == Config()
@@ -59,6 +60,7 @@ def test_a_misspelt_parameter_is_named_with_the_nearest(ros, capfd):
     assert "use_sim_time" not in warnings
 
 
+@pytest.mark.every_distro
 def test_changes_while_the_node_runs_are_checked_and_applied(ros):
     node = make(ros)
     config = declare_config(node)

@@ -21,7 +21,14 @@ from tccm_ros.nodes.map_files import read_map
 SECOND = 1_000_000_000
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGINT,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.every_distro),
+        signal.SIGHUP,
+    ],
+)
 def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, number):
     folder = tmp_path / "map"
     arguments = settings(

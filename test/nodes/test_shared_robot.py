@@ -62,3 +62,4 @@ def test_parameters_of_the_robot_must_agree(ros):
     tilt_node = tccm(ros, rig__tilt_offset=0.02)
     with pytest.raises(ConfigError, match="rig: nodes in one process share one robot"):
         slam(ros, shared=tilt_node.robot)
+    assert tilt_node.get_node_names() == ["tccm"], "a node that cannot be made is not there"

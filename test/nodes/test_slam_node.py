@@ -143,6 +143,7 @@ def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
     assert np.allclose(node.live._live.map_odom, expected, atol=0.05)
 
 
+@pytest.mark.every_distro
 def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):
     folder = tmp_path / "map"
     tilt_node, node = tccm(ros), slam(ros, save__directory=str(folder))

@@ -20,6 +20,7 @@ def later(seconds: float) -> int:
     return START_NS + round(seconds * SECOND)
 
 
+@pytest.mark.every_distro
 def test_a_tilt_cycle_gives_the_surface_message_and_the_markers(ros):
     node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
     surfaces = viewer.listen(PointCloud2, "/tccm/surfaces")

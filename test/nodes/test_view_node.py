@@ -56,6 +56,7 @@ def ask(page, name, values, answers):
     threading.Thread(target=run, daemon=True).start()
 
 
+@pytest.mark.every_distro
 def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
     from tccm_ros.nodes.view_node import ViewNode
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tccm_ros.racks.ceilings import MAX_BOARD, BoardAbove, ceilings
+from tccm_ros.racks.ceilings import MAX_BOARD, MAX_HEIGHT, BoardAbove, ceilings
 from tccm_ros.racks.compartment import FaceState
 
 BOARD = shapely.box(-0.5, -0.2, 0.5, 0.2)
@@ -77,7 +77,15 @@ def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below()
     assert (found.above, found.state) == (-1, FaceState.MEASURED)
     assert found.height == pytest.approx(0.5)
     from_above = seen_from(0.0, -1.5, 1.1, len(ends))
-    assert list(ceilings(BOARD, [], ends, half, from_above)) == []
+    states = [c.state for c in ceilings(BOARD, [], ends, half, from_above)]
+    assert FaceState.MEASURED not in states
+
+
+def test_hits_along_an_edge_may_be_the_front_of_a_board_without_a_surface():
+    (found,) = ceilings(BOARD, [], *front(0.35, 0.02))
+    assert (found.above, found.state, found.height) == (-1, FaceState.UNKNOWN, MAX_HEIGHT)
+    ends, half, origins = (part[:6] for part in front(0.35, 0.02))
+    assert list(ceilings(BOARD, [], ends, half, origins)) == []
 
 
 def test_a_small_lower_side_is_none():

@@ -86,6 +86,19 @@ def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
         assert abs(one.width - other.width) < 1e-6
 
 
+@pytest.mark.parametrize("seed", [5, 11, 18])
+def test_a_board_at_the_height_of_the_laser_is_a_ceiling_by_its_front(seed, tmp_path):
+    """No beam ends on its top or its lower side: without its front, it is in a false compartment of
+    twice the height (5), also open behind (18), or its compartment has no ceiling (11)."""
+    made = random_rack(seed)
+    outcome, T = mapped(made, seed, tmp_path)
+    pairs = [(found, same_space(found, made.spaces, T)) for found in outcome.solution.compartments]
+    assert [true for _, true in pairs] == list(made.spaces[:3])
+    for found, true in pairs:
+        assert found.ceiling == FaceState.MEASURED
+        assert abs(found.height - true.height) < HEIGHT
+
+
 def pieces(board):
     """Return two pieces of a board of four corners, the larger with its id; the floor as it is.
 

@@ -1,6 +1,7 @@
 """Faces of compartments: measured, open or unknown."""
 
 import numpy as np
+import pytest
 import shapely
 
 from tccm_ros.cuboids.free_columns import FreeColumns
@@ -52,6 +53,24 @@ def test_nothing_is_told_by_beams_that_end_before_a_face():
 def test_posts_leave_a_face_open():
     is_post = np.abs(np.abs(GRID[:, 0]) - 0.38) < 0.02
     assert seen(np.where(is_post, 2.0, 2.4)).state == FaceState.OPEN
+
+
+def test_a_board_across_an_open_face_is_a_bar_with_its_lower_end():
+    is_board = (GRID[:, 1] > 0.31) & (GRID[:, 1] < 0.36)
+    face = seen(np.where(is_board, 2.0, 2.4))
+    assert face.state == FaceState.OPEN
+    assert face.bar == pytest.approx(0.33)  # the lowest beam that ends on it
+
+
+def test_a_wall_and_a_leaf_from_below_are_no_bars():
+    assert seen(np.full(len(GRID), 2.0)).bar == np.inf
+    assert seen(np.where(GRID[:, 1] < 0.36, 2.0, 2.4)).bar == np.inf
+    assert seen(np.full(len(GRID), 2.4)).bar == np.inf
+
+
+def test_a_bar_across_a_small_part_of_a_face_is_none():
+    is_object = (GRID[:, 1] > 0.31) & (GRID[:, 1] < 0.36) & (GRID[:, 0] > 0.3)
+    assert seen(np.where(is_object, 2.0, 2.4)).bar == np.inf
 
 
 def test_free_columns_before_and_behind_a_face_on_the_way_of_a_beam_tell_that_it_is_open():

@@ -1,18 +1,22 @@
-"""Maps of the same rooms in other frames are aligned by the surfaces and walls of both."""
+"""Maps of the same rooms in other frames are matched as a new session in a saved map is."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.geometry import between2, inverse2
+from tccm_ros.geometry import between2, inverse2, planar
 from tccm_ros.report.align import find_alignment, moved_results
 from tccm_ros.report.changes import wall_changes
 from tccm_ros.report.compare import compare, compare_results
 from tccm_ros.results.folder_reader import load_results
+from tccm_ros.results.map_file import load_map
+from tccm_ros.surfaces.saved_map import SavedMap, views_in_map
 
 POSES = st.tuples(st.floats(-8, 8), st.floats(-8, 8), st.floats(-3.14, 3.14)).map(np.array)
 
@@ -22,29 +26,58 @@ def results(flat):
     return load_results(flat)
 
 
-@pytest.fixture
-def other(flat_copy):
-    """The flat with a table that moved, two surfaces less, a wall less, and noise on the rest."""
-    rng = np.random.default_rng(3)
-    tree = json.loads((flat_copy / "surfaces.json").read_text())
-    tree["surfaces"] = [s for s in tree["surfaces"] if s["id"] not in (4, 9)]
-    for surface in tree["surfaces"]:
-        shift = np.array([-0.5, 0.2, 0.0]) if surface["id"] == 8 else rng.normal(0, 0.01, 3)
-        rings = [surface["boundary"], *surface["holes"], [surface["centroid"]]]
-        for point in (p for ring in rings for p in ring):
-            point[:] = (np.array(point) + shift * [1, 1, 0.1]).tolist()
-    (flat_copy / "surfaces.json").write_text(json.dumps(tree))
-    walls = json.loads((flat_copy / "walls.json").read_text())
-    del walls["walls"][5]
-    (flat_copy / "walls.json").write_text(json.dumps(walls))
-    return flat_copy
+@pytest.fixture(scope="module")
+def halves(session_files):
+    """Result folders of two drives through the flat, which have six seconds in common."""
+    return session_files.replayed_halves()
 
 
-@settings(max_examples=25, deadline=None)
-@given(POSES)
-def test_the_pose_of_a_moved_map_is_found(results, pose):
-    found = find_alignment(results, moved_results(results, inverse2(pose)))
-    assert np.allclose(between2(pose, found), 0.0, atol=1e-6)
+@pytest.fixture(scope="module")
+def pose(halves):
+    """The pose of the second map in the first, from the pose of the base that both have."""
+    first, second = (load_results(folder).trajectory for folder in halves)
+    at = first.nearest(second.stamps[:1])[0]
+    assert abs(first.stamps[at] - second.stamps[0]) < 0.05
+    return planar(first.T_map_base[at] @ np.linalg.inv(second.T_map_base[0]))
+
+
+def test_keyframes_of_one_map_are_found_in_the_other(halves, pose):
+    maps = [load_map(folder / "map.mcap") for folder in halves]
+    error = between2(pose, find_alignment(*maps, Config()))
+    assert np.hypot(*error[:2]) < 0.03
+    assert abs(error[2]) < np.radians(0.5)
+
+
+def test_without_a_level_laser_the_views_of_one_map_are_found_in_the_other(halves, pose):
+    maps = [load_map(folder / "map.mcap") for folder in halves]
+    maps = [SavedMap({}, views_in_map(saved)) for saved in maps]
+    error = between2(pose, find_alignment(*maps, Config()))
+    assert np.hypot(*error[:2]) < 0.05
+    assert abs(error[2]) < np.radians(1.0)
+
+
+def test_paths_of_maps_in_different_frames_are_compared_at_common_times(halves):
+    laid = compare(*halves, lay_over=True)
+    assert laid.path.poses > 50
+    assert laid.path.rms < 0.02
+    assert [wall.kind for wall in laid.walls].count("same") > 10
+    assert "laid over the first: " in laid.text()
+
+
+def test_what_went_is_found_between_maps_in_different_frames(halves, tmp_path):
+    first, second = halves
+
+    def went(folder):
+        changes = compare(first, folder, lay_over=True).surfaces
+        return {change.before.id for change in changes if change.kind == "went"}
+
+    (counter,) = [c for c in compare(first, second, lay_over=True).surfaces
+                  if c.kind == "same" and c.after.label == "counter"]  # fmt: skip
+    changed = shutil.copytree(second, tmp_path / "changed")
+    tree = json.loads((changed / "surfaces.json").read_text())
+    tree["surfaces"] = [s for s in tree["surfaces"] if s["id"] != counter.after.id]
+    (changed / "surfaces.json").write_text(json.dumps(tree))
+    assert went(changed) - went(second) == {counter.before.id}
 
 
 @settings(max_examples=25, deadline=None)
@@ -62,34 +95,11 @@ def test_moving_a_map_moves_surfaces_walls_and_trajectory(results, pose):
     assert np.allclose(back.trajectory.T_map_base, results.trajectory.T_map_base, atol=1e-9)
 
 
-def test_changes_are_found_between_maps_in_different_frames(flat, other, results):
-    pose = np.array([3.0, -1.0, 2.2])
-    changed = load_results(other)
-    found = find_alignment(results, moved_results(changed, inverse2(pose)))
-    # Walls are exact here; a few centimetres of noise on the surfaces hardly count.
-    assert np.allclose(between2(pose, found), 0.0, atol=5e-3)
-    laid = compare(flat, other, lay_over=True)
-    kinds = {(c.after or c.before).id: c.kind for c in laid.surfaces if c.kind != "same"}
-    assert kinds == {4: "went", 8: "moved", 9: "went"}
-    assert [w.kind for w in laid.walls].count("went") == 1
-    assert "laid over the first: " in laid.text()
+def test_maps_of_different_rooms_are_not_aligned(halves, session_files):
+    with pytest.raises(MapError, match="expected two maps of the same rooms"):
+        compare(halves[0], session_files.replayed("walkthrough"), lay_over=True)
 
 
-def test_maps_of_different_rooms_are_not_aligned(flat, flat_copy):
-    rng = np.random.default_rng(5)
-    tree = json.loads((flat_copy / "surfaces.json").read_text())
-    for surface in tree["surfaces"]:
-        surface["centroid"][:2] = rng.uniform(-5, 5, 2).tolist()
-    (flat_copy / "surfaces.json").write_text(json.dumps(tree))
-    walls = json.loads((flat_copy / "walls.json").read_text())
-    for wall in walls["walls"]:
-        wall["endpoints"] = rng.uniform(-5, 5, (2, 2)).tolist()
-    (flat_copy / "walls.json").write_text(json.dumps(walls))
-    with pytest.raises(MapError, match="maps of the same rooms"):
-        compare(flat, flat_copy, lay_over=True)
-
-
-def test_a_map_without_surfaces_is_not_aligned(flat, flat_copy):
-    (flat_copy / "surfaces.json").write_text('{"surfaces": []}')
-    with pytest.raises(MapError, match="maps of the same rooms"):
-        compare(flat, flat_copy, lay_over=True)
+def test_a_folder_without_a_map_is_not_aligned(halves, flat):
+    with pytest.raises(MapError, match=r"no such map"):
+        compare(halves[0], flat, lay_over=True)

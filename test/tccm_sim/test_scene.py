@@ -111,6 +111,13 @@ def test_a_moving_solid_is_hit_at_its_position_at_the_time_of_the_beam():
     assert ranges == pytest.approx([0.9 + 1.0, 0.9 + 1.5, 0.9 + 2.0])
 
 
+@given(st.floats(-1.0, 12.0))
+def test_a_motion_is_interpolated_between_its_keys(time):
+    motion = Motion.through([(0.0, 0.1, 0, 0), (1.5, 0.7, -2.0, 0, 0.3), (10.0, 5.0, 0, 1, -0.2)])
+    expected = [np.interp(time, motion.times, column) for column in motion.offsets.T]
+    assert motion.at(time).tolist() == expected
+
+
 def test_solids_are_hit_within_their_time_only():
     scene = Scene()
     scene.box("parcel", (0.2, 0.2, 0.2), (1, 0, 0), span=(2.0, 5.0))

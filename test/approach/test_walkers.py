@@ -1,0 +1,91 @@
+"""Who walks near the base, in level scans of a base that drives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from approach_world import ROBOT, SimulatedBase, circle, piece, simple_flat
+from shapely import Point, affinity
+
+from tccm_ros.approach.speeds import HOLD_S, Speeds
+from tccm_ros.approach.walkers import WALKING_M_S, Walkers
+from tccm_ros.geometry import compose2, inverse2, transform2
+
+MOTIONS = [Speeds(), Speeds(0.25, 0.0), Speeds(-0.25, 0.1), Speeds(0.0, 0.6), Speeds(0.2, -0.4)]
+
+
+def moving_points(flat, motion, ticks=60, walkers=None):
+    """Return the moving points of each step, in the room, and the base."""
+    base, walkers = SimulatedBase(flat, np.random.default_rng(1)), walkers or Walkers(ROBOT)
+    steps = []
+    for _ in range(ticks):
+        walkers.add(base.senses())
+        base.tick(motion)
+        in_room = compose2(base.truth, inverse2(base.odom))
+        steps.append((base.t, transform2(in_room, walkers.points)))
+    return steps, base
+
+
+def furnished(person=None):
+    """Return a flat with legs of furniture that hide each other and the walls from the base."""
+    flat = simple_flat()
+    flat.others = [
+        piece(affinity.translate(circle(0.25), x, y), 0.45)
+        for x, y in [(-1.0, 1.0), (-0.9, -0.6), (-2.4, -0.9), (-2.5, 1.4)]
+    ]
+    flat.person = person
+    return flat
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_nothing_moves_in_a_flat_that_stands_still(motion):
+    steps, _ = moving_points(furnished(), motion)
+    assert not sum(len(points) for _, points in steps)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("speed", [0.4, 1.0, 1.6])
+def test_a_person_is_seen_while_the_base_drives(motion, speed):
+    flat = furnished((np.array([-2.0, -2.5]), np.array([0.0, 1.0]), speed, 0.2, 1.0))
+    steps, _ = moving_points(flat, motion, 50)
+    assert not sum(len(points) for t, points in steps if t < 1.0)
+    walking = [(t, points) for t, points in steps if t > 1.5]
+    assert walking
+    for t, points in walking:
+        assert len(points)
+        body = flat.person_at(t).centroid.buffer(0.3 + speed * 0.05)
+        assert all(body.contains(Point(p)) for p in points)
+
+
+def test_a_single_point_in_free_space_is_no_person():
+    flat, walkers = furnished(), Walkers(ROBOT)
+    moving_points(flat, Speeds(), 20, walkers)
+    base = SimulatedBase(flat, np.random.default_rng(1))
+    for _ in range(20):
+        base.tick(Speeds())
+    senses = base.senses()
+    stray = np.concatenate([senses.scan, [[0.5, 0.0]]])
+    walkers.add(replace(senses, scan=stray, scan_s=senses.scan_s + 0.05))
+    assert not len(walkers.points)
+    stray = np.concatenate([senses.scan, [[0.5, 0.0], [0.5, 0.05]]])
+    walkers.add(replace(senses, scan=stray, scan_s=senses.scan_s + 0.1))
+    assert len(walkers.points) == 2
+
+
+@pytest.mark.parametrize("wanted", [Speeds(0.25, 0.0), Speeds(0.1, -0.3), Speeds(0.0, 0.6)])
+def test_the_base_rests_before_a_person_who_walks_towards_it_comes_within_the_margin(wanted):
+    limits = ROBOT.limits
+    for distance in np.arange(0.0, 3.0, 0.05):
+        walkers = Walkers(ROBOT)
+        walkers.points = np.array([[0.25 + distance, 0.0]])
+        speeds, person = walkers.limit(wanted, np.zeros(3))
+        braking_s = max(
+            abs(speeds.ahead) / limits.acceleration,
+            abs(speeds.yaw_rate) / limits.yaw_acceleration,
+        )
+        until_s = (distance - ROBOT.margin) / WALKING_M_S
+        assert (speeds == Speeds()) == (person is not None)
+        if speeds != Speeds():
+            assert ROBOT.latency_s + HOLD_S + braking_s <= until_s + 1e-9
+            assert speeds.ahead * wanted.yaw_rate == pytest.approx(wanted.ahead * speeds.yaw_rate)
+    assert speeds == wanted

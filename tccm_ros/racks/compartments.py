@@ -260,8 +260,8 @@ def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
         T = faces[k].T_map_face
         return float((eyes - T[:3, 3]) @ T[:3, 0])
 
-    least = min(MIN_FRONT, max(face.passed for face in seen))
-    return max((k for k in range(4) if seen[k].passed >= least), key=lambda k: (towards(k), -k))
+    threshold = min(MIN_FRONT, max(face.passed for face in seen))
+    return max((k for k in range(4) if seen[k].passed >= threshold), key=lambda k: (towards(k), -k))
 
 
 def _offset(face: SeenFace) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from tccm_ros.tabletop.footprints import (
     distance_to_ring,
     footprint_corners,
     loose_cuboids,
+    rectangle,
 )
 from tccm_ros.tabletop.parting import part_around, part_by_height
 from tccm_ros.tabletop.round_objects import plan_shape
@@ -72,17 +74,15 @@ def find_objects(
         return []
     labels, structure = fits.labels if labels is None else labels, _are_structure(fits)
     loose = loose_cuboids(cuboids.arrays, labels, structure)
-    kept = cuboids.mean()[np.append(structure, False)[labels]]
+    surfaces = _Surfaces(cuboids, np.append(structure, False)[labels], config.objects.min_height)
     covers = [plane for plane in levels if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down: a box on a stove is assigned to the stove, not the counter.
     for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
         members, starts = _take_clusters(loose, plane, config)
-        on_plane = np.abs(kept @ plane.normal - plane.offset) < config.objects.min_height
-        surface = kept[on_plane, :2]
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
-            for part in _parts(loose, cluster, surface, plane, config):
+            for part in _parts(loose, cluster, surfaces, plane, config):
                 candidate = _object(loose, part, plane, config)
                 if candidate is not None and not _carries(candidate, covers):
                     found.append(candidate)
@@ -101,21 +101,36 @@ def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> t
     return cluster_footprints(loose.mean, chosen, config.objects.cluster_distance)
 
 
-def _parts(
-    loose: LooseCuboids, cluster: Int64, surface: Float64, plane: PlaneRecord, config: Config
-) -> Iterator[Int64]:
-    """Yield the parts of a cluster between which the surface or a step in height is seen.
+class _Surfaces(NamedTuple):
+    """Cuboids of surfaces and walls.
 
-    Parameters
+    Attributes
     ----------
-    loose, cluster
-        Cuboids of the map, and int64 (K,), those of the cluster.
-    surface
-        float64 (S, 2), means of the surface's cuboids, m.
-    plane, config
-        The surface; group `objects`.
+    cuboids, is_structure
+        The map, and bool (N,), which of its cuboids they are.
+    max_distance
+        Maximum distance of a surface's cuboids from its plane, m.
     """
+
+    cuboids: Cuboids
+    is_structure: Bool
+    max_distance: float
+
+    def of(self, plane: PlaneRecord) -> Float64:
+        """Return the means of a surface's cuboids seen from above, float64 (S, 2), m."""
+        mean = self.cuboids.mean()[self.is_structure]
+        distance = np.abs(mean @ plane.normal - plane.offset)
+        return np.asarray(mean[distance < self.max_distance, :2])
+
+
+def _parts(
+    loose: LooseCuboids, cluster: Int64, surfaces: _Surfaces, plane: PlaneRecord, config: Config
+) -> Iterator[Int64]:
+    """Yield the parts of a cluster between which the surface or a step in height is seen."""
     mean, max_length = loose.mean[cluster, :2], config.objects.max_height
+    hull = convex_hull(mean)
+    is_long = len(hull) > 2 and rectangle(hull)[2] > max_length  # few are
+    surface = surfaces.of(plane) if is_long else np.zeros((0, 2))
     for part in part_around(mean, surface, loose.cell, max_length):
         yield from _parts_by_height(loose, cluster[part], plane, config)
 

@@ -86,10 +86,11 @@ def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
         assert abs(one.width - other.width) < 1e-6
 
 
-@pytest.mark.parametrize("seed", [5, 11, 18])
+@pytest.mark.parametrize("seed", [5, 11, 18, 36])
 def test_a_board_at_the_height_of_the_laser_is_a_ceiling_by_its_front(seed, tmp_path):
     """No beam ends on its top or its lower side: without its front, it is in a false compartment of
-    twice the height (5), also open behind (18), or its compartment has no ceiling (11)."""
+    twice the height (5), also open behind (18), or its compartment has no ceiling (11), or that of
+    an object above (36)."""
     made = random_rack(seed)
     outcome, T = mapped(made, seed, tmp_path)
     pairs = [(found, same_space(found, made.spaces, T)) for found in outcome.solution.compartments]
@@ -97,6 +98,14 @@ def test_a_board_at_the_height_of_the_laser_is_a_ceiling_by_its_front(seed, tmp_
     for found, true in pairs:
         assert found.ceiling == FaceState.MEASURED
         assert abs(found.height - true.height) < HEIGHT
+
+
+def test_the_front_is_towards_the_sensors_although_the_back_is_more_open(tmp_path):
+    """Objects at the front hide a part of it."""
+    made = random_rack(33)
+    outcome, T = mapped(made, 33, tmp_path)
+    pairs = [same_space(found, made.spaces, T) for found in outcome.solution.compartments]
+    assert pairs == list(made.spaces)
 
 
 def pieces(board):

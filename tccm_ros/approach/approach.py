@@ -113,7 +113,7 @@ class Approach:
         self._cycles: deque[TopCycle] = deque(maxlen=CYCLES)
         self._located = False
         self._steepest = 0.0
-        self._since_s = -math.inf
+        self._since_s = self._cycle_came_s = -math.inf
         self._stood_s: float | None = None
         self._seen_cycles = 0
         self._is_arrived = False
@@ -204,6 +204,7 @@ class Approach:
         if cycle is None or (self._cycles and cycle.stamp_s <= self._cycles[-1].stamp_s):
             return False
         self._cycles.append(cycle)
+        self._cycle_came_s = senses.now_s
         if len(cycle.points):
             self._steepest = max(self._steepest, float(_depressions(cycle).max()))
         return True
@@ -273,7 +274,11 @@ class Approach:
                 )  # fmt: skip
             if not self._is_arrived and self._seen_cycles >= 2:
                 return self._after_look(senses)
-        waited_s = senses.now_s - self._since_s
+        return self._wait_for_cycle(senses, self._since_s)
+
+    def _wait_for_cycle(self, senses: Senses, since_s: float) -> Speeds:
+        """Return the zero command; end the approach if no tilt cycle has come for too long."""
+        waited_s = senses.now_s - max(since_s, self._cycle_came_s)
         if waited_s > self._robot.patience_s:
             return self._end(
                 senses, Reason.LOST_SURFACE,

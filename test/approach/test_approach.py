@@ -80,6 +80,31 @@ def test_a_surface_that_is_gone_is_said():
     assert base.contacts == 0
 
 
+class SlowCycles(SimulatedBase):
+    """The base with tilt cycles that come every `period_s`, s."""
+
+    period_s = 0.0
+    _held, _held_s = None, -math.inf
+
+    def senses(self):
+        new = super().senses()
+        if new.now_s - self._held_s >= self.period_s:
+            self._held, self._held_s = new.cycle, new.now_s
+        return replace(new, cycle=self._held)
+
+
+def test_a_surface_that_is_gone_is_said_also_by_slow_tilt_cycles():
+    """Three cycles from the staging pose take longer than the patience of 8 s."""
+    flat = simple_flat()
+    flat.target.top = affinity.translate(flat.target.top, 50.0, 0.0)
+    flat.target.legs = []
+    base = SlowCycles(flat, np.random.default_rng(0))
+    base.period_s = 4.0
+    machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.GONE, outcome.message
+
+
 def test_chairs_that_the_map_does_not_have_are_driven_around():
     flat = simple_flat(circle(0.5), (0.0, 0.0, 0.0), (-2.2, 0.0, 0.0))
     flat.others = [piece(affinity.translate(rectangle(0.42, 0.42), -0.85, 0.0), 0.45, 0.03)]

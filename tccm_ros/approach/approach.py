@@ -40,7 +40,7 @@ MAX_PLANS = 6
 """Maximum number of plans for one goal. Chosen."""
 
 MAX_CORRECTIONS = 4
-"""Maximum number of correcting motions after verifications. Chosen."""
+"""Maximum number of correcting motions and further looks after verifications. Chosen."""
 
 GAP_M, YAW_RAD = 0.006, math.radians(0.6)
 """Larger errors of gap or yaw are corrected: a third of the specified 2 cm and 1.5 deg."""
@@ -503,22 +503,21 @@ class Approach:
         return self.edge is not None and self._is_at_view_limit(self.edge)
 
     def _verify(self, senses: Senses, is_new: bool) -> Speeds:
+        """Succeed, correct the pose or look again, by `VERIFIED` cycles after the stop."""
         if self._stood_s is None:
             self._stood_s = senses.now_s + 2.0 * self._robot.latency_s
-        if is_new and self._cycles[-1].stamp_s > self._stood_s:
-            self._seen_cycles += 1
-            while self._cycles[0].stamp_s <= self._stood_s:
-                self._cycles.popleft()
-            found = self._measure()
-            if found is not None and self._seen_cycles >= VERIFIED:
-                self.edge, self._measured_at = found, senses.pose[:2]
-        is_late = senses.now_s - self._stood_s > self._robot.patience_s
-        if self._seen_cycles < VERIFIED and not is_late:
+        if not is_new or self._cycles[-1].stamp_s <= self._stood_s:
+            return self._wait_for_cycle(senses, self._stood_s)
+        self._seen_cycles += 1
+        while self._cycles[0].stamp_s <= self._stood_s:
+            self._cycles.popleft()
+        if self._seen_cycles < VERIFIED:
             return self._driver.stop(senses)
-        if self.edge is None:
-            return self._end(
-                senses, Reason.LOST_SURFACE, "the edge of the surface was never measured"
-            )
+        found = self._measure()
+        if found is not None:
+            self.edge, self._measured_at = found, senses.pose[:2]
+        elif not self._is_below_view():
+            return self._look_again(senses)
         gap, yaw_error = self._figures(senses.pose)
         is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
@@ -526,6 +525,16 @@ class Approach:
             self.phase, self._misses = Phase.CLOSING, 0
             return self._driver.stop(senses)
         return self._succeed(senses, gap, yaw_error)
+
+    def _look_again(self, senses: Senses) -> Speeds:
+        """Look for a surface whose edge is not visible from the final pose; return zero."""
+        if self._corrections >= MAX_CORRECTIONS:
+            return self._end(
+                senses, Reason.LOST_SURFACE,
+                "tilt cycles from the final pose do not show the edge of the surface",
+            )  # fmt: skip
+        self._corrections += 1
+        return self._begin_look(senses)
 
     def _succeed(self, senses: Senses, gap: float, yaw_error: float) -> Speeds:
         spot = self._spot()

@@ -180,6 +180,55 @@ def test_a_table_that_is_pushed_while_the_base_closes_in_is_followed_or_said():
         assert outcome.message
 
 
+def test_a_table_that_is_pulled_away_while_the_base_verifies_is_followed_or_said():
+    """Its edge was measured before the base stopped: that gap is no success."""
+    flat = simple_flat()
+    machine, base = approach(flat)
+    pulled = []
+
+    def once(base):
+        if machine.phase == Phase.VERIFYING and not pulled:
+            pulled.append(base.t)
+            flat.target = flat.target.moved(1.0, 0.0, 0.0)
+
+    outcome = run(machine, base, on_tick=once)
+    assert pulled
+    assert base.contacts == 0
+    if outcome.reason == Reason.NONE:
+        assert_is_there(base)
+    else:
+        assert outcome.reason in (Reason.GONE, Reason.MOVED, Reason.LOST_SURFACE)
+
+
+def test_without_tilt_cycles_after_the_stop_an_approach_has_lost_its_surface():
+    flat = simple_flat()
+    base = SlowCycles(flat, np.random.default_rng(0))
+    machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
+
+    def stop_cycles(base):
+        if machine.phase == Phase.VERIFYING:
+            base.period_s = math.inf
+
+    outcome = run(machine, base, on_tick=stop_cycles)
+    assert outcome.reason == Reason.LOST_SURFACE, outcome.message
+    assert "no tilt cycle came for 8 s" in outcome.message
+
+
+def test_slow_tilt_cycles_verify_the_final_pose():
+    """Two cycles after the stop may take longer than the patience of 8 s."""
+    flat = simple_flat()
+    base = SlowCycles(flat, np.random.default_rng(0))
+    machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
+
+    def slow_cycles(base):
+        if machine.phase == Phase.VERIFYING:
+            base.period_s = 7.0
+
+    outcome = run(machine, base, on_tick=slow_cycles)
+    assert outcome.reason == Reason.NONE, outcome.message
+    assert_is_there(base)
+
+
 def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     base = SimulatedBase(flat, np.random.default_rng(0))

@@ -29,7 +29,7 @@ CYCLES = 3
 CLOSING_SPEED = 0.5
 """Fraction of the velocity limit on the straight motion up to the edge. Chosen."""
 
-ANEW_M, ANEW_RAD = 0.10, math.radians(8.0)
+REPLAN_DISTANCE_M, REPLAN_ANGLE_RAD = 0.10, math.radians(8.0)
 """The path is replanned where the surface is further than this from its pose at the last plan;
 smaller errors are corrected while driving."""
 
@@ -289,7 +289,8 @@ class Approach:
 
     def _after_look(self, senses: Senses) -> Speeds:
         assert self.target is not None
-        if _is_off(self.target.pose, self._planned, ANEW_M, ANEW_RAD, self.target.is_round):
+        limits = REPLAN_DISTANCE_M, REPLAN_ANGLE_RAD
+        if _is_off(self.target.pose, self._planned, *limits, self.target.is_round):
             return self._plan(senses)
         if self._is_arrived:
             self._begin_closing()
@@ -330,10 +331,8 @@ class Approach:
             reason = Reason.MOVED if self._located else Reason.BLOCKED
             return self._end(senses, reason, f"gave up after {MAX_PLANS} plans that failed")
         map_odom = _known(senses.map_odom)
-        target = self.target.moved(map_odom)
-        others = Obstacles.of(
-            senses, self.target, self._robot.margin, self._goal.gap, self._robot.height
-        ).others(self._robot.margin)
+        pose, target = compose2(map_odom, senses.pose), self.target.moved(map_odom)
+        others = self._obstacles(senses).others(self._robot.margin)
         seen = transform2(map_odom, np.concatenate([others, self._avoided]))
         args = self._around.grid, self._around.overhangs
         gone = self._goal.target.outline
@@ -345,11 +344,10 @@ class Approach:
         poses = standing_poses(
             target, floor, self._robot.footprint.grown(margin - 1e-3), self._goal.gap - margin,
             self._goal.staging, self._goal.max_distance, spot, self._goal.side,
-            compose2(map_odom, senses.pose)[:2],
+            pose[:2],
         )  # fmt: skip
         if not poses:
             return self._end(senses, Reason.NO_PLACE, self._why_no_place(spot is not None))
-        pose = compose2(map_odom, senses.pose)
         found = self._way(pose, poses, around)
         standing = poses[0] if found is None else found[0]
         is_far = float(np.hypot(*(standing.staging - pose)[:2])) > NAVIGATE_M

@@ -164,25 +164,26 @@ def test_info_gives_no_laser_two_roles(capsys, monkeypatch, tmp_path):
     assert "scan:=/head_scan" not in out.replace("tilt_scan:=/head_scan", "")
 
 
-def test_info_shows_the_contents_of_a_saved_map(capsys, monkeypatch, tmp_path):
-    run(capsys, monkeypatch, "replay", BAGS / "walkthrough", "--out", tmp_path, "--no-pictures")
-    path = tmp_path / "map.mcap"
+def test_info_shows_the_contents_of_a_saved_map(capsys, monkeypatch, session_files):
+    folder = session_files.replayed("walkthrough")
+    path = folder / "map.mcap"
     status, out, _ = run(capsys, monkeypatch, "info", path)
     assert status == 0
     assert out.startswith(f"{path}: a saved map, ")
     assert "of 1 session" in out
     _, out, _ = run(capsys, monkeypatch, "info", path, "--json")
     found = json.loads(out)
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = json.loads((folder / "summary.json").read_text())
     assert (found["sessions"], found["keyframes"]) == (1, summary["counts"]["keyframes"])
     assert found["size"] == path.stat().st_size
 
 
 @pytest.mark.parametrize("command", ["info", "replay"])
-def test_a_damaged_map_is_an_error_of_one_line(capsys, monkeypatch, tmp_path, command):
-    run(capsys, monkeypatch, "replay", BAGS / "walkthrough", "--out", tmp_path, "--no-pictures")
+def test_a_damaged_map_is_an_error_of_one_line(
+    capsys, monkeypatch, session_files, tmp_path, command
+):
     path = tmp_path / "map.mcap"
-    data = bytearray(path.read_bytes())
+    data = bytearray((session_files.replayed("walkthrough") / "map.mcap").read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     arguments = ["info", path]

@@ -185,8 +185,8 @@ def _unnamed(
     """Yield the lowest underside over a part of a board that belongs to no surface of the map.
 
     Hits within `EDGE` of the sides and the back are theirs: an underside whose other hits come near
-    an edge of the part ends there. Without an underside, it is at `MAX_HEIGHT` and unknown, if hits
-    on an edge may be the front of a board.
+    an edge of the part ends there. If hits on an edge may be the front of a board, another one is
+    at `MAX_HEIGHT` and unknown.
     """
     low, high = np.reshape(part.bounds, (2, 2))
     z = ends[:, 2]
@@ -210,7 +210,7 @@ def _unnamed(
         if (end - begin).min() >= MIN_EXTENT:
             height = float(np.median(z[inner][on]))
             yield Ceiling(begin, end, height, FaceState.MEASURED, -1)
-            return
+            break
     if _may_have_front(low, high, ends[(z > MIN_HEIGHT) & (z < MAX_HEIGHT)]):
         yield Ceiling(low, high, MAX_HEIGHT, FaceState.UNKNOWN, -1)
 

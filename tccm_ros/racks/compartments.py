@@ -38,10 +38,6 @@ SAME_HEIGHT = 0.015
 """Maximum difference in height of pieces of one board, m; chosen: boards of a rack differ by more.
 """
 
-SAME_FRONT = 0.1
-"""Maximum difference of the open fractions of candidate fronts; the one most towards the sensors is
-the front. Chosen: a tenth of the cells."""
-
 COMMON_FRONT = 0.8
 """Minimum common fraction of the extents of two boards along the front of a rack. Chosen: boards on
 the same posts agree within the errors of their edges, and a seat below a table does not."""
@@ -121,8 +117,8 @@ def _whole(boards: Sequence[Surface]) -> list[Surface]:
 def _over(
     board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
 ) -> Iterator[Compartment]:
-    """Yield the compartments over a board."""
-    T_map_board = _frame(board)
+    """Yield the compartments over a board; of those below no board the lowest."""
+    T_map_board, below_none = _frame(board), []
     for ceiling in _ceilings(board, stack, hits):
         other = None if ceiling.above < 0 else stack[ceiling.above].id
         found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
@@ -131,7 +127,11 @@ def _over(
         upper = found.outline if found.above is None else _outline(stack[ceiling.above])
         walls = found.left, found.right, found.back
         if FaceState.MEASURED in walls or _have_common_front(_outline(board), upper, found):
-            yield found
+            if other is None:
+                below_none.append(found)
+            else:
+                yield found
+    yield from sorted(below_none, key=lambda c: c.height)[:1]
 
 
 def _have_common_front(
@@ -253,16 +253,15 @@ def _face(T_map_board: Float64, middle: Float64, half: Float64, height: float, k
 
 
 def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
-    """Return the index of the most open face; of similarly open ones that towards the sensors."""
-    best = max(face.passed for face in seen)
+    """Return the index of the open face most towards the sensors; else of the most open one."""
     eyes = hits.origins.mean(axis=0)
 
     def towards(k: int) -> float:
         T = faces[k].T_map_face
         return float((eyes - T[:3, 3]) @ T[:3, 0])
 
-    alike = [k for k, face in enumerate(seen) if face.passed >= best - SAME_FRONT]
-    return max(alike, key=lambda k: (towards(k), -k))
+    threshold = min(MIN_FRONT, max(face.passed for face in seen))
+    return max((k for k in range(4) if seen[k].passed >= threshold), key=lambda k: (towards(k), -k))
 
 
 def _offset(face: SeenFace) -> float:

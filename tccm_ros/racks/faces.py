@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -125,19 +124,25 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     offset = float(np.median(ends[inside, 0])) if inside.any() else 0.0
     row, bar = None, np.inf
     if _state(measured.mean(), passed.mean()) == FaceState.OPEN:
-        row = _bar([_state(*f) for f in zip(measured.mean(axis=0), passed.mean(axis=0))])
+        row = _bar(measured, passed)
     if row is not None:
-        in_bar = inside & (ends[:, 2] >= row * size[1]) & (ends[:, 2] < (row + 2) * size[1])
-        bar = float(np.quantile((ends[:, 2] - hits.half)[in_bar], LOWEST))
+        columns, rows = np.floor((ends[inside, 1:] - corner) / size).astype(np.int64).T
+        in_bar = (rows >= row) & (rows < row + 2) & ~measured[columns, row - 1]
+        bar = float(np.quantile((ends[:, 2] - hits.half)[inside][in_bar], LOWEST))
     below = measured[:, :row], passed[:, :row]
     return SeenFace(float(below[0].mean()), float(below[1].mean()), offset, bar)
 
 
-def _bar(rows: Sequence[FaceState]) -> int | None:
-    """Return the lowest measured row of cells above an open one; None without one."""
-    for k, (below, row) in enumerate(pairwise(rows)):
-        if (below, row) == (FaceState.OPEN, FaceState.MEASURED):
-            return k + 1
+def _bar(measured: Bool, passed: Bool) -> int | None:
+    """Return the lowest row of cells that is measured above an open one; None without one.
+
+    Posts, which are measured in the row below as well, are not counted.
+    """
+    for k in range(1, measured.shape[1]):
+        below, row = measured[:, k - 1], measured[:, k] & ~measured[:, k - 1]
+        is_open = _state(below.mean(), passed[:, k - 1].mean()) == FaceState.OPEN
+        if is_open and _state(row.mean(), passed[:, k].mean()) == FaceState.MEASURED:
+            return k
     return None
 
 

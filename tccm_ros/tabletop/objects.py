@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from tccm_ros.arrays import Bool, Int32, Int64
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.planes import PlaneFits
@@ -21,8 +22,9 @@ from tccm_ros.tabletop.footprints import (
     distance_to_ring,
     footprint_corners,
     loose_cuboids,
+    rectangle,
 )
-from tccm_ros.tabletop.parting import part_by_height
+from tccm_ros.tabletop.parting import part_around, part_by_height
 from tccm_ros.tabletop.round_objects import plan_shape
 
 SURFACE_AREA = 0.12
@@ -70,9 +72,9 @@ def find_objects(
     levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
     if not levels:
         return []
-    loose = loose_cuboids(
-        cuboids.arrays, fits.labels if labels is None else labels, _are_structure(fits)
-    )
+    labels, structure = fits.labels if labels is None else labels, _are_structure(fits)
+    loose = loose_cuboids(cuboids.arrays, labels, structure)
+    surfaces = _Surfaces(cuboids, np.append(structure, False)[labels], config.objects.min_height)
     covers = [plane for plane in levels if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down: a box on a stove is assigned to the stove, not the counter.
@@ -80,7 +82,7 @@ def find_objects(
         members, starts = _take_clusters(loose, plane, config)
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
-            for part in _parts(loose, cluster, plane, config):
+            for part in _parts(loose, cluster, surfaces, plane, config):
                 candidate = _object(loose, part, plane, config)
                 if candidate is not None and not _carries(candidate, covers):
                     found.append(candidate)
@@ -99,7 +101,43 @@ def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> t
     return cluster_footprints(loose.mean, chosen, config.objects.cluster_distance)
 
 
-def _parts(loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config) -> list[Int64]:
+class _Surfaces(NamedTuple):
+    """Cuboids of surfaces and walls.
+
+    Attributes
+    ----------
+    cuboids, is_structure
+        The map, and bool (N,), which of its cuboids they are.
+    max_distance
+        Maximum distance of a surface's cuboids from its plane, m.
+    """
+
+    cuboids: Cuboids
+    is_structure: Bool
+    max_distance: float
+
+    def of(self, plane: PlaneRecord) -> Float64:
+        """Return the means of a surface's cuboids seen from above, float64 (S, 2), m."""
+        mean = self.cuboids.mean()[self.is_structure]
+        distance = np.abs(mean @ plane.normal - plane.offset)
+        return np.asarray(mean[distance < self.max_distance, :2])
+
+
+def _parts(
+    loose: LooseCuboids, cluster: Int64, surfaces: _Surfaces, plane: PlaneRecord, config: Config
+) -> Iterator[Int64]:
+    """Yield the parts of a cluster between which the surface or a step in height is seen."""
+    mean, max_length = loose.mean[cluster, :2], config.objects.max_height
+    hull = convex_hull(mean)
+    is_long = len(hull) > 2 and rectangle(hull)[2] > max_length  # few are
+    surface = surfaces.of(plane) if is_long else np.zeros((0, 2))
+    for part in part_around(mean, surface, loose.cell, max_length):
+        yield from _parts_by_height(loose, cluster[part], plane, config)
+
+
+def _parts_by_height(
+    loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config
+) -> list[Int64]:
     """Return the parts of a cluster if each of them is an object, else the whole cluster."""
     gap = config.objects.cluster_distance
     parts = part_by_height(loose.mean[cluster, :2], loose.high[cluster, 2], loose.cell, gap)

@@ -1,8 +1,11 @@
-"""Separation of touching objects at steps in height.
+"""Separation of touching objects at steps in height, and around the surface between them.
 
 Seen from above, the columns of cells of one cluster are grouped into regions in which the height
 changes little from column to column. Two regions beside each other are two objects. A region within
 another, as the neck of a bottle within its shoulders, belongs to the same object.
+
+A hull that covers much of the surface itself, as that of the back and the arm of a sofa, is cut.
+The surface behind an object that is seen obliquely is hidden, so that its sides stay together.
 """
 
 from __future__ import annotations
@@ -13,7 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tccm_ros.arrays import Float64, Int64
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
 STEP = 0.03
 """Maximum difference in height of neighbouring columns of one region, m. Chosen: three standard
@@ -29,6 +33,10 @@ fewer."""
 MAX_COMMON = 0.25
 """Maximum overlap of the hulls of two objects, as a fraction of the smaller one. Chosen: oblique
 boxes beside each other have less, the neck of a bottle and its shoulders more."""
+
+MAX_COVERED = 0.25
+"""Maximum fraction of an object's hull in which the surface below it is seen. Chosen: around the
+handle of a mug it is less, in the corner of an L more."""
 
 
 def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list[Int64]:
@@ -69,6 +77,62 @@ def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list
     nearest = cKDTree(columns[kept]).query(columns)[1]
     part_of = region_of[kept][nearest][column_of]
     return [np.flatnonzero(part_of == region) for region in large]
+
+
+def part_around(mean: Float64, surface: Float64, cell: float, max_length: float) -> list[Int64]:
+    """Return the cuboids of each part of a cluster whose hulls cover little of the surface.
+
+    Cuts are parallel to the sides of the smallest rectangle. Objects up to a length stay whole:
+    they may have come after the surface below them was measured, or be open above.
+
+    Parameters
+    ----------
+    mean
+        float64 (K, 2), x and y of the means of the cuboids' points, m.
+    surface
+        float64 (S, 2), means of the surface's cuboids near the cluster, m.
+    cell
+        Edge of a cell, m.
+    max_length
+        Maximum length of an object that stays whole, m.
+
+    Returns
+    -------
+    list of int64 (P,)
+        Indices of the cuboids of each part, rising.
+    """
+    whole = np.arange(len(mean))
+    hull = convex_hull(mean)
+    if len(hull) < 3:
+        return [whole]
+    _, _, length, _, yaw = rectangle(hull)
+    if length <= max_length:
+        return [whole]
+    covered = surface[_inside(hull, surface)]
+    if len(covered) * cell**2 <= MAX_COVERED * shapely.Polygon(hull).area:
+        return [whole]
+    along = mean @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    best, left = 0.5 * len(covered), None
+    for axis in range(2):
+        for limit in np.arange(along[:, axis].min() + cell, along[:, axis].max(), cell):
+            is_left = along[:, axis] < limit
+            hulls = convex_hull(mean[is_left]), convex_hull(mean[~is_left])
+            count = sum(int(_inside(part, covered).sum()) for part in hulls)
+            if count < best:
+                best, left = count, is_left
+    if left is None:
+        return [whole]
+    sides = whole[left], whole[~left]
+    return [
+        side[part] for side in sides for part in part_around(mean[side], covered, cell, max_length)
+    ]
+
+
+def _inside(hull: Float64, points: Float64) -> Bool:
+    """Return which points (N, 2) are in a convex hull (H, 2); none if it is a line."""
+    if len(hull) < 3:
+        return np.zeros(len(points), np.bool_)
+    return np.asarray(shapely.contains_xy(shapely.Polygon(hull), *points.T))
 
 
 def _regions(places: Float64, height: Float64, gap: float) -> Int64:

@@ -13,9 +13,11 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from solver_forks import fork_solver
 
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.slam_node import SlamNode
+from tccm_ros.nodes.solver import forked
 from tccm_ros.nodes.tccm_node import TccmNode
 from tccm_ros.records import (
     CameraImage,
@@ -284,6 +286,8 @@ def slam(ros, *, namespace="", context=None, words=(), shared=None, **values) ->
 
     `shared` is the robot of a TCCM node in the same process.
     """
+    forked.take_prepared()  # of a node that could not be made
+    forked._prepared.append(fork_solver())
     return _node(ros, partial(SlamNode, shared), namespace, context, words, values)
 
 

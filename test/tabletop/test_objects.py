@@ -131,3 +131,23 @@ def test_boxes_that_touch_are_two_where_their_heights_differ():
 def test_boxes_that_touch_are_one_where_their_heights_are_the_same():
     pair = [box((x, x + 0.2), (-0.1, 0.1), (0.7, 0.8)) for x in (0.8, 1.0)]
     assert len(scene(FLOOR, TABLE, *pair)[1]) == 1
+
+
+def test_a_back_and_an_arm_around_a_seat_are_two_boxes_that_leave_the_seat_free():
+    seat = sheet((0.0, 1.1), (0.0, 0.6), 0.42)
+    back, arm = ((0.0, 1.1), (0.5, 0.6)), ((0.0, 0.1), (0.0, 0.5))
+    objects = scene(FLOOR, seat, *(box(*plan, (0.43, 0.6)) for plan in (back, arm)))[1]
+    (long, thick), (other_long, other_thick) = (item.size[:2] for item in objects)
+    assert [thick, other_thick] == pytest.approx([0.1, 0.1], abs=0.03)
+    assert long + other_long == pytest.approx(1.6, abs=0.05)
+
+
+def test_two_sides_of_a_box_that_hide_what_is_behind_them_are_one_object():
+    sides = [
+        sheet(x, y, z)
+        for z in np.arange(0.71, 0.95, STEP)
+        for x, y in (((0.9, 0.91), (0.0, 0.3)), ((0.9, 1.2), (0.0, 0.01)))
+    ]
+    hidden = (TABLE[:, 0] > 0.91) & (TABLE[:, 1] > 0.01)
+    [item] = scene(FLOOR, TABLE[~hidden], *sides)[1]
+    assert item.size[:2] == pytest.approx([0.3, 0.3], abs=0.15)

@@ -10,6 +10,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
+from tccm_ros.mapping.surface_message import HITS_CUBE
 from tccm_ros.racks.compartment import FaceState
 from tccm_ros.racks.faces import LOWEST
 from tccm_ros.tabletop.free_places import polygon_parts
@@ -50,9 +51,6 @@ LEVELS = 4
 
 MIN_FRONT_CELLS = 3
 """Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
-
-CUBE = 0.04
-"""`mapping.surface_message.HITS_CUBE`, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +165,7 @@ def _lower_side(
             on = outer & below & (np.abs(ends[:, axis] - edge) <= EDGE)
             if not on.any():
                 continue
-            cells = np.floor(ends[on, 1 - axis] / CUBE).astype(np.int64)
+            cells = np.floor(ends[on, 1 - axis] / HITS_CUBE).astype(np.int64)
             of, which = np.unique(cells, return_inverse=True)
             lowest = np.full(len(of), np.inf)
             np.minimum.at(lowest, which, (z - half)[on])
@@ -192,21 +190,22 @@ def _unnamed(
     z = ends[:, 2]
     flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)
     inner = ((ends[:, :2] > low + EDGE) & (ends[:, :2] < high - EDGE)).all(axis=1) & flat
-    cells = np.floor((ends[inner, :2] - low) / CUBE).astype(np.int64)
+    cells = np.floor((ends[inner, :2] - low) / HITS_CUBE).astype(np.int64)
     levels = np.floor((z[inner] - MIN_HEIGHT) * (LEVELS / FLAT)).astype(np.int64)
-    count, (nx, ny) = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT), np.ceil((high - low) / CUBE)
+    count = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT)
+    nx, ny = np.ceil((high - low) / HITS_CUBE)
     is_hit = np.zeros((count + LEVELS, int(nx), int(ny)), np.bool_)
     is_hit[levels, cells[:, 0], cells[:, 1]] = True
     covered = np.array([is_hit[k : k + LEVELS].any(axis=0).sum() for k in range(count)])
-    for k in np.flatnonzero(covered >= MIN_COVERED * (MIN_EXTENT / CUBE) ** 2).tolist():
+    for k in np.flatnonzero(covered >= MIN_COVERED * (MIN_EXTENT / HITS_CUBE) ** 2).tolist():
         first = k + int(covered[k:][: LEVELS + 1].argmax())
         on = (levels >= first) & (levels < first + LEVELS)
         at = ends[inner, :2][on]
         begin, end = at.min(axis=0), at.max(axis=0)
-        if covered[first] < MIN_COVERED * (end - begin + CUBE).prod() / CUBE**2:
+        if covered[first] < MIN_COVERED * (end - begin + HITS_CUBE).prod() / HITS_CUBE**2:
             continue
-        begin = np.where(begin - low <= EDGE + CUBE, low, begin)
-        end = np.where(high - end <= EDGE + CUBE, high, end)
+        begin = np.where(begin - low <= EDGE + HITS_CUBE, low, begin)
+        end = np.where(high - end <= EDGE + HITS_CUBE, high, end)
         if (end - begin).min() >= MIN_EXTENT:
             height = float(np.median(z[inner][on]))
             yield Ceiling(begin, end, height, FaceState.MEASURED, -1)
@@ -221,8 +220,8 @@ def _may_have_front(low: Float64, high: Float64, ends: Float64) -> bool:
     for axis in range(2):
         for edge in (low[axis], high[axis]):
             on = outer[np.abs(outer[:, axis] - edge) <= EDGE]
-            cells = np.unique(np.floor(on[:, [2, 1 - axis]] / CUBE).astype(np.int64), axis=0)
+            cells = np.unique(np.floor(on[:, [2, 1 - axis]] / HITS_CUBE).astype(np.int64), axis=0)
             _, counts = np.unique(cells[:, 0], return_counts=True)
-            if counts.max(initial=0) * CUBE > 0.5 * (high - low)[1 - axis]:
+            if counts.max(initial=0) * HITS_CUBE > 0.5 * (high - low)[1 - axis]:
                 return True
     return False

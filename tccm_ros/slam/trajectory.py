@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config.slam import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
+from tccm_ros.robot.tracks import Track
+from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance
 from tccm_ros.slam.se2 import between, compose
@@ -24,47 +25,37 @@ cycle, so the odometry error within this time before and after the stamp, togeth
 of an ordinary tilting laser, is added (chosen)."""
 
 
-@dataclass(slots=True)
-class OdometryTrack:
-    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept.
+class OdometryTrack(Track):
+    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept."""
 
-    All fields are private; use `add`.
-    """
-
-    _samples: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    _sorted: tuple[Int64, Float64] | None = None
-    _first_ns: int = 2**63 - 1
-
-    def __len__(self) -> int:
-        return len(self._samples)
+    def __init__(self) -> None:
+        super().__init__(3, UNBOUNDED_NS)
 
     def add(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add a sample; T_odom_base float64 (4, 4)."""
-        x, y, yaw = planar(T_odom_base).tolist()
-        self._samples[stamp_ns] = (x, y, yaw)
-        self._first_ns = min(self._first_ns, stamp_ns)
-        self._sorted = None
+        pose = planar(T_odom_base)
+        if self.append(stamp_ns, pose):
+            return
+        i = int(np.searchsorted(self.stamps_ns, stamp_ns))
+        if self._stamps[i] == stamp_ns:
+            self._values[i] = pose
+            return
+        self._stamps = np.insert(self.stamps_ns, i, stamp_ns)
+        self._values = np.insert(self.values, i, pose, axis=0)
+        self._count += 1
 
     def first(self) -> Float64:
         """Return the pose (3,) of the earliest sample."""
-        return np.array(self._samples[self._first_ns])
-
-    def arrays(self) -> tuple[Int64, Float64]:
-        """Return stamps int64 (N,), ascending, and planar poses float64 (N, 3)."""
-        if self._sorted is None:
-            stamps = np.array(sorted(self._samples), np.int64)
-            poses = np.array([self._samples[int(s)] for s in stamps]).reshape(-1, 3)
-            self._sorted = stamps, poses
-        return self._sorted
+        return self.values[0].copy()
 
     def at(self, stamp_ns: int) -> Float64 | None:
         """Return the interpolated pose (3,); None where no two samples bracket the stamp."""
-        stamps, poses = self.arrays()
+        stamps, poses = self.stamps_ns, self.values
         i = int(np.searchsorted(stamps, stamp_ns, side="right"))
         if i == 0 or (i == len(stamps) and stamps[-1] != stamp_ns):
             return None
         if stamps[i - 1] == stamp_ns:
-            return poses[i - 1]
+            return poses[i - 1].copy()
         fraction = (stamp_ns - stamps[i - 1]) / (stamps[i] - stamps[i - 1])
         return _interpolate(poses[i - 1], poses[i], float(fraction))
 

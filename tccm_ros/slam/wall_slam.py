@@ -544,7 +544,7 @@ class WallSlam:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
         map_odom = self._map_odom
-        for stamp, odom in zip(*self._odometry.arrays()):
+        for stamp, odom in zip(self._odometry.stamps_ns, self._odometry.values):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
             start = compose(map_odom.before(int(stamp)), odom) if len(map_odom) else None
             odometry_slam._front.add(scan, start)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
@@ -38,3 +40,30 @@ def test_the_covariance_of_the_last_view_has_the_motion_before_it():
     )
     still = covariance_of_a_view(0.0)[0, 0]
     assert end - still == pytest.approx((middle - still) / 2)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 200), min_size=1, max_size=150), st.integers(-10, 210))
+def test_odometry_in_any_order_is_that_of_its_last_samples_in_order(stamps, asked):
+    track, known = OdometryTrack(), {}
+    for x, stamp in enumerate(stamps):
+        track.add(stamp, spatial(np.array([float(x), 0.0, 0.0])))
+        known[stamp] = float(x)
+    times = sorted(known)
+    assert len(track) == len(times)
+    assert track.first()[0] == known[times[0]]
+    found = track.at(asked)
+    if times[0] <= asked <= times[-1]:
+        assert found[0] == pytest.approx(np.interp(asked, times, [known[t] for t in times]))
+    else:
+        assert found is None
+
+
+def test_odometry_in_stamp_order_is_appended_in_place():
+    odometry, buffers = OdometryTrack(), []
+    for t in range(4096):
+        odometry.add(t, spatial(np.array([float(t), 0.0, 0.0])))
+        assert odometry.at(t)[0] == t
+        if not buffers or buffers[-1] is not odometry.values.base:
+            buffers.append(odometry.values.base)
+    assert len(buffers) < 10  # each buffer has twice the size of the last

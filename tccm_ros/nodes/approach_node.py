@@ -92,12 +92,10 @@ class Drive:
         The base, with the footprint of the goal.
     done
         Future of the outcome.
-    handle
-        Handle of the goal.
+    is_unwanted
+        Returns whether the client has cancelled the goal.
     tell
         Publishes feedback.
-    is_stopped
-        Whether a cancellation has stopped the base: nothing but zero is sent from then on.
     steps, zeros
         Numbers of steps, and of zero commands after the outcome.
     told_s
@@ -107,17 +105,11 @@ class Drive:
     machine: Approach | Retreat | Detection
     robot: Robot
     done: Future
-    handle: Any
+    is_unwanted: Callable[[], bool]
     tell: Callable[[Senses], None]
-    is_stopped: bool = False
     steps: int = 0
     zeros: int = 0
     told_s: float = -math.inf
-
-    @property
-    def is_unwanted(self) -> bool:
-        """Whether the client has cancelled the goal."""
-        return self.is_stopped or bool(self.handle.is_cancel_requested)
 
     @property
     def is_driving(self) -> bool:
@@ -170,7 +162,7 @@ class ApproachNode(Node):
         actions = import_module("tccm_interfaces.action")
         self._approach, self._retreat = actions.ApproachSurface, actions.Retreat
         self._servers = [
-            ActionServer(self, kind, name, execute, cancel_callback=self._take_cancel)
+            ActionServer(self, kind, name, execute, cancel_callback=lambda _: CancelResponse.ACCEPT)
             for kind, name, execute in (
                 (self._approach, "~/approach_surface", self._execute_approach),
                 (self._retreat, "~/retreat", self._execute_retreat),
@@ -257,7 +249,7 @@ class ApproachNode(Node):
         if senses is None:
             self._stop(drive)
             return Outcome(Reason.LOST_POSE, "no odometry has come")
-        if self._is_ending or drive.is_unwanted:
+        if self._is_ending or drive.is_unwanted():
             speeds = machine.cancel(senses)
         elif time.monotonic() < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
             speeds = machine.wait(senses)
@@ -268,9 +260,7 @@ class ApproachNode(Node):
                 # The base has moved on since: a command for its old place may touch something.
                 speeds = None if speeds is None else machine.wait(senses)
         if speeds is not None:
-            with self._lock:
-                # A cancellation may have stopped the base during the step.
-                self._send(STOP if drive.is_stopped else speeds)
+            self._send(speeds)
         if isinstance(machine, Detection):
             self._tell_dock(drive, machine)
         drive.steps += 1
@@ -410,15 +400,6 @@ class ApproachNode(Node):
 
     # --- actions, in the executor ---
 
-    def _take_cancel(self, handle: Any) -> CancelResponse:
-        """Stop the base at once, also while a step of the control loop computes."""
-        with self._lock:
-            drive = self._drive
-            if drive is not None and drive.handle is handle:
-                drive.is_stopped = True
-                self._stop(drive)
-        return CancelResponse.ACCEPT
-
     async def _execute_approach(self, handle: Any) -> Any:
         result = self._approach.Result(
             surface_id=-1, gap=math.nan, yaw_error=math.nan, gap_sigma=math.nan, distance=math.nan
@@ -486,7 +467,9 @@ class ApproachNode(Node):
         try:
             machine, robot = await prepare()
             done: Future = Future(executor=self.executor)
-            self._drive = Drive(machine, robot, done, handle, partial(tell, machine))
+            self._drive = Drive(
+                machine, robot, done, lambda: handle.is_cancel_requested, partial(tell, machine)
+            )
             outcome: Outcome = await done
             return outcome
         except LookupError as error:

@@ -26,7 +26,8 @@ MIN_EXTENT = 0.2
 objects on them are not."""
 
 MIN_FILLED = 0.8
-"""Minimum fraction of their bounding rectangle that boards fill; chosen: an L fills less."""
+"""Minimum fraction of their bounding rectangle, and of an edge, that boards fill; chosen: an L
+fills less."""
 
 MAX_BOARD = 0.04
 """Maximum thickness of a board, m, assumed for an underside that was not measured. Chosen: boards
@@ -210,18 +211,23 @@ def _unnamed(
             height = float(np.median(z[inner][on]))
             yield Ceiling(begin, end, height, FaceState.MEASURED, -1)
             break
-    if _may_have_front(low, high, ends[(z > MIN_HEIGHT) & (z < MAX_HEIGHT)]):
+    if _may_have_front(low, high, ends[(z > 0.0) & (z < MAX_HEIGHT)]):
         yield Ceiling(low, high, MAX_HEIGHT, FaceState.UNKNOWN, -1)
 
 
 def _may_have_front(low: Float64, high: Float64, ends: Float64) -> bool:
-    """Return whether hits at one height are along most of an edge of a part of a board."""
+    """Return whether hits at one height, with none below them, fill an edge."""
     outer = ends[((ends[:, :2] > low - EDGE) & (ends[:, :2] < high + EDGE)).all(axis=1)]
     for axis in range(2):
+        length = (high - low)[1 - axis]
         for edge in (low[axis], high[axis]):
             on = outer[np.abs(outer[:, axis] - edge) <= EDGE]
-            cells = np.unique(np.floor(on[:, [2, 1 - axis]] / HITS_CUBE).astype(np.int64), axis=0)
-            _, counts = np.unique(cells[:, 0], return_counts=True)
-            if counts.max(initial=0) * HITS_CUBE > 0.5 * (high - low)[1 - axis]:
+            along = np.floor((on[:, 1 - axis] - low[1 - axis] + EDGE) / HITS_CUBE).astype(np.int64)
+            is_hit = np.zeros(
+                (int(MAX_HEIGHT / HITS_CUBE) + 1, int((length + 2 * EDGE) / HITS_CUBE) + 1)
+            )
+            is_hit[np.floor(on[:, 2] / HITS_CUBE).astype(np.int64), along] = 1.0
+            lowest = np.diff(is_hit, axis=0) > 0.0
+            if lowest.sum(axis=1).max() * HITS_CUBE > MIN_FILLED * length:
                 return True
     return False

@@ -69,7 +69,9 @@ class Hits:
         beams, away = self.ends[newer] - origin, self.ends[older] - origin
         ranges, distances = np.linalg.norm(beams, axis=1), np.linalg.norm(away, axis=1)
         near, k = cKDTree(beams / ranges[:, None]).query(
-            away / distances[:, None], MIN_BEAMS, distance_upper_bound=1.0
+            away / distances[:, None],
+            MIN_BEAMS,
+            distance_upper_bound=NEAR_BEAMS / distances.min(),
         )
         is_near = near * distances[:, None] <= NEAR_BEAMS
         ended = np.append(ranges, np.inf)[k]

@@ -29,7 +29,7 @@ CYCLES = 3
 CLOSING_SPEED = 0.5
 """Fraction of the velocity limit on the straight motion up to the edge. Chosen."""
 
-ANEW_M, ANEW_RAD = 0.10, math.radians(8.0)
+REPLAN_DISTANCE_M, REPLAN_ANGLE_RAD = 0.10, math.radians(8.0)
 """The path is replanned where the surface is further than this from its pose at the last plan;
 smaller errors are corrected while driving."""
 
@@ -40,7 +40,7 @@ MAX_PLANS = 6
 """Maximum number of plans for one goal. Chosen."""
 
 MAX_CORRECTIONS = 4
-"""Maximum number of correcting motions after verifications. Chosen."""
+"""Maximum number of correcting motions and further looks after verifications. Chosen."""
 
 GAP_M, YAW_RAD = 0.006, math.radians(0.6)
 """Larger errors of gap or yaw are corrected: a third of the specified 2 cm and 1.5 deg."""
@@ -113,7 +113,7 @@ class Approach:
         self._cycles: deque[TopCycle] = deque(maxlen=CYCLES)
         self._located = False
         self._steepest = 0.0
-        self._since_s = -math.inf
+        self._since_s = self._cycle_came_s = -math.inf
         self._stood_s: float | None = None
         self._seen_cycles = 0
         self._is_arrived = False
@@ -204,6 +204,7 @@ class Approach:
         if cycle is None or (self._cycles and cycle.stamp_s <= self._cycles[-1].stamp_s):
             return False
         self._cycles.append(cycle)
+        self._cycle_came_s = senses.now_s
         if len(cycle.points):
             self._steepest = max(self._steepest, float(_depressions(cycle).max()))
         return True
@@ -273,7 +274,11 @@ class Approach:
                 )  # fmt: skip
             if not self._is_arrived and self._seen_cycles >= 2:
                 return self._after_look(senses)
-        waited_s = senses.now_s - self._since_s
+        return self._wait_for_cycle(senses, self._since_s)
+
+    def _wait_for_cycle(self, senses: Senses, since_s: float) -> Speeds:
+        """Return the zero command; end the approach if no tilt cycle has come for too long."""
+        waited_s = senses.now_s - max(since_s, self._cycle_came_s)
         if waited_s > self._robot.patience_s:
             return self._end(
                 senses, Reason.LOST_SURFACE,
@@ -284,7 +289,8 @@ class Approach:
 
     def _after_look(self, senses: Senses) -> Speeds:
         assert self.target is not None
-        if _is_off(self.target.pose, self._planned, ANEW_M, ANEW_RAD, self.target.is_round):
+        limits = REPLAN_DISTANCE_M, REPLAN_ANGLE_RAD
+        if _is_off(self.target.pose, self._planned, *limits, self.target.is_round):
             return self._plan(senses)
         if self._is_arrived:
             self._begin_closing()
@@ -325,10 +331,8 @@ class Approach:
             reason = Reason.MOVED if self._located else Reason.BLOCKED
             return self._end(senses, reason, f"gave up after {MAX_PLANS} plans that failed")
         map_odom = _known(senses.map_odom)
-        target = self.target.moved(map_odom)
-        others = Obstacles.of(
-            senses, self.target, self._robot.margin, self._goal.gap, self._robot.height
-        ).others(self._robot.margin)
+        pose, target = compose2(map_odom, senses.pose), self.target.moved(map_odom)
+        others = self._obstacles(senses).others(self._robot.margin)
         seen = transform2(map_odom, np.concatenate([others, self._avoided]))
         args = self._around.grid, self._around.overhangs
         gone = self._goal.target.outline
@@ -340,11 +344,10 @@ class Approach:
         poses = standing_poses(
             target, floor, self._robot.footprint.grown(margin - 1e-3), self._goal.gap - margin,
             self._goal.staging, self._goal.max_distance, spot, self._goal.side,
-            compose2(map_odom, senses.pose)[:2],
+            pose[:2],
         )  # fmt: skip
         if not poses:
             return self._end(senses, Reason.NO_PLACE, self._why_no_place(spot is not None))
-        pose = compose2(map_odom, senses.pose)
         found = self._way(pose, poses, around)
         standing = poses[0] if found is None else found[0]
         is_far = float(np.hypot(*(standing.staging - pose)[:2])) > NAVIGATE_M
@@ -498,22 +501,21 @@ class Approach:
         return self.edge is not None and self._is_at_view_limit(self.edge)
 
     def _verify(self, senses: Senses, is_new: bool) -> Speeds:
+        """Succeed, correct the pose or look again, by `VERIFIED` cycles after the stop."""
         if self._stood_s is None:
             self._stood_s = senses.now_s + 2.0 * self._robot.latency_s
-        if is_new and self._cycles[-1].stamp_s > self._stood_s:
-            self._seen_cycles += 1
-            while self._cycles[0].stamp_s <= self._stood_s:
-                self._cycles.popleft()
-            found = self._measure()
-            if found is not None and self._seen_cycles >= VERIFIED:
-                self.edge, self._measured_at = found, senses.pose[:2]
-        is_late = senses.now_s - self._stood_s > self._robot.patience_s
-        if self._seen_cycles < VERIFIED and not is_late:
+        if not is_new or self._cycles[-1].stamp_s <= self._stood_s:
+            return self._wait_for_cycle(senses, self._stood_s)
+        self._seen_cycles += 1
+        while self._cycles[0].stamp_s <= self._stood_s:
+            self._cycles.popleft()
+        if self._seen_cycles < VERIFIED:
             return self._driver.stop(senses)
-        if self.edge is None:
-            return self._end(
-                senses, Reason.LOST_SURFACE, "the edge of the surface was never measured"
-            )
+        found = self._measure()
+        if found is not None:
+            self.edge, self._measured_at = found, senses.pose[:2]
+        elif not self._is_below_view():
+            return self._look_again(senses)
         gap, yaw_error = self._figures(senses.pose)
         is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
@@ -521,6 +523,16 @@ class Approach:
             self.phase, self._misses = Phase.CLOSING, 0
             return self._driver.stop(senses)
         return self._succeed(senses, gap, yaw_error)
+
+    def _look_again(self, senses: Senses) -> Speeds:
+        """Look for a surface whose edge is not visible from the final pose; return zero."""
+        if self._corrections >= MAX_CORRECTIONS:
+            return self._end(
+                senses, Reason.LOST_SURFACE,
+                "tilt cycles from the final pose do not show the edge of the surface",
+            )  # fmt: skip
+        self._corrections += 1
+        return self._begin_look(senses)
 
     def _succeed(self, senses: Senses, gap: float, yaw_error: float) -> Speeds:
         spot = self._spot()

@@ -10,6 +10,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
+from tccm_ros.mapping.surface_message import HITS_CUBE
 from tccm_ros.racks.compartment import FaceState
 from tccm_ros.racks.faces import LOWEST
 from tccm_ros.tabletop.free_places import polygon_parts
@@ -25,7 +26,8 @@ MIN_EXTENT = 0.2
 objects on them are not."""
 
 MIN_FILLED = 0.8
-"""Minimum fraction of their bounding rectangle that boards fill; chosen: an L fills less."""
+"""Minimum fraction of their bounding rectangle, and of an edge, that boards fill; chosen: an L
+fills less."""
 
 MAX_BOARD = 0.04
 """Maximum thickness of a board, m, assumed for an underside that was not measured. Chosen: boards
@@ -50,9 +52,6 @@ LEVELS = 4
 
 MIN_FRONT_CELLS = 3
 """Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
-
-CUBE = 0.04
-"""`mapping.surface_message.HITS_CUBE`, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +166,7 @@ def _lower_side(
             on = outer & below & (np.abs(ends[:, axis] - edge) <= EDGE)
             if not on.any():
                 continue
-            cells = np.floor(ends[on, 1 - axis] / CUBE).astype(np.int64)
+            cells = np.floor(ends[on, 1 - axis] / HITS_CUBE).astype(np.int64)
             of, which = np.unique(cells, return_inverse=True)
             lowest = np.full(len(of), np.inf)
             np.minimum.at(lowest, which, (z - half)[on])
@@ -192,37 +191,43 @@ def _unnamed(
     z = ends[:, 2]
     flat = is_from_below & (half <= 0.5 * FLAT) & (z > MIN_HEIGHT) & (z < MAX_HEIGHT)
     inner = ((ends[:, :2] > low + EDGE) & (ends[:, :2] < high - EDGE)).all(axis=1) & flat
-    cells = np.floor((ends[inner, :2] - low) / CUBE).astype(np.int64)
+    cells = np.floor((ends[inner, :2] - low) / HITS_CUBE).astype(np.int64)
     levels = np.floor((z[inner] - MIN_HEIGHT) * (LEVELS / FLAT)).astype(np.int64)
-    count, (nx, ny) = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT), np.ceil((high - low) / CUBE)
+    count = round(LEVELS * (MAX_HEIGHT - MIN_HEIGHT) / FLAT)
+    nx, ny = np.ceil((high - low) / HITS_CUBE)
     is_hit = np.zeros((count + LEVELS, int(nx), int(ny)), np.bool_)
     is_hit[levels, cells[:, 0], cells[:, 1]] = True
     covered = np.array([is_hit[k : k + LEVELS].any(axis=0).sum() for k in range(count)])
-    for k in np.flatnonzero(covered >= MIN_COVERED * (MIN_EXTENT / CUBE) ** 2).tolist():
+    for k in np.flatnonzero(covered >= MIN_COVERED * (MIN_EXTENT / HITS_CUBE) ** 2).tolist():
         first = k + int(covered[k:][: LEVELS + 1].argmax())
         on = (levels >= first) & (levels < first + LEVELS)
         at = ends[inner, :2][on]
         begin, end = at.min(axis=0), at.max(axis=0)
-        if covered[first] < MIN_COVERED * (end - begin + CUBE).prod() / CUBE**2:
+        if covered[first] < MIN_COVERED * (end - begin + HITS_CUBE).prod() / HITS_CUBE**2:
             continue
-        begin = np.where(begin - low <= EDGE + CUBE, low, begin)
-        end = np.where(high - end <= EDGE + CUBE, high, end)
+        begin = np.where(begin - low <= EDGE + HITS_CUBE, low, begin)
+        end = np.where(high - end <= EDGE + HITS_CUBE, high, end)
         if (end - begin).min() >= MIN_EXTENT:
             height = float(np.median(z[inner][on]))
             yield Ceiling(begin, end, height, FaceState.MEASURED, -1)
             break
-    if _may_have_front(low, high, ends[(z > MIN_HEIGHT) & (z < MAX_HEIGHT)]):
+    if _may_have_front(low, high, ends[(z > 0.0) & (z < MAX_HEIGHT)]):
         yield Ceiling(low, high, MAX_HEIGHT, FaceState.UNKNOWN, -1)
 
 
 def _may_have_front(low: Float64, high: Float64, ends: Float64) -> bool:
-    """Return whether hits at one height are along most of an edge of a part of a board."""
+    """Return whether hits at one height, with none below them, fill an edge."""
     outer = ends[((ends[:, :2] > low - EDGE) & (ends[:, :2] < high + EDGE)).all(axis=1)]
     for axis in range(2):
+        length = (high - low)[1 - axis]
         for edge in (low[axis], high[axis]):
             on = outer[np.abs(outer[:, axis] - edge) <= EDGE]
-            cells = np.unique(np.floor(on[:, [2, 1 - axis]] / CUBE).astype(np.int64), axis=0)
-            _, counts = np.unique(cells[:, 0], return_counts=True)
-            if counts.max(initial=0) * CUBE > 0.5 * (high - low)[1 - axis]:
+            along = np.floor((on[:, 1 - axis] - low[1 - axis] + EDGE) / HITS_CUBE).astype(np.int64)
+            is_hit = np.zeros(
+                (int(MAX_HEIGHT / HITS_CUBE) + 1, int((length + 2 * EDGE) / HITS_CUBE) + 1)
+            )
+            is_hit[np.floor(on[:, 2] / HITS_CUBE).astype(np.int64), along] = 1.0
+            lowest = np.diff(is_hit, axis=0) > 0.0
+            if lowest.sum(axis=1).max() * HITS_CUBE > MIN_FILLED * length:
                 return True
     return False

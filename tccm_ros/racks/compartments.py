@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -95,23 +96,31 @@ def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
 def _whole(boards: Sequence[Surface]) -> list[Surface]:
     """Return the boards with pieces of one board merged, under the id of the largest piece.
 
-    Pieces have equal heights and fill their bounding rectangle.
+    Pieces have equal heights and fill their bounding rectangle. Two merged pieces
+    may fill it together with a third one that neither of them does alone.
     """
-    found: list[Surface] = []
-    for board in sorted(boards, key=lambda b: (-b.area, b.id)):
-        for k, other in enumerate(found):
-            both = np.concatenate([other.boundary, board.boundary])
-            hull = convex_hull(np.ascontiguousarray(both[:, :2]))
-            _, _, length, width, _ = rectangle(hull)
-            area = other.area + board.area
-            is_level = abs(other.height - board.height) <= SAME_HEIGHT
-            if is_level and area >= MIN_FILLED * length * width:
-                z = (other.offset - hull @ other.normal[:2]) / other.normal[2]
-                found[k] = replace(other, boundary=np.column_stack([hull, z]), area=area)
+    found = sorted(boards, key=lambda b: (-b.area, b.id))
+    while True:
+        for k, j in combinations(range(len(found)), 2):
+            merged = _merged(found[k], found[j])
+            if merged is not None:
+                found[k] = merged
+                del found[j]
                 break
         else:
-            found.append(board)
-    return found
+            return found
+
+
+def _merged(board: Surface, other: Surface) -> Surface | None:
+    """Return two pieces as one board with the id of the first; None if they are two boards."""
+    both = np.concatenate([board.boundary, other.boundary])
+    hull = convex_hull(np.ascontiguousarray(both[:, :2]))
+    _, _, length, width, _ = rectangle(hull)
+    area = board.area + other.area
+    if abs(board.height - other.height) > SAME_HEIGHT or area < MIN_FILLED * length * width:
+        return None
+    z = (board.offset - hull @ board.normal[:2]) / board.normal[2]
+    return replace(board, boundary=np.column_stack([hull, z]), area=area)
 
 
 def _over(
@@ -254,11 +263,11 @@ def _face(T_map_board: Float64, middle: Float64, half: Float64, height: float, k
 
 def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
     """Return the index of the open face most towards the sensors; else of the most open one."""
-    eyes = hits.origins.mean(axis=0)
+    mean_sensor = hits.origins.mean(axis=0)
 
     def towards(k: int) -> float:
         T = faces[k].T_map_face
-        return float((eyes - T[:3, 3]) @ T[:3, 0])
+        return float((mean_sensor - T[:3, 3]) @ T[:3, 0])
 
     threshold = min(MIN_FRONT, max(face.passed for face in seen))
     return max((k for k in range(4) if seen[k].passed >= threshold), key=lambda k: (towards(k), -k))

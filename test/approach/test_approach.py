@@ -80,6 +80,31 @@ def test_a_surface_that_is_gone_is_said():
     assert base.contacts == 0
 
 
+class SlowCycles(SimulatedBase):
+    """The base with tilt cycles that come every `period_s`, s."""
+
+    period_s = 0.0
+    _held, _held_s = None, -math.inf
+
+    def senses(self):
+        new = super().senses()
+        if new.now_s - self._held_s >= self.period_s:
+            self._held, self._held_s = new.cycle, new.now_s
+        return replace(new, cycle=self._held)
+
+
+def test_a_surface_that_is_gone_is_said_also_by_slow_tilt_cycles():
+    """Three cycles from the staging pose take longer than the patience of 8 s."""
+    flat = simple_flat()
+    flat.target.top = affinity.translate(flat.target.top, 50.0, 0.0)
+    flat.target.legs = []
+    base = SlowCycles(flat, np.random.default_rng(0))
+    base.period_s = 4.0
+    machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
+    outcome = run(machine, base)
+    assert outcome.reason == Reason.GONE, outcome.message
+
+
 def test_chairs_that_the_map_does_not_have_are_driven_around():
     flat = simple_flat(circle(0.5), (0.0, 0.0, 0.0), (-2.2, 0.0, 0.0))
     flat.others = [piece(affinity.translate(rectangle(0.42, 0.42), -0.85, 0.0), 0.45, 0.03)]
@@ -153,6 +178,55 @@ def test_a_table_that_is_pushed_while_the_base_closes_in_is_followed_or_said():
         assert_is_there(base)
     else:
         assert outcome.message
+
+
+def test_a_table_that_is_pulled_away_while_the_base_verifies_is_followed_or_said():
+    """Its edge was measured before the base stopped: that gap is no success."""
+    flat = simple_flat()
+    machine, base = approach(flat)
+    pulled = []
+
+    def once(base):
+        if machine.phase == Phase.VERIFYING and not pulled:
+            pulled.append(base.t)
+            flat.target = flat.target.moved(1.0, 0.0, 0.0)
+
+    outcome = run(machine, base, on_tick=once)
+    assert pulled
+    assert base.contacts == 0
+    if outcome.reason == Reason.NONE:
+        assert_is_there(base)
+    else:
+        assert outcome.reason in (Reason.GONE, Reason.MOVED, Reason.LOST_SURFACE)
+
+
+def test_without_tilt_cycles_after_the_stop_an_approach_has_lost_its_surface():
+    flat = simple_flat()
+    base = SlowCycles(flat, np.random.default_rng(0))
+    machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
+
+    def stop_cycles(base):
+        if machine.phase == Phase.VERIFYING:
+            base.period_s = math.inf
+
+    outcome = run(machine, base, on_tick=stop_cycles)
+    assert outcome.reason == Reason.LOST_SURFACE, outcome.message
+    assert "no tilt cycle came for 8 s" in outcome.message
+
+
+def test_slow_tilt_cycles_verify_the_final_pose():
+    """Two cycles after the stop may take longer than the patience of 8 s."""
+    flat = simple_flat()
+    base = SlowCycles(flat, np.random.default_rng(0))
+    machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
+
+    def slow_cycles(base):
+        if machine.phase == Phase.VERIFYING:
+            base.period_s = 7.0
+
+    outcome = run(machine, base, on_tick=slow_cycles)
+    assert outcome.reason == Reason.NONE, outcome.message
+    assert_is_there(base)
 
 
 def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():

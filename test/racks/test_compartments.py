@@ -1,9 +1,11 @@
 """Racks at random, mapped from a recording: their compartments against the solids."""
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
+from outlined_surfaces import surface
 from random_racks import (
     cupboard_over_counter,
     cuts,
@@ -14,11 +16,12 @@ from random_racks import (
     same_space,
     seat_below_table,
 )
+from shapely import box
 from slam_run import drive, new_slam
 
 from tccm_ros.geometry import transform
 from tccm_ros.racks.compartment import FaceState
-from tccm_ros.racks.compartments import find_compartments
+from tccm_ros.racks.compartments import _whole, find_compartments
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces import surface_slam
 from tccm_ros.surfaces.planning_shapes import Box, structure_shapes
@@ -84,6 +87,26 @@ def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
         assert one.back == other.back
         assert abs(one.height - other.height) < 1e-6
         assert abs(one.width - other.width) < 1e-6
+
+
+def test_a_board_that_was_seen_in_three_pieces_is_one_in_any_order():
+    """The middle piece is the smallest: the outer ones fill too little of a board without it."""
+    spans = (0.0, 0.5), (0.85, 1.25), (0.5, 0.85)
+    cut = [surface(box(a, 0.0, b, 0.3), number=k) for k, (a, b) in enumerate(spans)]
+    for order in permutations(cut):
+        (whole,) = _whole(order)
+        assert whole.id == 0
+        assert whole.area == pytest.approx(1.25 * 0.3)
+        assert whole.boundary[:, 0].max() == pytest.approx(1.25)
+
+
+def test_boards_that_are_far_from_each_other_or_at_two_heights_stay_two():
+    whole, other = surface(box(0.0, 0.0, 0.5, 0.3), number=0), box(0.5, 0.0, 0.9, 0.3)
+    for board in (
+        surface(other, height=0.77, number=1),
+        surface(box(0.9, 0.0, 1.3, 0.3), number=1),
+    ):
+        assert _whole([board, whole]) == [whole, board]
 
 
 @pytest.mark.parametrize("seed", [5, 11, 18, 36])

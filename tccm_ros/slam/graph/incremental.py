@@ -72,6 +72,8 @@ class IncrementalGraph:
         # The factors and their indices in the graph.
         self._held: dict[Hashable, tuple[Factor, list[int]]] = {}
         self._starts: dict[Key, Float64] = {}
+        # The variables of the newest factors.
+        self._newest: list[int] = []
         # Number of factors of each variable, now and when its covariance was computed.
         self._uses: Counter[int] = Counter()
         self._covariances = {k.symbol: (cov, 0) for k, cov in (covariances or {}).items()}
@@ -131,7 +133,12 @@ class IncrementalGraph:
             return key.from_value(isam.calculateEstimatePose3(key.symbol))
 
         ends = add_factors(graph, values, factors.values(), pose_of, isam.valueExists)
-        numbers = list(isam.update(graph, values, gone).getNewFactorsIndices())
+        if graph.size():
+            numbers = list(isam.update(graph, values, gone).getNewFactorsIndices())
+            self._newest = list(graph.keyVector())
+        else:
+            numbers = []
+            self._reorder(gone)
         self._may_refresh = True
         held = isam.getFactorsUnsafe()
         for i in numbers:
@@ -142,8 +149,20 @@ class IncrementalGraph:
     def relinearise(self, rounds: int = MAX_ROUNDS) -> None:
         """Relinearise variables that have moved, until none moves further or for some rounds."""
         for _ in range(rounds):
-            if not self._isam.update().getVariablesRelinearized():
+            if not self._reorder().getVariablesRelinearized():
                 break
+
+    def _reorder(self, gone: Sequence[int] = ()) -> gtsam.ISAM2Result:
+        """Update without new factors; the newest variables stay at the root of the tree.
+
+        ISAM2 eliminates the variables of new factors last. An update without new factors may put
+        them below other variables, from where a covariance takes seconds in a large map.
+        """
+        last = gtsam.KeyGroupMap()
+        for symbol in self._newest:
+            last.insert2(symbol, 1)
+        nothing = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        return self._isam.update(*nothing, list(gone), last)
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""

@@ -2,6 +2,7 @@
 
 import itertools
 
+import gtsam
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -168,3 +169,30 @@ def test_a_covariance_is_computed_again_when_its_variable_has_many_more_factors(
     after = kept.solution().covariance(wall_key(0))
     # The angle's variance is that of nine lines, and no longer of one.
     assert after[0, 0] < before[0, 0] / 4.0
+
+
+def test_variables_of_the_newest_factors_stay_at_the_root_of_the_tree():
+    """Elsewhere the covariance of the newest keyframe takes seconds in a large map."""
+    kept, _, random = small_graph()
+    pose = truth_of(0)
+    for k in range(1, 60):
+        pose = compose2(pose, noisy_step(k - 1, k, random))
+        step = noisy_step(k - 1, k, random)
+        factors = [
+            Planar(key_of(k), pose),
+            BetweenKeyframes(key_of(k - 1), key_of(k), step, STEP_COV),
+        ]
+        factors += [wall_seen(k, w, random) for w in (0, 1)]
+        if k > 9 and k % 3 == 0:
+            a = k % 7
+            loop = BetweenKeyframes(key_of(a), key_of(k), noisy_step(a, k, random), STEP_COV)
+            factors.append(loop)
+        kept.update(by_variables(factors), {key_of(k): pose})
+        kept.relinearise()
+        assert gtsam.DefaultKeyFormatter(key_of(k).symbol) in root_of(kept)
+
+
+def root_of(kept):
+    """Return the names of the variables of the root of ISAM2's tree."""
+    label = next(line for line in kept._isam.dot().splitlines() if "label" in line)
+    return label.split('"')[1].replace(",", " ").split()

@@ -6,7 +6,7 @@ taken and reported; several are an error with advice.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -40,6 +40,7 @@ from tccm_ros.sensors.depth_messages import (
     COMPRESSED_READER,
     IMAGE_READER,
 )
+from tccm_ros.sensors.laser_scan import TILT_SCAN, scan_stream
 from tccm_ros.sensors.registry import default_streams
 
 MAX_READ_NS = 5_000_000_000
@@ -92,7 +93,7 @@ class TopicChoice:
     found_roles: list[str] = field(default_factory=list)
     named: frozenset[str] = frozenset()
     counts: dict[str, int] = field(default_factory=dict)
-    unread: dict[str, int] = field(default_factory=dict)
+    unread: Counter[str] = field(default_factory=Counter)
     doubts: dict[str, list[str]] = field(default_factory=dict)
 
     @property
@@ -157,7 +158,8 @@ def choose_topics(
         if stream.companion is not None:
             defaults[stream.companion.role] = _absolute(stream.companion.role)
     topics = remap_topics(remap, defaults)
-    named = frozenset(role for role, topic in topics.items() if topic != defaults[role])
+    given = {entry.partition(":=")[0].strip().lstrip("/") for entry in remap}
+    named = frozenset(role for role, topic in topics.items() if topic != defaults[role]) | given
     choice = TopicChoice(topics, streams, named=named)
     for stream in streams:  # use the calibration next to the image that the user set
         companion = stream.companion
@@ -186,7 +188,7 @@ def _count_messages(reader: BagReader, choice: TopicChoice) -> None:
                 continue
             why = info.why_not_read(readers[role].message_type)
             if why:
-                choice.unread[why] = info.count
+                choice.unread[why] += info.count
             else:
                 choice.counts[role] += info.count
 
@@ -279,7 +281,7 @@ class _Search:
         lasers = self._free(LASER)
         if not roles or not lasers:
             return
-        moved = tilting_lasers(self._reader, lasers, self._choice.topics)
+        moved = tilting_lasers(self._reader, lasers, self._choice.topics, config)
         for role in roles:
             is_tilting = role in tilting
             fits = [name for name in lasers if (name in moved) == is_tilting]
@@ -367,7 +369,9 @@ def _types_of(stream: Stream) -> tuple[str, ...]:
     return IMAGE_READER.message_type, COMPRESSED_READER.message_type
 
 
-def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str, str]) -> set[str]:
+def tilting_lasers(
+    reader: BagReader, lasers: Sequence[str], topics: Mapping[str, str], config: Config
+) -> set[str]:
     """Return the laser topics whose sensor is moved by a joint relative to the base.
 
     Only the first seconds of the bag are read.
@@ -380,8 +384,10 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
         Topics of laser scans.
     topics
         Topics of the robot's frames and joints, by role.
+    config
+        Groups ``frames``, ``rig`` and ``scan``.
     """
-    robot = Robot(Config(), default_streams())
+    robot = Robot(config, (scan_stream(TILT_SCAN, config),))
     robot_is_described(reader, topics, robot)
     tilts = set()
     for laser in lasers:
@@ -390,7 +396,7 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
             continue
         with suppress(FrameError):
             frame = frame_name(message.header.frame_id)
-            robot.sensors["tilt_scan"].mount.find(frame, final=True)
+            robot.sensors[TILT_SCAN.role].mount.find(frame, final=True)
             tilts.add(laser)
     return tilts
 

@@ -19,6 +19,7 @@ from tccm_ros.errors import TccmError, one_line
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.slam_node import SlamNode
+from tccm_ros.nodes.stopping import leave
 from tccm_ros.nodes.tccm_node import TccmNode
 
 
@@ -136,8 +137,9 @@ class ManagedNode(SensorNode, LifecycleNode):
 
     def interrupt(self) -> None:
         """End the process while it loads kernels, where signals are not handled."""
-        if self._is_configured and not self.warming.is_loaded:
-            super().close()
+        if self._is_configured and self.is_loading:
+            self.warming.stop()
+            leave(0)
 
     def destroy_node(self) -> None:
         """Destroy the node and its state machine, which rclpy leaves alive."""

@@ -19,7 +19,7 @@ from tccm_ros.errors import TccmError, one_line
 from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.start import leave_at_a_signal
-from tccm_ros.nodes.stopping import StopSignals, say
+from tccm_ros.nodes.stopping import StopSignals, leave, say
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -67,7 +67,10 @@ def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
     rclpy.try_shutdown()
     if signals is not None:
         signals.ignore()
-    sys.exit(max(status, ending.status))
+    status = max(status, ending.status)
+    if any(isinstance(node, SensorNode) and node.is_loading for node in nodes):
+        leave(status)  # the thread would go on compiling, or crash the interpreter
+    sys.exit(status)
 
 
 def _init(usage: str) -> None:
@@ -148,6 +151,8 @@ def _close(nodes: Sequence[Node], ending: Ending) -> None:
         with suppress(KeyboardInterrupt, ExternalShutdownException):
             if isinstance(node, SensorNode):
                 node.close(ending)
+                if node.is_loading:
+                    continue
             elif hasattr(node, "close"):
                 node.close()
             node.destroy_node()

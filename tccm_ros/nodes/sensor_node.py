@@ -7,13 +7,11 @@ the intake. An overloaded node drops whole scans and counts them.
 
 from __future__ import annotations
 
-import os
-import sys
 import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -353,10 +351,16 @@ class SensorNode(Node):
         waits = f"; waits for {', '.join(silent)}" if silent else ""
         self.get_logger().info(f"ready: {known}{waits}")
 
+    @property
+    def is_loading(self) -> bool:
+        """Whether its kernels are being loaded, in a thread that cannot be ended."""
+        warming = vars(self).get("warming")
+        return warming is not None and not warming.is_loaded
+
     def close(self, ending: Ending | None = None) -> None:
         """Finish the queued jobs and save if configured.
 
-        Before the kernels are loaded there is nothing to save, and the process exits at once.
+        Before the kernels are loaded there is nothing to save: only the compilation is stopped.
 
         Parameters
         ----------
@@ -364,11 +368,9 @@ class SensorNode(Node):
             The end of the process; None if only the node ends, which has no time limit.
         """
         ending = ending or Ending()
-        if not self.warming.is_loaded:
+        if self.is_loading:
             self.warming.stop()
-            with suppress(OSError):
-                sys.stdout.flush()
-            os._exit(0)
+            return
         if self.config.save.on_shutdown:
             self.save_at_end(ending)
         self.worker.wait(lambda: None, lambda: ending.is_over)

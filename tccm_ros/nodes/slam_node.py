@@ -299,7 +299,7 @@ class SlamNode(SensorNode):
         self.worker.wait(lambda: None, is_over)
         self.signs.wait(is_over)
         self.worker.wait(lambda: numbers.append(self.session.ask_solution(is_final=True)), is_over)
-        if not self.saver.wait(numbers[0], ending):
+        if not numbers or not self.saver.wait(numbers[0], ending):
             ending.left_out[self.get_name()] = f"the newest records, {ending.why}"
         self.saver.save_at_end(self.save_folder(), self.session.input, ending)
 
@@ -363,9 +363,9 @@ class SlamNode(SensorNode):
             yield f"the robot is not found in the map: {self.localisation.reason}"
         yield from self._problems_of_signs()
         yield from self.solver.problems()
-        if self.solver.newest is not None:
-            for stage in self.solver.newest.failed_stages:
-                yield f"left out of the map, as it failed: {stage}; report it"
+        solved = self.solver.newest
+        for stage in () if solved is None else solved.failed_stages:
+            yield f"left out of the map, as it failed: {stage}; report it"
         yield from self._client_api.problems()
 
     def _problems_of_signs(self) -> Iterable[str]:

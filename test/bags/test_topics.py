@@ -169,3 +169,21 @@ def test_messages_that_a_role_cannot_read_are_said_and_others_are_looked_for(tmp
         "/odom is geometry_msgs/msg/PoseStamped, expected nav_msgs/msg/Odometry": 1,
         "/imu is serialised as 'json', expected cdr": 1,
     }
+
+
+def test_a_laser_on_the_configured_rig_is_the_tilting_one(tmp_path):
+    foreign_bag(tmp_path / "a.mcap", [("/laser", SCAN, START, TYPES.make(SCAN))])
+    pose = "rig.tilt_laser=[0.0, 0.0, 1.2, 0.0, 0.0, 0.0]"
+    rig = read_config(None, (pose, "frames.tilt_joint=tilt"))
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert choose_topics(reader, Config()).counts["scan"] == 1
+        assert choose_topics(reader, rig).counts["tilt_scan"] == 1
+        named = choose_topics(reader, rig, ["scan:=/laser"])
+    assert (named.counts["scan"], named.counts["tilt_scan"]) == (1, 0)
+
+
+def test_a_topic_that_is_named_as_it_is_by_default_is_not_replaced(tmp_path):
+    foreign_bag(tmp_path / "a.mcap", [("/laser", SCAN, START, TYPES.make(SCAN))])
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert choose_topics(reader, Config()).topics["scan"] == "/laser"
+        assert choose_topics(reader, Config(), ["scan:=/scan"]).topics["scan"] == "/scan"

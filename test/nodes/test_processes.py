@@ -129,6 +129,15 @@ def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
     assert "Traceback" not in output
 
 
+def test_a_bad_parameter_of_one_of_two_nodes_ends_both_with_status_1(domain):
+    """The first node is loading its kernels by then."""
+    with started(domain, "all_in_one", *settings(graph__mode="x")) as process:
+        output, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1, output
+    assert "graph.mode" in output
+    assert "Traceback" not in output
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "text"),
     [

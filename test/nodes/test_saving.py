@@ -436,6 +436,23 @@ def test_a_full_disk_names_the_file(ros, tmp_path, monkeypatch):
         Journal().append([1])
 
 
+def test_a_full_disk_at_the_end_leaves_the_newest_solution(ros, tmp_path, monkeypatch):
+    node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
+    robot.play(recording(2, tilt=False), node)
+    assert trigger(ros, "/surface_slam/save_map").success
+
+    def no_space(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    robot.play(recording(1, tilt=False, start_ns=START_NS + 5 * SECOND), node)
+    monkeypatch.setattr(os, "pwrite", no_space)
+    ending = Ending().begin()
+    node.save_at_end(ending)
+    assert "newest records" in ending.left_out["surface_slam"]
+    assert "solution" in ending.saved["surface_slam"]
+    assert read_content(tmp_path / "map" / "map.mcap") == node.solver.newest.content
+
+
 def test_a_save_after_a_drive_waits_for_what_had_come_when_it_was_asked_for(ros, tmp_path):
     """Scans and an IMU go on while the robot stands: what comes later is no loss."""
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()

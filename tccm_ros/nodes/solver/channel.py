@@ -239,7 +239,7 @@ class Journal:
         return self._file.fileno()
 
     def append(self, events: Sequence[Any]) -> None:
-        """Append a batch of events, compressed.
+        """Append a batch of events, compressed; all of it or, by `length`, nothing.
 
         Raises
         ------
@@ -248,11 +248,14 @@ class Journal:
         """
         batch = zlib.compress(pickle.dumps(events, pickle.HIGHEST_PROTOCOL), 1)
         entry = HEADER.pack(len(batch)) + batch
+        written = 0
         try:
-            self.length += os.pwrite(self.fileno(), entry, self.length)
+            while written < len(entry):  # a disk that becomes full takes a part
+                written += os.pwrite(self.fileno(), entry[written:], self.length + written)
         except OSError as error:
             reason = f"{tempfile.gettempdir()}: cannot be written ({one_line(error)})"
             raise OutputError(reason) from None
+        self.length += written
 
     def close(self) -> None:
         """Close the file."""

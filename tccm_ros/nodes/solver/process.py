@@ -94,11 +94,8 @@ class SolverProcess:
             self._tell(command, error)
 
     def _tell(self, command: Any, error: Exception) -> None:
-        kind = "" if isinstance(error, TccmError) else f"{type(error).__name__}: "
-        if isinstance(error, OSError):  # the temporary folder is the only place it writes to
-            kind = f"{tempfile.gettempdir()}: "
         number = command.number if isinstance(command, Solve) else -1
-        self._connection.send(Failed(self._session, number, f"{kind}{one_line(error)}"))
+        self._connection.send(Failed(self._session, number, _reason(error)))
 
     def _begin(self, begin: Begin) -> None:
         journal, config = begin.journal, Config.model_validate_json(begin.config)
@@ -106,9 +103,9 @@ class SolverProcess:
             slam = SurfaceSlam(config)
             if begin.map_name:
                 slam = SurfaceSlam.from_saved(config, _read_map(begin))
-        except TccmError as error:
+        except Exception as error:
             os.close(journal)
-            self._connection.send(Began(begin.session, error=one_line(error)))
+            self._connection.send(Began(begin.session, error=_reason(error)))
             return
         if self._journal >= 0:
             os.close(self._journal)
@@ -217,6 +214,13 @@ class SolverProcess:
         return grid_message(
             self._types, solution.stamp_ns, frame, grid.cells, grid.resolution, origin
         )
+
+
+def _reason(error: Exception) -> str:
+    kind = "" if isinstance(error, TccmError) else f"{type(error).__name__}: "
+    if isinstance(error, OSError):  # the temporary folder is the only place it writes to
+        kind = f"{tempfile.gettempdir()}: "
+    return f"{kind}{one_line(error)}"
 
 
 def _read_map(begin: Begin) -> SavedMap:

@@ -41,6 +41,9 @@ BATCH = 50
 MAX_DEATHS = 3
 """After this many deaths without a solution, the process is not restarted."""
 
+RETRY_S = 1.0
+"""Time between attempts to start the process again, s. Chosen: memory may be free by then."""
+
 END_S = 0.5
 """Time for the process to exit on its own, s. Chosen: it holds no data that could be lost."""
 
@@ -242,7 +245,7 @@ class Solver:
             yield (
                 f"the process that solves the map died {self._deaths} times without a solution and "
                 "is not started again: the map is not updated any more; look at its memory, save "
-                "and restart the node"
+                "and restart or reset the node"
             )
         elif self._deaths:
             yield (
@@ -297,26 +300,38 @@ class Solver:
         while not self._is_closed:
             try:
                 self._take(self._connection, self._connection.recv())
-            except (EOFError, OSError):
+            except (EOFError, OSError, RuntimeError):  # the last: an answer was cut off
                 self._restart()
 
     def _restart(self) -> None:
+        """Start the process again; after too many deaths, when the next session begins."""
         with self._changed:
             if self._is_closed:
                 return
+            self._process.kill()
             self._process.wait()
             self._connection.close()
             self._deaths += 1
-            if not self.is_dead:
-                self.restarts += 1
-                self._start()
-                self._send(Feed(self._session.journal.length))
-                if self._asked is not None:
-                    self._send(self._asked)
+            while not self._is_closed and not self._is_started_again():
+                self._changed.wait(RETRY_S)
             self._changed.notify_all()
-            if self.is_dead:
-                self._asked = None
-                self._changed.wait_for(lambda: self._is_closed)
+
+    def _is_started_again(self) -> bool:
+        """Start the process and send it all events; return False if it is dead or cannot start."""
+        if self.is_dead:
+            self._asked = None
+            self._changed.notify_all()
+            return False
+        try:
+            self._start()
+        except OSError:  # no memory for another process
+            self._deaths += 1
+            return False
+        self.restarts += 1
+        self._send(Feed(self._session.journal.length))
+        if self._asked is not None:
+            self._send(self._asked)
+        return True
 
     def _take(self, connection: Connection, answer: Any) -> None:
         if isinstance(answer, Solved):

@@ -1,8 +1,10 @@
 """The process that solves: the same bytes as in the node's own, also after it was killed."""
 
+import errno
 import os
 import signal
 import threading
+from types import SimpleNamespace
 
 import plan
 import pytest
@@ -10,10 +12,22 @@ from live_robot import URDF, recording
 from written_map import write_map
 
 from tccm_ros.config import Config
-from tccm_ros.errors import MapError
+from tccm_ros.errors import MapError, OutputError
 from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.map_folder import save_archive
-from tccm_ros.nodes.solver.channel import Failed, Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver import process
+from tccm_ros.nodes.solver import solver as solver_module
+from tccm_ros.nodes.solver.channel import (
+    Began,
+    Begin,
+    Failed,
+    Journal,
+    Placed,
+    PoseStamp,
+    Solved,
+    read_events,
+)
+from tccm_ros.nodes.solver.process import SolverProcess
 from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
@@ -249,3 +263,74 @@ def test_what_is_final_is_solved_again_where_the_newest_solution_is_no_batch(dri
     assert again > first.number
     assert solver.wait(again, PATIENCE_S)
     assert solver.is_batch
+
+
+def test_a_reset_starts_a_process_again_that_died_too_often(drive, solver):
+    events, _ = drive
+    for _ in range(MAX_DEATHS):
+        pid = solver.pid
+        os.kill(pid, signal.SIGKILL)
+        with solver._changed:
+            assert solver._changed.wait_for(
+                lambda p=pid: solver.is_dead or solver.pid != p, PATIENCE_S
+            )
+    assert solver.is_dead
+    solver.begin()
+    for event in events:
+        solver.feed(event)
+    assert solved(solver).content.keyframes
+    assert list(solver.problems()) == []
+
+
+def test_a_process_that_cannot_be_started_again_is_started_later(drive, solver, monkeypatch):
+    """As after the memory of the machine ran out."""
+    events, _ = drive
+    plain, refused = solver_module._spawned, []
+
+    def spawned():
+        if not refused:
+            refused.append(True)
+            raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+        return plain()
+
+    monkeypatch.setattr(solver_module, "_spawned", spawned)
+    os.kill(solver.pid, signal.SIGKILL)
+    for event in events:
+        solver.feed(event)
+    assert solved(solver).content.keyframes
+    assert refused
+    assert solver.restarts == 1
+
+
+def test_any_error_of_a_map_that_is_loaded_is_its_answer(monkeypatch):
+    def no_memory(begin):
+        raise MemoryError("1 GB")
+
+    monkeypatch.setattr(process, "_read_map", no_memory)
+    journal, sent = Journal(), []
+    begin = Begin(Config().model_dump_json(), 7, "map.mcap", journal=os.dup(journal.fileno()))
+    SolverProcess(SimpleNamespace(send=sent.append)).do(begin)
+    assert sent == [Began(7, error="MemoryError: 1 GB")]
+    with pytest.raises(OSError, match=r"[Bb]ad file descriptor"):
+        os.fstat(begin.journal)
+
+
+def test_a_batch_that_the_disk_takes_in_parts_is_whole_or_absent(monkeypatch):
+    plain, journal, left = os.pwrite, Journal(), [10_000]
+
+    def pwrite(file, data, offset):
+        taken = min(len(data), 40, left[0])
+        left[0] -= taken
+        if not taken:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return plain(file, data[:taken], offset)
+
+    monkeypatch.setattr(os, "pwrite", pwrite)
+    batches = [[str(k) * 500, k] for k in range(3)]
+    journal.append(batches[0])
+    left[0] = 41
+    with pytest.raises(OutputError, match="no space left"):
+        journal.append(batches[1])
+    left[0] = 10_000
+    journal.append(batches[2])
+    assert list(read_events(journal.fileno(), 0, journal.length)) == [*batches[0], *batches[2]]

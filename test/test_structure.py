@@ -68,6 +68,7 @@ SUB_ROOMS = {
         "matching",
         "front_end",
         "trajectory",
+        "odometry_front_end",
         "chain",
         "external_poses",
         "landmarks",

@@ -471,8 +471,7 @@ class FrontEnd:
             return False
         deviation = between(prior.pose, result.pose)
         is_far = deviation @ prior.information @ deviation > CONTRADICTION_CHI2
-        finds_again = self._unmatched_ns is not None
-        return bool(is_far) or (finds_again and result.inliers < MIN_INLIERS)
+        return bool(is_far) or (self._is_contradicted() and result.inliers < MIN_INLIERS)
 
     def _is_hidden(self, scan: LevelScan, inliers: float) -> bool:
         """Return whether people occlude the map in a scan without odometry.
@@ -581,11 +580,12 @@ class FrontEnd:
                 min(max(low[0], sigma), MAX_WIDE_WINDOW[0]),
                 min(max(low[1], sigma), MAX_WIDE_WINDOW[1]),
             )
-        goes_on = compose(self.pose, decaying_motion(self._velocity, self._seconds_to(scan)))
-        found = [
-            self._align_near(scan, centre, centre, LOOSE_COV, window)
-            for centre in (predicted, self.pose, goes_on)
-        ]
+        centres = [predicted, self.pose]
+        if self._believes_odometry(scan):
+            # Without odometry, this is the predicted pose.
+            moved = decaying_motion(self._velocity, self._seconds_to(scan))
+            centres.append(compose(self.pose, moved))
+        found = [self._align_near(scan, c, c, LOOSE_COV, window) for c in centres]
         min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         # No match is an alternative as well; its quality is 0.
         quality, gains = self._match_quality(scan, near), []

@@ -26,16 +26,24 @@ of an ordinary tilting laser, is added (chosen)."""
 
 
 class OdometryTrack(Track):
-    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept."""
+    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept.
+
+    Attributes
+    ----------
+    late_samples
+        Number of samples that were not newer than all before them.
+    """
 
     def __init__(self) -> None:
         super().__init__(3, UNBOUNDED_NS)
+        self.late_samples = 0
 
     def add(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add a sample; T_odom_base float64 (4, 4)."""
         pose = planar(T_odom_base)
         if self.append(stamp_ns, pose):
             return
+        self.late_samples += 1
         i = int(np.searchsorted(self.stamps_ns, stamp_ns))
         if self._stamps[i] == stamp_ns:
             self._values[i] = pose

@@ -42,6 +42,7 @@ from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landm
 from tccm_ros.slam.live_estimate import LivePose, SolvedKeyframe
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
+from tccm_ros.slam.odometry_front_end import OdometryFrontEnd
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.signs.landmarks import sign_observations, sign_records
@@ -109,6 +110,7 @@ class WallSlam:
         self._front = FrontEnd(config)
         self._first_session = 0
         self._odometry = OdometryTrack()
+        self._odometry_front = OdometryFrontEnd(config)
         self._attitudes = AttitudeTrack()
         self._map_odom = MapOdomTrack()
         self._roll_pitch = RollPitchTrack()
@@ -535,20 +537,20 @@ class WallSlam:
         return replace(solution, walls=walls_at(solution.pose_at(stamps), lines, self.config))
 
     def _by_odometry(self) -> WallSlam:
-        """Return a processor with the odometry samples as keyframes."""
+        """Return a processor with keyframes from odometry alone."""
         odometry_slam = WallSlam(self.config, self.label)
-        nothing = np.zeros((0, 2))
         odometry_slam._odometry, odometry_slam._map_odom = self._odometry, self._map_odom
         odometry_slam._roll_pitch, odometry_slam._attitudes = self._roll_pitch, self._attitudes
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
-        map_odom = self._map_odom
-        for stamp, odom in zip(self._odometry.stamps_ns, self._odometry.values):
-            scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
-            start = compose(map_odom.before(int(stamp)), odom) if len(map_odom) else None
-            odometry_slam._front.add(scan, start)
-            odometry_slam._take_keyframe()
+        map_odom, first = self._map_odom, int(self._odometry.stamps_ns[0])
+        start = np.zeros(3)
+        if len(map_odom):
+            start = compose(map_odom.before(first), self._odometry.first())
+        odometry_slam._front = self._odometry_front.update(self._odometry, start)
+        while odometry_slam._take_keyframe() >= 0:
+            pass
         if len(map_odom):
             sigma = self.config.localisation.sigma
             chain = odometry_slam._chain

@@ -12,7 +12,7 @@ from tccm_ros.geometry import planar, spatial
 from tccm_ros.records import MapOdom, PoseCovariance
 from tccm_ros.ros.reading import pose_covariance_from_message
 from tccm_ros.slam.external_poses import MEDIAN_VARIANCE, MapOdomTrack, white_variance
-from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import WallSlam
@@ -202,3 +202,56 @@ def test_walls_are_at_the_external_poses_and_do_not_move_them():
         ends = wall.endpoints[None] - start[:, None]
         off = np.abs(np.einsum("wek,wk->we", ends, normals)).max(axis=1)
         assert off.min() < 0.04
+
+
+@pytest.mark.parametrize("is_external", [False, True])
+def test_odometry_since_the_last_solution_gives_the_bytes_of_all_samples_at_once(is_external):
+    """Also after a sample in the past, after a replaced one, and after an earlier map -> odom."""
+
+    def records():
+        for k in range(60):
+            yield k, truth(k)
+        yield 20.5, truth(20)
+        yield 59, truth(58)
+        for k in range(60, 90):
+            yield k, truth(k)
+
+    def make():
+        return WallSlam(read_config(None, ["localisation.source=tf"] if is_external else []))
+
+    def add(slam, number, k, pose):
+        slam.add_odometry(round(k * SECOND / 10), spatial(pose))
+        if is_external and k in (40, 50, 59):
+            stamp = -1 if k == 50 else round(k * SECOND / 10)
+            slam.add_map_odom(MapOdom(stamp, spatial(np.array([0.01 * number, 2.0, 0.5]))))
+
+    growing = make()
+    for number, (k, pose) in enumerate(records()):
+        add(growing, number, k, pose)
+        if number in (30, 45, 55, 60, 61, 75, 91):
+            whole = make()
+            for i, (other_k, other_pose) in enumerate(records()):
+                if i <= number:
+                    add(whole, i, other_k, other_pose)
+            grown, batch = growing.solve(), whole.solve()
+            for a, b in zip(grown.keyframes, batch.keyframes, strict=True):
+                assert (a.id, a.stamp_ns) == (b.id, b.stamp_ns)
+                assert a.pose.tobytes() == b.pose.tobytes()
+            assert grown.poses.tobytes() == batch.poses.tobytes()
+            assert grown.cov_keyframes.tobytes() == batch.cov_keyframes.tobytes()
+
+
+def test_an_odometry_sample_is_tracked_once(monkeypatch):
+    tracked = []
+    add = FrontEnd.add
+    monkeypatch.setattr(
+        FrontEnd,
+        "add",
+        lambda self, scan, start: tracked.append(scan.stamp_ns) or add(self, scan, start),
+    )
+    slam = WallSlam(read_config(None, []))
+    for k in range(60):
+        slam.add_odometry(k * SECOND // 10, spatial(truth(k)))
+        if k % 20 == 19:
+            slam.solve()
+    assert tracked == [k * SECOND // 10 for k in range(60)]

@@ -186,6 +186,19 @@ def test_without_odometry_a_few_people_do_not_carry_the_robot_along(rate):
     assert front.session == 0
 
 
+def test_without_odometry_no_wide_search_is_repeated(monkeypatch):
+    searches, align_near = [], FrontEnd._align_near
+
+    def recorded(front, scan, centre, prior, cov, window):
+        searches.append((scan.stamp_ns, window, *centre))
+        return align_near(front, scan, centre, prior, cov, window)
+
+    monkeypatch.setattr(FrontEnd, "_align_near", recorded)
+    drive_in_the_room(5, seed=1, people=24)
+    assert len(searches) > len({stamp for stamp, *_ in searches})
+    assert len(searches) == len(set(searches))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_along_a_plain_corridor_the_motion_is_that_of_odometry(seed):
     poses = np.column_stack([np.arange(0.0, 25.0, 0.1), np.zeros((250, 2))])

@@ -42,7 +42,7 @@ GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
 standard deviations (chosen)."""
 
 NOWHERE = "not localised, no place of the map matches the scans: drive on, or set the pose"
-AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
+AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or set the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
 UNJOINED = (
     "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once "
@@ -115,9 +115,9 @@ class LoopCloser:
         self._lengths = PathLengths()
         self._graph = IncrementalGraph()
         self._localised = {0}
-        # Proposals of the last metres, and all unconfirmed proposals.
+        # Proposals of the last metres, and all unconfirmed proposals by their identity.
         self._recent: list[Proposal] = []
-        self._pending: list[Proposal] = []
+        self._pending: dict[int, Proposal] = {}
         # Keyframes and loop closures that are not in the live graph yet.
         self._waiting: list[int] = []
         self._fresh: list[Proposal] = []
@@ -139,7 +139,7 @@ class LoopCloser:
         """Set the alternative pose (3,) in map of the next keyframe, should the guess be wrong."""
         self._expected = pose
 
-    def search(self, scan: LevelScan, tracked: TrackedPose) -> bool:
+    def search(self, scan: LevelScan, tracked: TrackedPose) -> None:
         """Relocalise a session by a scan that is no keyframe.
 
         Parameters
@@ -148,21 +148,16 @@ class LoopCloser:
             The newest scan.
         tracked
             Its pose in the newest keyframe.
-
-        Returns
-        -------
-        Whether the session is localised now.
         """
         keyframe = self._chain.keyframes[tracked.keyframe]
         is_due = scan.stamp_ns - self._searched_ns >= SEARCH_PERIOD_NS
         if keyframe.session in self.placed or not self._config.loops.enabled or not is_due:
-            return False
+            return
         k = keyframe.id
         # Only this scan: surroundings of the keyframe may have changed.
         patch = make_patch([replace(keyframe, scan=scan)], 0, 0)
         self._place(k, patch, scan, tracked)
         self._begin_trajectory(k, scan.stamp_ns)
-        return keyframe.session in self._localised
 
     def _look_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
         """Match a patch with the map; if nothing fits, with the other trajectories."""
@@ -214,7 +209,7 @@ class LoopCloser:
     @property
     def unconfirmed(self) -> list[Proposal]:
         """Proposals that still need confirmation."""
-        return [replace(p, reason=LoopReason.UNCONFIRMED) for p in self._pending]
+        return [replace(p, reason=LoopReason.UNCONFIRMED) for p in self._pending.values()]
 
     @property
     def localised(self) -> frozenset[int]:
@@ -432,14 +427,13 @@ class LoopCloser:
         root = self._root(proposal.a)
         near = [p for p in self._recent if p.b != proposal.b and self._root(p.a) == root]
         agree = consistent_with(proposal, near, self.poses, self._lengths.driven)
-        self._pending.append(proposal)
+        self._pending[id(proposal)] = proposal
         self._recent.append(proposal)
         if agree.sum() + 1 < self._config.loops.confirmations:
             return
-        waiting = {id(p) for p in self._pending}
-        fresh = [p for p, ok in zip(near, agree) if ok and id(p) in waiting] + [proposal]
-        taken = {id(p) for p in fresh}
-        self._pending = [p for p in self._pending if id(p) not in taken]
+        fresh = [p for p, ok in zip(near, agree) if ok and id(p) in self._pending] + [proposal]
+        for p in fresh:
+            del self._pending[id(p)]
         self._accept(fresh)
 
     def _accept(self, fresh: list[Proposal]) -> None:

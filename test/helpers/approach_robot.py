@@ -58,7 +58,7 @@ class ApproachRobot:
     nav2
         Stand-in of Nav2's navigator, which drives the base while it has a goal; None without one.
     other_commands
-        Numbers of commands received in the steps in which Nav2 drove.
+        Commands received in each step in which Nav2 drove, by goal of Nav2.
     driver
         The approach_node that drives the base; None before there is one.
     wait_s
@@ -73,7 +73,7 @@ class ApproachRobot:
         self.node = ros.add(Node("bot", context=ros.another_context()))
         self.commands: list[Speeds] = []
         self.nav2 = None
-        self.other_commands: list[int] = []
+        self.other_commands: list[list[list[Speeds]]] = []
         self.driver, self.wait_s = None, WAIT_S
         self._history: list = []
         self._sent_cycle = None
@@ -236,7 +236,9 @@ class ApproachRobot:
             if is_told or time.monotonic() >= end or (self._has_heard() and not self._is_driven()):
                 break
         if is_other and self.nav2.is_driving:
-            self.other_commands.append(len(self.commands) - count)
+            while len(self.other_commands) < len(self.nav2.goals):
+                self.other_commands.append([])
+            self.other_commands[-1].append(self.commands[count:])
             base.tick(self.nav2.speeds())
         else:
             base.tick(self.commands[-1] if len(self.commands) > count else None)

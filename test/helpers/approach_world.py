@@ -261,11 +261,22 @@ class SimulatedBase:
                 self._remember(self._cycle)
 
     def _remember(self, cycle: TopCycle) -> None:
-        """Add the obstacles that a cycle saw, and forget those of the cycle before the window."""
+        """Replace the obstacles that a cycle looked at by those that it saw, as clearing does.
+
+        Those of the cycle before the window are forgotten.
+        """
+        for k, points in enumerate(self.window):
+            self.window[k] = points[~self._looks_at(points)]
         self.window.append(cycle.points[cycle.points[:, 2] > CUBE_M])
         points = np.concatenate(self.window)
         _, first = np.unique(np.floor(points / CUBE_M), axis=0, return_index=True)
         self.obstacles, self.obstacles_s = points[first], cycle.stamp_s
+
+    def _looks_at(self, points: np.ndarray) -> np.ndarray:
+        """Return which points (N, 3) in odom are within the beams of a tilt cycle from here."""
+        x, y, z = (transform2_3(inverse2(self.odom), points) - LASER).T
+        bearing, tilt = np.arctan2(y, np.hypot(x, z)), np.arctan2(-z, x)
+        return (np.abs(bearing) < BEARINGS[-1]) & (tilt > TILT[0]) & (tilt < TILT[1])
 
     def _scan_line(self, tilt: float) -> np.ndarray:
         """Return the points (N, 3) on horizontal surfaces of one scan line, in the base frame."""

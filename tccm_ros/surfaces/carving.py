@@ -241,14 +241,14 @@ class Carver:
         """
         self._forget_other_settings()
         left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
-        states = [[b""] * len(view.patches) for view in views]
-        eyes = [self._index_of(view) for view in views]
+        mask_hashes = [[b""] * len(view.patches) for view in views]
+        indices = [self._index_of(view) for view in views]
         self.compared = 0
-        for w, newer in enumerate(eyes):
+        for w, newer in enumerate(indices):
             for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
-                pair = self._pair_of(eyes[v], newer, step, is_same_pose)
+                pair = self._pair_of(indices[v], newer, step, is_same_pose)
                 for p in pair.touched:
-                    self._carve_patch(pair, (v, p, w), states, left)
+                    self._carve_patch(pair, (v, p, w), mask_hashes, left)
         self._forget_unused()
         return left
 
@@ -271,14 +271,14 @@ class Carver:
         self._calls += 1
         used = {key for key, last in self._used.items() if self._calls - last <= UNUSED}
         self._used = {key: last for key, last in self._used.items() if key in used}
-        self._indices = {key: eyes for key, eyes in self._indices.items() if key in used}
+        self._indices = {key: index for key, index in self._indices.items() if key in used}
         self._pairs = {key: pairs for key, pairs in self._pairs.items() if key in used}
 
     def _carve_patch(
         self,
         pair: _ViewPair,
         indices: tuple[int, int, int],
-        states: list[list[bytes]],
+        mask_hashes: list[list[bytes]],
         left: Survivors,
     ) -> None:
         """Carve patch p of view v by view w.
@@ -289,20 +289,20 @@ class Carver:
             Views v and w.
         indices
             (v, p, w).
-        states
+        mask_hashes
             Hash of the mask of each patch, updated.
         left
             Result so far, updated.
         """
         v, p, w = indices
         carved = pair.carved.get(p)
-        if carved is None or carved.before != states[v][p]:
+        if carved is None or carved.before != mask_hashes[v][p]:
             gone, q = _carve_patch(pair, pair.older.patches[p], left.keep[v][p], self._config)
             gone = _with_strays(gone, left.keep[v][p])
-            carved = pair.carved[p] = _Carved(states[v][p], gone, q)
+            carved = pair.carved[p] = _Carved(mask_hashes[v][p], gone, q)
         if len(carved.gone):
             left.keep[v][p][carved.gone] = False
-            states[v][p] = blake2b(left.keep[v][p].tobytes(), digest_size=16).digest()
+            mask_hashes[v][p] = blake2b(left.keep[v][p].tobytes(), digest_size=16).digest()
         if carved.replaced_by is not None:
             left.replaced_by[v, p] = w, carved.replaced_by
 
@@ -365,9 +365,9 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
     """Find the patches that replace those of an older view that a newer view makes redundant.
 
     The older view is redundant if carving leaves none of its patches and if the newer view looked
-    through all columns that the older one looked through. Single scan lines do not count: they
-    cover no area, and the newer view has its own. A view with a large patch that was looked through
-    is not redundant: its surface may be recognised elsewhere.
+    through 95 % (`REPLACED_FRACTION`) of the columns that the older one looked through. Single scan
+    lines do not count: they cover no area, and the newer view has its own. A view with a large
+    patch that was looked through is not redundant: its surface may be recognised elsewhere.
 
     Parameters
     ----------

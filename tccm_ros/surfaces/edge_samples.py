@@ -34,14 +34,14 @@ BEYOND = (0.10, 0.15)
 """Distances beyond an outline at which free space is tested, m; chosen: the edge of a column, and
 1.5 times that."""
 
-CLEAR = 0.02
+FREE_MARGIN_M = 0.02
 """Min distance of a probe from the ends of its free interval, m; chosen."""
 
 OUTLINE_SIGMA = 0.008
 """Standard deviation of an outline without that of its sampling, m: noise, simplification;
 chosen."""
 
-SAMPLING_FRACTION = 0.3
+SAMPLING_FRACTION = 12.0**-0.5
 """Standard deviation of a sample between two scan lines, as a fraction of their distance: that of
 a uniform distribution, 1 / sqrt(12)."""
 
@@ -49,10 +49,10 @@ SAMPLING_BEYOND = 0.5
 """The surface extends beyond its last samples by this fraction of the distance of scan lines (one
 sigma); chosen."""
 
-PIECE = 0.03
+PIECE_LENGTH_M = 0.03
 """Length of the pieces of an edge, m, each with one last point; chosen."""
 
-OVER = (0.1, 0.2, 0.3)
+HEIGHTS_ABOVE_M = (0.1, 0.2, 0.3)
 """Heights above a surface at which views look over the objects on it, m; chosen."""
 
 MIN_PIECES = 3
@@ -83,7 +83,7 @@ MIN_FRACTION = 0.4
 """Min number of points of a line, as a fraction of that of the median line; chosen: noise moves
 fewer points to the next line."""
 
-REACHED = 0.018
+SAMPLE_TOLERANCE_M = 0.018
 """A view measured up to an edge if its last sample is within the sample distance plus this, m:
 three times `edge_position.SIGMA`."""
 
@@ -94,7 +94,7 @@ a quarter of the width."""
 EYE_HEIGHT = 1.0
 """Height over the base of a sensor without a known viewpoint, m; chosen."""
 
-FRONT = 0.7
+FRONT_FRACTION = 0.7
 """Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
 the front that counts as surface is one or two scan lines high."""
 
@@ -185,7 +185,7 @@ class EdgeSampler:
         through = np.zeros(len(points), bool)
         for view, T_view_map in self._inverses.items():
             local = transform(T_view_map, self.surface.lift(points))
-            through |= self.views[view].free.contains(local, CLEAR)
+            through |= self.views[view].free.contains(local, FREE_MARGIN_M)
         return points[through]
 
     def edge_samples(self, edge: Edge) -> EdgeSamples:
@@ -228,7 +228,8 @@ class EdgeSampler:
         if step is None:
             return None
         at, across, crosses_at = at[near], across[near], crosses_at[near]
-        lines = np.floor(crosses_at / max(PIECE, member.patch.spacing / sine)).astype(np.int64)
+        width = max(PIECE_LENGTH_M, member.patch.spacing / sine)
+        lines = np.floor(crosses_at / width).astype(np.int64)
         order = np.lexsort((-across, lines))
         first = np.flatnonzero(np.r_[True, np.diff(lines[order]) > 0])
         count = np.diff(np.r_[first, len(order)])
@@ -236,7 +237,7 @@ class EdgeSampler:
         tips = order[first[is_line]]
         tips = tips[across[tips] > -LINE_INSIDE]
         gap = np.full(len(tips), step * sine)
-        front = FRONT * np.maximum(-self._cosines(edge, member, at[tips]), 0.0)
+        front = FRONT_FRACTION * np.maximum(-self._cosines(edge, member, at[tips]), 0.0)
         return self._rows(edge, member, at[tips], across[tips], gap, front)
 
     def _pieces(
@@ -250,7 +251,7 @@ class EdgeSampler:
         if np.count_nonzero(near) < 3:
             return None
         at, across = at[near], across[near]
-        pieces = np.floor(at / PIECE).astype(np.int64)
+        pieces = np.floor(at / PIECE_LENGTH_M).astype(np.int64)
         order = np.lexsort((-across, pieces))
         pieces, at, across = pieces[order], at[order], across[order]
         first = np.flatnonzero(np.r_[True, np.diff(pieces) > 0])
@@ -263,7 +264,7 @@ class EdgeSampler:
         radial = self._cosines(edge, member, at)
         across_lines = radial if direction is None else np.full(len(at), direction @ edge.along)
         gap = _gaps(across_lines, member.patch.spacing, beam)
-        return self._rows(edge, member, at, last, gap, FRONT * np.maximum(-radial, 0.0))
+        return self._rows(edge, member, at, last, gap, FRONT_FRACTION * np.maximum(-radial, 0.0))
 
     def _rows(
         self,
@@ -300,14 +301,18 @@ class EdgeSampler:
         than a piece.
         """
         found = self.edge_samples(edge)
-        is_end = found.ends & (np.abs(found.last) <= found.gap + REACHED)
-        seen = np.unique(np.floor(found.at[is_end] / PIECE).astype(np.int64))
+        is_end = found.ends & (np.abs(found.last) <= found.gap + SAMPLE_TOLERANCE_M)
+        seen = np.unique(np.floor(found.at[is_end] / PIECE_LENGTH_M).astype(np.int64))
         return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
 
     def reached_fraction(self, edge: Edge, distance: float) -> float:
-        """Return the fraction of the pieces of an edge with a point within `distance`, m, of it."""
+        """Return the fraction of the pieces of an edge with a point within `distance`, m, of it.
+
+        Pieces without points do not count; 0.0 if no piece has any.
+        """
         last = self._last_points(edge, np.inf)
-        return float(np.mean(last[np.isfinite(last)] >= -distance)) if len(last) else 0.0
+        last = last[np.isfinite(last)]
+        return float(np.mean(last >= -distance)) if len(last) else 0.0
 
     def ragged_sigma(self, edge: Edge) -> float:
         """Return the standard deviation of last samples across an edge in excess of sampling, m.
@@ -361,8 +366,8 @@ class EdgeSampler:
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
         at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
         near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
-        last = np.full(int(edge.length / PIECE) + 1, -np.inf)
-        np.maximum.at(last, np.floor(at[near] / PIECE).astype(np.int64), across[near])
+        last = np.full(int(edge.length / PIECE_LENGTH_M) + 1, -np.inf)
+        np.maximum.at(last, np.floor(at[near] / PIECE_LENGTH_M).astype(np.int64), across[near])
         return last
 
     def looks_over(self, edge: Edge) -> bool:
@@ -394,9 +399,9 @@ class EdgeSampler:
             local = transform(inverse(T_map_view), at)
             if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
                 continue
-            through |= view.free.contains(local, CLEAR)
-            for above in OVER:
-                over |= view.free.contains(local + np.array([0.0, 0.0, above]), CLEAR)
+            through |= view.free.contains(local, FREE_MARGIN_M)
+            for above in HEIGHTS_ABOVE_M:
+                over |= view.free.contains(local + np.array([0.0, 0.0, above]), FREE_MARGIN_M)
         return bool(through.mean() <= MAX_SEEN_FRACTION and over.mean() >= 0.5)
 
     def hides(self, edge: Edge, other: MergedSurface) -> bool:
@@ -420,7 +425,7 @@ class EdgeSampler:
         free = self.views[view].free
         probes = [self.surface.lift(points + beyond * outward) for beyond in BEYOND]
         local = [transform(self._inverses[view], at) for at in probes]
-        through = np.any([free.contains(at, CLEAR) for at in local], axis=0)
+        through = np.any([free.contains(at, FREE_MARGIN_M) for at in local], axis=0)
         return through, np.any([free.looked_into(at) for at in local], axis=0)
 
 

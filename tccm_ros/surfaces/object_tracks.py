@@ -59,10 +59,10 @@ class ObjectTrack:
         Stamps of the first and the last view that measured it.
     views
         Number of views that measured it.
-    measured_ns
-        Stamps of those of these views that are kept.
+    measured_by
+        Keys of those of these views that are kept: stamps of two sessions may be equal.
     misses
-        Number of successive views that looked through it.
+        Number of views that looked through it since the last view that measured it.
     scores
         Class scores of its detections.
     shape
@@ -81,7 +81,7 @@ class ObjectTrack:
     first_seen_ns: int
     last_seen_ns: int
     views: int
-    measured_ns: frozenset[int] = frozenset()
+    measured_by: frozenset[tuple[int, int]] = frozenset()
     misses: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
     shape: PlanShape = field(init=False)
@@ -211,7 +211,7 @@ def _views_over(tracks: Sequence[ObjectTrack], views: Sequence[View], T_map_view
         T_view_map = inverse(T)
         over = view.free.contains(transform(T_view_map, tops))
         over &= ~view.free.contains(transform(T_view_map, centers))
-        count += over & [view.stamp_ns not in track.measured_ns for track in tracks]
+        count += over & [view.key not in track.measured_by for track in tracks]
     return count
 
 
@@ -273,7 +273,7 @@ def _seen(
         first_seen_ns=view.stamp_ns if item.first_seen_ns is None else item.first_seen_ns,
         last_seen_ns=view.stamp_ns,
         views=item.views,
-        measured_ns=frozenset({view.stamp_ns}),
+        measured_by=frozenset({view.key}),
     )
 
 
@@ -344,7 +344,7 @@ def _combined(
         hull=joined_footprint([t.hull for t in same], new.hull, others, middle, view, T, spacing),
         high=max([new.high, *(t.high for t in same if not _is_lower(t, new.high, view, T))]),
         views=new.views + max(track.views for track in same),
-        measured_ns=new.measured_ns.union(*(track.measured_ns for track in same)),
+        measured_by=new.measured_by.union(*(track.measured_by for track in same)),
         scores=scores,
     )
 

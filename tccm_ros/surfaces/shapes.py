@@ -27,7 +27,7 @@ from tccm_ros.outlines.shape_models import (
     choose_model,
 )
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.surfaces.edge_samples import PIECE, Edge, EdgeSampler
+from tccm_ros.surfaces.edge_samples import PIECE_LENGTH_M, Edge, EdgeSampler
 from tccm_ros.surfaces.edge_walls import (
     AT_WALL,
     WALL_DISTANCE,
@@ -339,7 +339,7 @@ def _state(edge: Edge, sampler: EdgeSampler, samples: OutlineSamples) -> EdgeSta
     """Return the state of an edge, from the samples of the outline near it."""
     offset = samples.points - edge.start
     at, across = offset @ edge.along, offset @ edge.outward
-    near = (at >= -PIECE) & (at <= edge.length + PIECE) & (np.abs(across) <= NEAR)
+    near = (at >= -PIECE_LENGTH_M) & (at <= edge.length + PIECE_LENGTH_M) & (np.abs(across) <= NEAR)
     near &= samples.outward @ edge.outward > FACING
     if near.any() and samples.seen[near].mean() >= SEEN_FRACTION:
         return EdgeState.SEEN

@@ -173,7 +173,7 @@ class SimulatedBase:
         self._line, self._direction = 0, 1
         self._lines: list = []
         self._cycle: TopCycle | None = None
-        self._window: deque = deque(maxlen=WINDOW_CYCLES)
+        self.window: deque = deque(maxlen=WINDOW_CYCLES)
         self.obstacles, self.obstacles_s = np.zeros((0, 3)), -np.inf
         self.contacts = 0
         self.mute: set[str] = set()
@@ -262,8 +262,8 @@ class SimulatedBase:
 
     def _remember(self, cycle: TopCycle) -> None:
         """Add the obstacles that a cycle saw, and forget those of the cycle before the window."""
-        self._window.append(cycle.points[cycle.points[:, 2] > CUBE_M])
-        points = np.concatenate(self._window)
+        self.window.append(cycle.points[cycle.points[:, 2] > CUBE_M])
+        points = np.concatenate(self.window)
         _, first = np.unique(np.floor(points / CUBE_M), axis=0, return_index=True)
         self.obstacles, self.obstacles_s = points[first], cycle.stamp_s
 

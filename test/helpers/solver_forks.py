@@ -14,8 +14,10 @@ from functools import cache
 from multiprocessing import Pipe, reduction
 from multiprocessing.connection import Connection
 
+from tccm_ros.config import Config
 from tccm_ros.nodes.solver.forked import ForkedProcess
 from tccm_ros.nodes.stopping import SIGNALS
+from tccm_ros.warm_up.compilation import compile_kernels
 
 
 class ProcessOfAnother(ForkedProcess):
@@ -32,6 +34,7 @@ class ProcessOfAnother(ForkedProcess):
 @cache
 def _parent() -> tuple[subprocess.Popen, Connection]:
     """Start the process that forks; it ends with this one."""
+    compile_kernels(["slam"], Config())  # once for all workers, which wait for it
     ours, theirs = Pipe()
     path = os.pathsep.join(filter(None, sys.path))
     process = subprocess.Popen(
@@ -54,7 +57,6 @@ def fork_solver() -> tuple[ForkedProcess, Connection]:
 
 def _fork_on_request(requests: Connection) -> None:
     """Fork a process for each connection that is sent, until the other end is closed."""
-    from tccm_ros.config import Config
     from tccm_ros.nodes.solver.process import serve
     from tccm_ros.warm_up.drive import warm_up_slam
 

@@ -17,10 +17,10 @@ from tccm_ros.records import SensorKind, ViewIntervals
 from tccm_ros.surfaces.edge_samples import (
     BEYOND,
     END_MARGIN,
-    FRONT,
+    FRONT_FRACTION,
     INSIDE,
     OUTSIDE,
-    PIECE,
+    PIECE_LENGTH_M,
     PROBES,
     Edge,
     EdgeSampler,
@@ -132,7 +132,7 @@ def test_each_piece_of_an_edge_has_its_outermost_point(seed):
         at, across = ([x, y] - edge.start) @ edge.along, ([x, y] - edge.start) @ edge.outward
         inside = -INSIDE < across < OUTSIDE
         if inside and END_MARGIN < at < edge.length - END_MARGIN:
-            pieces.setdefault(int(at // PIECE), []).append((across, at))
+            pieces.setdefault(int(at // PIECE_LENGTH_M), []).append((across, at))
     rows = [sorted(pieces[k], reverse=True) for k in sorted(pieces)]
     beams = [row[0][0] - row[1][0] for row in rows if len(row) > 1]
     found = sampler_at(view)._pieces(edge, member_of(spacing), cloud, None)
@@ -147,7 +147,7 @@ def test_each_piece_of_an_edge_has_its_outermost_point(seed):
         cosine = ray @ edge.outward / np.hypot(*ray)
         gap = spacing * abs(cosine) + beam * np.sqrt(1.0 - cosine**2)
         weight = min(1.0, INDEPENDENT / len(rows))
-        front = FRONT * max(-cosine, 0.0)
+        front = FRONT_FRACTION * max(-cosine, 0.0)
         assert row == pytest.approx([at, across, gap, front, 0.0, weight], abs=1e-9)
 
 
@@ -192,6 +192,12 @@ def test_an_edge_was_seen_where_a_view_measured_up_to_it_and_looked_past(sampler
     for wrong in (0.45, 0.75):
         assert sampler.seen_fraction(left_edge(wrong)) == 0.0
     assert sampler.reached_fraction(left_edge(0.75), 0.05) == 0.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_edge_beside_which_the_surface_has_no_points_was_reached_nowhere(sampler):
+    beside = Edge(np.array([6.95, 0.0]), np.array([6.3, 0.0]))
+    assert sampler.reached_fraction(beside, 0.05) == 0.0
 
 
 def test_last_samples_in_line_leave_no_doubt_and_ragged_ones_do():

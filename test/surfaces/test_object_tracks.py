@@ -1,5 +1,7 @@
 """Objects over many views: ids stay, what is hidden stays, what was looked through leaves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -98,6 +100,14 @@ def test_views_that_looked_over_the_place_before_count_and_those_that_saw_it_emp
     assert tracks(*over, view(30, [BOX])) == ()
     empty = [view(10 + k, [], seen_through=[BOX]) for k in range(2)]
     assert len(tracks(*empty, view(30, [BOX]))) == 1
+
+
+def test_a_view_of_another_session_with_the_stamp_of_one_that_measured_it_counts():
+    """Two simulated drives may both start at t = 0."""
+    seen = view(10, [BOX])
+    over = [view(10 + k, [], seen_through=[BOX], above=0.9) for k in range(2)]
+    other_session = [(replace(passed, session=1), T) for passed, T in over]
+    assert tracks(seen, *other_session) == ()
 
 
 def test_two_sides_of_a_box_are_one_object():

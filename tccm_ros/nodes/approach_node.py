@@ -100,6 +100,8 @@ class Drive:
         Numbers of steps, and of zero commands after the outcome.
     told_s
         Stamp of the newest published detection, s.
+    failure
+        Outcome where the steps cannot go on, whatever the machine's; None while they do.
     """
 
     machine: Approach | Retreat | Detection
@@ -110,6 +112,7 @@ class Drive:
     steps: int = 0
     zeros: int = 0
     told_s: float = -math.inf
+    failure: Outcome | None = None
 
     @property
     def is_driving(self) -> bool:
@@ -227,9 +230,10 @@ class ApproachNode(Node):
         try:
             outcome = self._drive_on(drive)
         except Exception as error:
-            self._stop(drive)
             self.get_logger().error(f"stopped: {one_line(error)}")
-            outcome = Outcome(Reason.BLOCKED, f"stopped, as a step failed: {one_line(error)}")
+            outcome = drive.failure  # set: its zero commands failed as well
+            why = f"stopped, as a step failed: {one_line(error)}"
+            self._fail(drive, Outcome(Reason.BLOCKED, why))
         end_s = time.monotonic()
         if end_s - start_s > PERIOD_S:
             self._reading_until_s = end_s + CATCH_UP_S
@@ -242,13 +246,14 @@ class ApproachNode(Node):
     def _drive_on(self, drive: Drive) -> Outcome | None:
         """Send the command of this step; return the outcome once `ZEROS` zero commands are sent."""
         machine = drive.machine
-        if machine.outcome is not None:
-            return self._finish_drive(drive, machine.outcome)
+        outcome = drive.failure or machine.outcome
+        if outcome is not None:
+            return self._finish_drive(drive, outcome)
         start_ns = self.get_clock().now().nanoseconds
         senses = self.senses.newest(start_ns, drive.robot.footprint)
         if senses is None:
-            self._stop(drive)
-            return Outcome(Reason.LOST_POSE, "no odometry has come")
+            self._fail(drive, Outcome(Reason.LOST_POSE, "no odometry has come"))
+            return None
         if self._is_ending or drive.is_unwanted():
             speeds = machine.cancel(senses)
         elif time.monotonic() < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
@@ -277,6 +282,11 @@ class ApproachNode(Node):
         is_stopping = self._navigator is not None and self._navigator.is_active
         is_over = drive.zeros >= (MAX_ZEROS if is_stopping else ZEROS)
         return outcome if is_over else None
+
+    def _fail(self, drive: Drive, failure: Outcome) -> None:
+        """Stop at once; the next steps finish the drive with this outcome."""
+        drive.failure = failure
+        self._stop(drive)
 
     def _stop(self, drive: Drive | None) -> None:
         """Stop the base and Nav2 at once, unless the goal does not move the base."""
@@ -369,7 +379,7 @@ class ApproachNode(Node):
         Raises
         ------
         MotionError
-            For values that make no sense, and without a usable grid.
+            If a value is out of range, or without a usable grid.
         """
         if self._grid_problem:
             raise MotionError(self._grid_problem)

@@ -13,6 +13,8 @@ from live_robot import Listener
 
 from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.outcome import Reason
+from tccm_ros.approach.speeds import STOP
+from tccm_ros.nodes.approach_node import ZEROS
 from tccm_ros.nodes.interfaces import has_interfaces
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
@@ -99,6 +101,24 @@ def test_what_came_during_a_long_plan_is_read_before_an_input_is_lost(drive, mon
     status, result = driver.ask()
     assert (status, result.reason) == (SUCCEEDED, 0), result.message
     assert driver.robot.base.contacts == 0
+
+
+def test_a_step_that_fails_stops_the_base_as_the_end_of_a_goal_does(drive, monkeypatch):
+    """A best-effort subscriber may lose one zero command."""
+    driver = drive(simple_flat())
+    step = Approach.step
+
+    def fail_on_the_way(self, senses):
+        if driver.robot.base.speed > 0.1:
+            raise ValueError("no such row")
+        return step(self, senses)
+
+    monkeypatch.setattr(Approach, "step", fail_on_the_way)
+    status, result = driver.ask()
+    assert (status, result.reason) == (ABORTED, Reason.BLOCKED)
+    assert result.message == "stopped, as a step failed: no such row"
+    assert driver.stands()
+    assert driver.robot.commands[-ZEROS:] == [STOP] * ZEROS
 
 
 def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):

@@ -235,6 +235,10 @@ def test_a_publisher_that_has_sent_nothing_yet_is_waited_for(ros):
     said = Listener(ros, "log").listen(Log, "/rosout", latched=True)
     robot.node.create_publisher(LaserScan, "tilt_scan", 10)
     statuses.assert_becomes("tccm: /tilt_scan", DiagnosticStatus.WARN, "waits for '/tilt_scan'")
+    said.clear()  # what was said before the publisher was there
+    before = statuses["tccm: /tilt_scan"]
+    ros.spin_until(lambda: statuses["tccm: /tilt_scan"] is not before)
+    assert statuses.is_at("tccm: /tilt_scan", DiagnosticStatus.WARN)
     assert not any(m.name == "tccm" and "'/tilt_scan'" in m.msg and m.level >= 40 for m in said)
     assert node.inputs.counts()["/tilt_scan"] == 0
 

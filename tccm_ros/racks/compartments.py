@@ -113,11 +113,13 @@ def _whole(boards: Sequence[Surface]) -> list[Surface]:
 
 def _merged(board: Surface, other: Surface) -> Surface | None:
     """Return two pieces as one board with the id of the first; None if they are two boards."""
+    if abs(board.height - other.height) > SAME_HEIGHT:
+        return None
     both = np.concatenate([board.boundary, other.boundary])
     hull = convex_hull(np.ascontiguousarray(both[:, :2]))
     _, _, length, width, _ = rectangle(hull)
     area = board.area + other.area
-    if abs(board.height - other.height) > SAME_HEIGHT or area < MIN_FILLED * length * width:
+    if area < MIN_FILLED * length * width:
         return None
     z = (board.offset - hull @ board.normal[:2]) / board.normal[2]
     return replace(board, boundary=np.column_stack([hull, z]), area=area)

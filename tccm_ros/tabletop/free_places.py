@@ -17,6 +17,9 @@ from shapely.geometry.polygon import orient
 
 from tccm_ros.arrays import Float64
 
+MIN_AREA_M2 = 1e-9
+"""A smaller polygon or hole is a line or a point, m2: rounding gives up to 1e-15 for 1 m."""
+
 
 def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> list[Float64]:
     """Return the area that a rectangle can cover inside a polygon, at either of two yaws.
@@ -88,9 +91,18 @@ def _swept(shape: BaseGeometry, rectangle: Float64) -> BaseGeometry:
 
 
 def polygon_parts(shape: BaseGeometry) -> list[Polygon]:
-    """Return the polygons of any geometry, without its lines and points, the largest first."""
+    """Return the polygons of any geometry, without its lines and points, the largest first.
+
+    Holes that are lines or points, as of polygons that touch themselves, are filled.
+    """
     parts = [p for p in getattr(shape, "geoms", [shape]) if isinstance(p, Polygon)]
-    return sorted((p for p in parts if p.area > 1e-9), key=lambda p: (-p.area, p.bounds))
+    parts = [_without_specks(p) for p in parts if p.area > MIN_AREA_M2]
+    return sorted(parts, key=lambda p: (-p.area, p.bounds))
+
+
+def _without_specks(polygon: Polygon) -> Polygon:
+    holes = [hole for hole in polygon.interiors if Polygon(hole).area > MIN_AREA_M2]
+    return polygon if len(holes) == len(polygon.interiors) else Polygon(polygon.exterior, holes)
 
 
 def _rings(polygon: Polygon) -> Iterator[Float64]:

@@ -12,6 +12,7 @@ from shapely.affinity import rotate
 from tccm_ros.config import Config
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
+from tccm_ros.tabletop import free_places
 from tccm_ros.tabletop.free_places import where_fits
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
@@ -101,3 +102,17 @@ def test_a_region_around_an_obstacle_is_cut_into_rings_without_holes():
     rings = where_fits(shape, (0.2, 0.2), 0.0)
     assert sum(Polygon(r).area for r in rings) == pytest.approx(0.96, abs=1e-6)
     assert not covers(rings, (0.5, 0.5))
+
+
+def test_a_hole_that_rounding_left_is_filled(monkeypatch):
+    """A cut through such a hole leaves it as it is, and another cut as well."""
+    speck = [
+        (0.20362097526073542, -2.977208593903158),
+        (0.20362097526073544, -2.977208593903158),
+        (0.2036209752607354, -2.9772085939031574),
+    ]
+    hole = rectangle(0.5, -3.2, 0.7, -3.0).exterior
+    room = Polygon(rectangle(-1.0, -4.0, 1.0, -2.0).exterior, [speck, hole])
+    monkeypatch.setattr(free_places, "_opening", lambda room, *_: room)
+    rings = where_fits(room, (0.1, 0.1), 0.0)
+    assert sum(Polygon(ring).area for ring in rings) == pytest.approx(4.0 - 0.04)

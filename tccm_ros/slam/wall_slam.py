@@ -409,9 +409,10 @@ class WallSlam:
         used, keys = self._inliers(), self._chain.keys
         self._between = factors or ()
         content = self._changing_content(used, used.poses, views)
+        fixed_starts = self._closer.fixed_starts(used.loops, used.observations)
         is_used = self.config.walls.enabled
         lines = wall_factors(used.walls, self._lines, keys, self.config) if is_used else []
-        graph_factors = by_variables(self._chain.factors(self._closer.constrained))
+        graph_factors = by_variables(self._chain.factors(fixed_starts))
         graph_factors |= content.anchors
         graph_factors |= {p: p.factor(keys) for p in used.loops}
         graph_factors |= by_variables(lines) | content.others

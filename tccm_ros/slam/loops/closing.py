@@ -160,16 +160,16 @@ class LoopCloser:
         self._place(k, patch, scan, tracked)
         self._begin_trajectory(k, scan.stamp_ns)
 
-    def _look_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
+    def _match_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
         """Match a patch with the map; if nothing fits, with the other trajectories."""
         session = self._chain.keyframes[k].session
         own = self.unjoined.get(session)
-        found = self._search.look_everywhere(k, patch, self.poses, self._localised)
+        found = self._search.match_everywhere(k, patch, self.poses, self._localised)
         others = set(self.unjoined.values()) - {own} if self._begins_trajectories else set()
         for root in sorted(others):
             if any(not p.reason or p.is_ambiguous for p in found):
                 break
-            found = self._search.look_everywhere(k, patch, self.poses, self._sessions_of(root))
+            found = self._search.match_everywhere(k, patch, self.poses, self._sessions_of(root))
         return found
 
     def _sessions_of(self, root: int) -> list[int]:
@@ -357,7 +357,7 @@ class LoopCloser:
             self._place(k, patch, keyframe.scan)
             if keyframe.session not in self.unjoined:
                 return
-        for proposal in self._search.look(k, self.poses, self._lengths):
+        for proposal in self._search.match_earlier_passes(k, self.poses, self._lengths):
             if not proposal.reason:
                 self._confirm(proposal)
             else:
@@ -380,7 +380,7 @@ class LoopCloser:
             The pose of the later scan in the keyframe.
         """
         self._searched_ns, session = scan.stamp_ns, self._chain.keyframes[k].session
-        found, agreement = next(iter(self._look_everywhere(k, patch)), None), 0.0
+        found, agreement = next(iter(self._match_everywhere(k, patch)), None), 0.0
         if found is not None:
             agreement = self._search.agreement(found, scan)
         if found is not None and tracked is not None:
@@ -417,11 +417,11 @@ class LoopCloser:
             max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
             min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
         )
-        found = self._search.look_around(k, window, self.poses, self._localised)
+        found = self._search.match_around(k, window, self.poses, self._localised)
         known: list[Proposal] = []
         if k == self._guessed and self._expected is not None:
             near = Window(self._expected, MIN_GUESS_M, MIN_GUESS_RAD)
-            known = self._search.look_around(k, near, self.poses, self._localised)
+            known = self._search.match_around(k, near, self.poses, self._localised)
         if found or known:
             best = max([*found, *known], key=lambda p: p.score)
             if found and is_same_place(best, found[0], self.poses):
@@ -440,7 +440,7 @@ class LoopCloser:
             if is_localised and not is_far(self.poses[k], window.pose):
                 continue
             around = Window(window.pose, WINDOW_M, WINDOW_RAD)
-            near = self._search.look_around(k, around, self.poses, self._localised, self._lengths)
+            near = self._search.match_around(k, around, self.poses, self._localised, self._lengths)
             found += [(proposal, window.place.sign) for proposal in near]
         if not found:
             return

@@ -63,6 +63,12 @@ class CollisionObjects:
                 kind = service_class("SetSceneObject")
                 node.create_service(kind, "~/set_scene_object", self._set_state)
 
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody subscribes to the planning scene or to collision objects."""
+        publishers = self._objects, self._changes
+        return any(p is not None and p.get_subscription_count() for p in publishers)
+
     def publish(self, scene: Scene) -> None:
         """Publish all surfaces except the floor and all objects, unless the node is ending."""
         if (self._objects is None and self._changes is None) or not self._context.ok():

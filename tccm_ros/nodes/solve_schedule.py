@@ -42,16 +42,17 @@ class SolveSchedule:
         self._new: Counter[str] = Counter()
         self._parts = ViewParts()
 
-    def note(self, event: Event | ViewPart | PosedDetections, now_s: float) -> None:
-        """Note an event that the next solution will contain."""
+    def note(self, event: Event | ViewPart | PosedDetections, now_s: float) -> bool:
+        """Note an event that the next solution will contain; return whether it completes a view."""
         self._last_s = now_s
         if type(event) is not Odometry:
             self._new["records"] += 1
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
-            self._parts.note(event, now_s)
             self._new["view parts"] += 1
-        elif isinstance(event, PosedDetections):
+            return self._parts.note(event, now_s)
+        if isinstance(event, PosedDetections):
             self._new["detections"] += 1
+        return False
 
     def note_mapped(self, before: Mapping[str, int], after: Mapping[str, int]) -> None:
         """Note the clouds and keyframes that one event has added, from counts before and after."""

@@ -25,11 +25,12 @@ class ViewParts:
         self._stamps_ns: dict[type, int] = {}
         self._until_s = 0.0
 
-    def note(self, part: ViewPart, now_s: float) -> None:
-        """Note a message of a view at a time of a monotonic clock, s."""
+    def note(self, part: ViewPart, now_s: float) -> bool:
+        """Note a message of a view at a time of a monotonic clock, s; return whether all came."""
         self._stamps_ns[type(part)] = part.stamp_ns
         is_whole = len(self._stamps_ns) == PARTS and len(set(self._stamps_ns.values())) == 1
         self._until_s = 0.0 if is_whole else now_s + PATIENCE_S
+        return is_whole
 
     def are_coming(self, now_s: float) -> bool:
         """Return whether to wait for further messages of a view."""

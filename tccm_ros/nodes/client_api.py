@@ -103,7 +103,7 @@ class ClientApi:
 
     def show_objects(self, objects: tuple[SceneObject, ...], stamp_ns: int) -> None:
         """Publish the planning scene with the objects after a newer view (in the worker)."""
-        if self._scene is not None and stamp_ns > self._scene.stamp_ns:
+        if self._scene is not None and stamp_ns > self._scene.newest_view_ns:
             self._boxes.publish(self._scene._replace(objects=objects, stamp_ns=stamp_ns))
 
     def forget(self, *, is_map_loaded: bool) -> None:

@@ -1,5 +1,6 @@
 """Two simulated rooms that change: each true event is told once, with its id, and no other."""
 
+import numpy as np
 import pytest
 from changing_rooms import (
     assert_one_id_an_item,
@@ -14,12 +15,19 @@ from changing_rooms import (
 )
 
 from tccm_ros.config import Config
+from tccm_ros.records import ObjectBoxes
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.surfaces.changes import MapChanges
 from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.told_scene import ToldScene
+
+OBJECTS_S = 35.0
+"""The robot has made some tilt cycles in the first room."""
+
+LIVE_M = 0.01
+"""Maximum error of the live pose before a view is in the graph, m."""
 
 RESTART_S = 75.0
 """The robot has seen the first changes of the first room, and is on its way to the second."""
@@ -54,6 +62,23 @@ def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
     found += told(solved(inputs[half:], loaded), changes)
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)
+
+
+def test_objects_between_solutions_are_those_of_the_next_solution(inputs):
+    slam, last, compared = SurfaceSlam(Config()), None, 0
+    for event in inputs[: index_at(inputs, OBJECTS_S)]:
+        slam.add(event)
+        if not isinstance(event, ObjectBoxes):
+            continue
+        objects = None if last is None else slam.objects_now(*last)
+        solution = slam.solve(with_racks=False)
+        if objects and {s.id for s in solution.surfaces} == {s.id for s in last[0].surfaces}:
+            assert [o.id for o in objects] == [o.id for o in solution.objects]
+            moved = [a.center - b.center for a, b in zip(objects, solution.objects)]
+            assert np.abs(moved).max() < LIVE_M
+            compared += 1
+        last = solution, slam.solved_map(solution).T_map_front
+    assert compared > 2
 
 
 def test_the_planning_scene_of_a_listener_follows_what_is_moved_taken_and_put(scenes):

@@ -1,7 +1,8 @@
 """planning_scene and collision_object: the map for MoveIt, if moveit_msgs is installed.
 
 MoveIt's planning scene monitor subscribes to both topics. planning_scene has the changes of each
-solution and of the objects of newer tilt cycles, collision_object all shapes. ~/set_scene_object takes objects out of both.
+solution and of the objects of newer tilt cycles, collision_object all shapes. ~/set_scene_object
+takes objects out of both.
 """
 
 from __future__ import annotations

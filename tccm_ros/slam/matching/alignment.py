@@ -102,7 +102,7 @@ def align(
     normals: Float64,
     start: Float64,
     sigma: float,
-    prior: Prior,
+    prior: Prior | None = None,
 ) -> Alignment:
     """Align a scan by robust Gauss-Newton on point-to-line distances.
 
@@ -119,14 +119,16 @@ def align(
     sigma
         Noise of the distance of a point to a line, m.
     prior
-        Prior from odometry.
+        Prior from odometry; None for no prior.
 
     Returns
     -------
     Alignment
         The pose after the last step; the prior's or `start` if no point has a neighbour.
     """
-    return Alignment(*_align(line_map, points, normals, start, float(sigma), prior))
+    start = np.asarray(start, float)
+    known = prior or Prior(start, np.zeros((3, 3)))
+    return Alignment(*_align(line_map, points, normals, start, float(sigma), known))
 
 
 def agreement(result: Alignment, scan: LevelScan, line_map: LineMap) -> float:
@@ -331,8 +333,7 @@ def _robust(r: float, sigma: float) -> float:
 def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:
     for k in range(3):
         b[k] += w * J[k] * r
-        for m in range(3):
-            H[k, m] += w * J[k] * J[m]
+    _add_square(H, J, w)
 
 
 @kernel

@@ -74,17 +74,20 @@ class WallTable:
         _, first, group = np.unique(self.whole, return_index=True, return_inverse=True)
         return np.asarray(np.argsort(np.argsort(first))[group], np.int64)
 
+    def main_pieces(self) -> list[int]:
+        """Return the piece with the most observations of each whole wall, by `whole_numbers`."""
+        number = self.whole_numbers()
+        seen = np.bincount(self.wall[self.wall >= 0], minlength=len(self))
+        walls = range(int(number.max(initial=-1)) + 1)
+        return [int(max(np.flatnonzero(number == w), key=seen.item)) for w in walls]
+
     def joined(self) -> WallTable:
         """Return the table with one row per whole wall.
 
         It has the line of the piece with the most observations, the extent of all pieces and the
         largest roughness.
         """
-        number = self.whole_numbers()
-        count = int(number.max(initial=-1)) + 1
-        seen = np.bincount(self.wall[self.wall >= 0], minlength=len(self))
-        rows = np.array([max(np.flatnonzero(number == w), key=seen.item) for w in range(count)])
-        rows = rows.astype(np.int64)
+        number, rows = self.whole_numbers(), np.array(self.main_pieces(), np.int64)
         normal = np.stack([np.cos(self.phi), np.sin(self.phi)], axis=1)
         tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
         ends = (self.rho[:, None] * normal)[:, None] + self.extent[:, :, None] * tangent[:, None]
@@ -96,7 +99,7 @@ class WallTable:
         wall = np.where(self.wall >= 0, np.append(number, -1)[self.wall], -1)
         return replace(
             self, wall=wall, phi=self.phi[rows], rho=self.rho[rows], extent=extent,
-            roughness=roughness, whole=np.arange(count),
+            roughness=roughness, whole=np.arange(len(rows)),
         )  # fmt: skip
 
     def keep(self, wall: Int64, min_keyframes: int) -> WallTable:

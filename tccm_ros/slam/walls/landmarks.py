@@ -71,11 +71,9 @@ def wall_records(
     list of Wall
         Walls with phi in (-pi, pi] and rho >= 0, in the order of `WallTable.whole_numbers`.
     """
-    whole = table.whole_numbers()
-    pieces = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
-    count = int(whole.max(initial=-1)) + 1
-    main = [max(np.flatnonzero(whole == w), key=lambda p: pieces[p]) for w in range(count)]
-    counts = np.bincount(whole, pieces, count)
+    whole, main = table.whole_numbers(), table.main_pieces()
+    count = len(main)
+    counts = np.bincount(whole[table.wall[table.wall >= 0]], minlength=count)
     planes = [solution.plane(wall_key(p)) for p in range(len(table))]
     lines = np.array([(np.arctan2(n[1], n[0]), -n[3]) for n in planes]).reshape(-1, 2)
     seen = np.array([_endpoints(table, p, *lines[p]) for p in range(len(table))]).reshape(-1, 2, 2)
@@ -87,7 +85,7 @@ def wall_records(
     walls = []
     for w in range(count):
         # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
-        cov = solution.covariance(wall_key(int(main[w])))[np.ix_([0, 2], [0, 2])] * scale
+        cov = solution.covariance(wall_key(main[w]))[np.ix_([0, 2], [0, 2])] * scale
         a, r, e = phi[w], rho[w], ends[w]
         is_turned = r < 0.0
         if is_turned:

@@ -127,8 +127,7 @@ def test_alignment_finds_the_pose(truth):
     lines, _, _ = room_map()
     scan = scan_at(truth, seed=5)
     start = np.add(truth, [0.08, -0.06, 0.04])
-    unknown = Prior(start, np.zeros((3, 3)))
-    result = align(lines, scan.points, scan.normals, start, 0.01, unknown)
+    result = align(lines, scan.points, scan.normals, start, 0.01)
     error = result.pose - truth
     # 150 beams at 5 mm, and a map of three such scans.
     assert np.hypot(error[0], error[1]) < 0.006

@@ -117,8 +117,7 @@ def test_a_wall_ahead_gives_information_in_spite_of_noise(seed):
     walls = np.concatenate([CORRIDOR, [[[6.0, -1.0], [6.0, 1.0]]]])
     lines, scan = corridor_map(walls, seed=seed)
     start = np.array([0.1, 0.0, 0.0])
-    unknown = Prior(start, np.zeros((3, 3)))
-    result = align(lines, scan.points, scan.normals, start, 0.02, unknown)
+    result = align(lines, scan.points, scan.normals, start, 0.02)
     # Some ten beams on it, and its map is as noisy as they are.
     assert abs(result.pose[0]) < 0.03
     assert result.information[0, 0] > 1000.0

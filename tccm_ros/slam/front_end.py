@@ -101,7 +101,7 @@ EARLY_KEYFRAME_INLIERS = 0.65
 """Inlier fraction below which a scan becomes a keyframe early (chosen)."""
 
 EARLY_FRACTION = 0.4
-"""Minimum fraction of ``graph.keyframe_distance`` for an early keyframe (chosen)."""
+"""Minimum step to an early keyframe, as a fraction of that to an ordinary one (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,11 +273,12 @@ class FrontEnd:
         self.tracked.append(tracked)
         return tracked
 
-    def is_far(self, moved: Float64) -> bool:
-        """Return whether a motion (3,) since the last keyframe makes a new one."""
+    def is_far(self, moved: Float64, fraction: float = 1.0) -> bool:
+        """Return whether a motion (3,) exceeds a fraction of the step to a new keyframe."""
         graph = self.config.graph
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
-        return distance > graph.keyframe_distance or yaw > graph.keyframe_angle
+        limits = fraction * graph.keyframe_distance, fraction * graph.keyframe_angle
+        return distance > limits[0] or yaw > limits[1]
 
     def begin_session(self) -> None:
         """Begin a new session; the next scan is at an unrelated place."""
@@ -312,14 +313,10 @@ class FrontEnd:
         self._check_lost(scan, inliers)
         self._update_velocity(scan, before, prior_cov)
         moved = between(keyframe.pose, self.pose)
-        distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
-        far = self.is_far(moved)
-        early = (
-            inliers < EARLY_KEYFRAME_INLIERS
-            and distance + yaw > EARLY_FRACTION * self.config.graph.keyframe_distance
-        )
+        fraction = EARLY_FRACTION if inliers < EARLY_KEYFRAME_INLIERS else 1.0
+        is_due = self.is_far(moved, fraction)
         # A scan of another place must not enter the map that has to detect the change.
-        if (far or early) and not self._is_contradicted() and not self._is_hidden(scan, inliers):
+        if is_due and not self._is_contradicted() and not self._is_hidden(scan, inliers):
             systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
             self._add_keyframe(scan, cov, systematic)
@@ -430,8 +427,7 @@ class FrontEnd:
             self._contradictions = self._contradictions + 1 if contradicts else 0
         if not self._believes_odometry(scan):
             # Odometry is integrated from here if it recovers.
-            self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
-            self._anchor_cov, self._gyro_s = STEADY_COV, 0.0
+            self._anchor_odometry(scan, self.pose, STEADY_COV)
 
     def _check_lost(self, scan: LevelScan, inliers: float) -> None:
         """Update how long the pose has been unknown, and whether the robot is elsewhere.
@@ -526,8 +522,7 @@ class FrontEnd:
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
                 result, prior_cov = wide, LOOSE_COV
-                self._odometry_pose, self._anchor_odom = wide.pose.copy(), scan.odom
-                self._anchor_cov, self._gyro_s = LOOSE_COV, 0.0
+                self._anchor_odometry(scan, wide.pose, LOOSE_COV)
         if result.inliers < MIN_USED_INLIERS or self._is_accidental(scan, result, known):
             return predicted, UNUSED_INFLATION * prior_cov, result.inliers
         self._information = information = result.information / self.config.matching.correlated_beams
@@ -623,9 +618,13 @@ class FrontEnd:
         number, pose = self.first_id + len(self.keyframes), self.pose.copy()
         keyframe = GraphKeyframe(number, scan, pose, delta, cov, self.session, systematic)
         self.keyframes.append(keyframe)
-        self._odometry_pose, self._anchor_odom = keyframe.pose.copy(), scan.odom
-        self._anchor_cov, self._gyro_s = np.zeros((3, 3)), 0.0
+        self._anchor_odometry(scan, pose, np.zeros((3, 3)))
         self._rebuild_map()
+
+    def _anchor_odometry(self, scan: LevelScan, pose: Float64, cov: Float64) -> None:
+        """Integrate odometry from the pose (3,) of a scan on, which has the covariance (3, 3)."""
+        self._odometry_pose, self._anchor_odom = pose.copy(), scan.odom
+        self._anchor_cov, self._gyro_s = cov, 0.0
 
     def _recent_keyframes(self) -> list[GraphKeyframe]:
         recent = self.keyframes[-self.config.matching.submap_keyframes :]

@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import Loop, RefusedSign
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import Key, wall_key
+from tccm_ros.slam.factors.keys import wall_key
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.consistency import select_loops
@@ -18,8 +18,7 @@ from tccm_ros.slam.loops.matching import LoopReason, Proposal
 from tccm_ros.slam.signs.landmarks import FoundSign, Passes, find_signs, sign_factors
 from tccm_ros.slam.signs.views import PictureView, SignView
 from tccm_ros.slam.walls.association import WallTable, associate_walls, min_confirmations
-from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners, uses_corners
-from tccm_ros.slam.walls.landmarks import structure_factors
+from tccm_ros.slam.walls.corners import Corner, find_corners
 from tccm_ros.slam.walls.lines import Lines
 from tccm_ros.slam.walls.outliers import check_walls
 
@@ -59,15 +58,6 @@ class Inliers:
     signs: list[FoundSign]
     refused_signs: list[RefusedSign]
 
-    def structure_factors(self, keys: Sequence[Key], config: Config) -> list[Factor]:
-        """Return the factors of corners and of a building's frame, as configured."""
-        factors: list[Factor] = []
-        if uses_corners(config):
-            factors += corner_factors(self.corners, self.walls, keys, config)
-        if config.walls.enabled and config.walls.structure_prior:
-            factors += structure_factors(self.walls)
-        return factors
-
     def sign_factors(self, config: Config) -> list[Factor]:
         """Return the factors of door signs, and of their incidence with walls of the graph."""
         walls = range(len(self.walls) if config.walls.enabled else 0)
@@ -101,12 +91,13 @@ def select_inliers(
         Groups ``walls`` and ``lines``.
     """
     keys, seen = chain.keys, landmark_factors(observations)
-    graph = chain.graph(closer.poses, closer.constrained, seen.anchored)
+    starts = closer.fixed_starts(closer.accepted, observations)
+    graph = chain.graph(closer.poses, starts, seen.anchored)
     graph.add(seen.factors)
     poses, kept = select_loops(graph, keys, closer.accepted)
     loops = [p for p, ok in zip(closer.accepted, kept) if ok]
     # Without landmarks, to test the consistency of keyframes, loop closures and walls.
-    graph = chain.graph(poses, closer.constrained)
+    graph = chain.graph(poses, closer.fixed_starts(loops))
     graph.add([p.factor(keys) for p in loops])
     table = associate_walls(poses, lines, config)
     checked = check_walls(table, lines, poses, graph, keys, config)

@@ -59,7 +59,7 @@ LOOK_S = 0.5
 """Period of the check for a due solution without records, s of the wall clock: ROS time may
 stop."""
 
-NOT_TOLD = "no map -> odom has come on /tf; start your localisation"
+NO_MAP_ODOM = "no map -> odom has come on /tf; start your localisation"
 """Reason while an external localisation has not published map -> odom."""
 
 
@@ -102,7 +102,7 @@ class SlamNode(SensorNode):
         self._is_external = self.config.localisation.is_external
         topics = {**offered(SOLUTION_TOPICS), KEEPOUT_TOPIC: GRID}
         if self._is_external:  # the external localisation owns the grid and initialpose
-            self.localisation.note_search(NOT_TOLD, BY_START)
+            self.localisation.note_search(NO_MAP_ODOM, BY_START)
         else:
             topics = {**topics, GRID_TOPIC: GRID}
             self.localisation.offer_service(self, self.answer)
@@ -111,7 +111,7 @@ class SlamNode(SensorNode):
         )
         tell_keepout_info(self, f"~/{KEEPOUT_TOPIC}")
         self._client_api = ClientApi(
-            self, self.live, self.begin_named_save, self.load_named, self.begin_correction
+            self, self.live, self.begin_named_save, self.load, self.begin_correction
         )
         self.at_end(self._client_api.close)
         self.session = MapSession(
@@ -221,15 +221,8 @@ class SlamNode(SensorNode):
         """Begin an empty map."""
         self.session.begin()
 
-    def load(self, folder: Path) -> str:
-        """Continue a saved map and discard the map of this run."""
-        return self._load(folder, "")
-
-    def load_named(self, folder: Path) -> str:
-        """Continue a saved map under the name of its folder."""
-        return self._load(folder, folder.name)
-
-    def _load(self, folder: Path, name: str) -> str:
+    def load(self, folder: Path, name: str = "") -> str:
+        """Continue a saved map, under a name if it has one; discard the map of this run."""
         self.session.load(folder, name)
         self.saver.adopt(folder)
         return str(folder)
@@ -355,7 +348,7 @@ class SlamNode(SensorNode):
                 )
         if self._is_external:
             if self.newest_ns and not self.processor.is_localised:
-                yield f"nothing is mapped: {NOT_TOLD}"
+                yield f"nothing is mapped: {NO_MAP_ODOM}"
         elif not self.live.is_localised:
             reason = self.localisation.reason
             yield f"the robot is not found in the map: {reason}; map -> odom is not published"

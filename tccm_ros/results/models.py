@@ -24,7 +24,9 @@ from tccm_ros.records import (
     Keyframe,
     Landmark,
     Loop,
+    RefusedSign,
     Room,
+    Sign,
     Surface,
     SurfaceShape,
     Wall,
@@ -57,6 +59,7 @@ def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidat
     return PlainValidator(check), WithJsonSchema(schema)
 
 
+Pixel = Annotated[Float64, *array_type(2)]
 Vector = Annotated[Float64, *array_type(3)]
 Ring = Annotated[Float64, *array_type(None, 3)]
 Ring2 = Annotated[Float64, *array_type(None, 2)]
@@ -588,6 +591,112 @@ class WallsFile:
     def of(cls, walls: Iterable[Wall]) -> WallsFile:
         """Return the model of walls.json."""
         return cls(tuple(_entry(WallEntry, wall) for wall in walls))
+
+
+# --- signs.json ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignViewEntry:
+    """A picture in which a sign was read.
+
+    Attributes
+    ----------
+    stamp
+        Stamp of the picture, s.
+    keyframe
+        Keyframe to which the picture is attached.
+    pixel
+        float64 (2,), centre of the number, from the left and the top of the picture.
+    """
+
+    stamp: float
+    keyframe: int
+    pixel: Pixel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignEntry:
+    """A door sign, in map, as `records.Sign`.
+
+    Attributes
+    ----------
+    id
+        Id, stable over solutions and sessions.
+    text, number
+        Text on the plate, and the room number in it.
+    confidence
+        Confidence in the number, 0 to 1.
+    position
+        float64 (3,), centre of the number, m.
+    normal
+        float64 (3,), unit normal of the wall towards the reader of the sign.
+    covariance
+        float64 (3, 3) of the position, m2.
+    wall
+        Id of its wall in walls.json; null if unknown.
+    views
+        Pictures, in order of sessions and stamps.
+    """
+
+    id: int
+    text: str
+    number: str
+    confidence: float
+    position: Vector
+    normal: Vector
+    covariance: Covariance3
+    wall: int | None
+    views: tuple[SignViewEntry, ...]
+
+    @classmethod
+    def of(cls, sign: Sign) -> SignEntry:
+        """Return the entry of a sign."""
+        views = (_entry(SignViewEntry, view, stamp=Stamp(view.stamp_ns)) for view in sign.views)
+        return _entry(cls, sign, views=tuple(views))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RefusedEntry:
+    """Text that was read as a room number but is not a door sign, as `records.RefusedSign`.
+
+    Attributes
+    ----------
+    number
+        Number read in most pictures.
+    position
+        float64 (3,), in map, m.
+    reason
+        Reason for the refusal.
+    """
+
+    number: str
+    position: Vector
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignsFile:
+    """signs.json: the door signs of the map.
+
+    Attributes
+    ----------
+    signs
+        Signs, by id.
+    refused
+        Texts read at one position that are not signs.
+    """
+
+    signs: tuple[SignEntry, ...] = ()
+    refused: tuple[RefusedEntry, ...] = ()
+
+    @classmethod
+    def of(cls, signs: Iterable[Sign], refused: Iterable[RefusedSign] = ()) -> SignsFile:
+        """Return the model of signs.json."""
+        return cls(
+            tuple(map(SignEntry.of, signs)),
+            tuple(_entry(RefusedEntry, refusal) for refusal in refused),
+        )
 
 
 # --- graph.json ----------------------------------------------------------------------------------

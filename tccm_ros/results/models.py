@@ -14,6 +14,7 @@ from enum import StrEnum
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+import shapely
 from pydantic import ConfigDict, PlainValidator, WithJsonSchema
 
 from tccm_ros.arrays import Float64
@@ -1142,3 +1143,11 @@ class TruthFile:
     objects: tuple[TruthObject, ...] = ()
     signs: tuple[TruthSign, ...] = ()
     rooms: tuple[TruthRoom, ...] = ()
+
+
+def plan_polygon(surface: SurfaceEntry | TruthSurface) -> shapely.Geometry:
+    """Return the outline of a surface from above, with its holes, made valid."""
+    if len(surface.boundary) < 3:
+        return shapely.Polygon()
+    holes = [hole[:, :2] for hole in surface.holes if len(hole) > 2]
+    return shapely.make_valid(shapely.Polygon(surface.boundary[:, :2], holes))

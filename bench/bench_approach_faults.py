@@ -1,4 +1,4 @@
-"""Goals with cancellations, dropouts and late commands: contacts, reasons, time to zero commands.
+"""Goals with cancellations, dropouts and late commands: contacts, reasons, time to rest.
 
 Usage: python bench/bench_approach_faults.py OUT.jsonl [--seeds 20] [--first 0]
 
@@ -34,23 +34,21 @@ def goals_of(seed: int) -> dict[str, object]:
         "seed": seed,
         "contacts": drive.base.contacts,
         "reasons": Counter(outcome.reason.name for outcome in drive.outcomes),
-        "zero_s": [round(t, 3) for t in drive.zero_s],
         "rest_s": [round(t, 3) for t in drive.rest_s],
     }
 
 
 def summary(rows: list[dict]) -> str:
-    """Return contacts, reasons, and the times from a cancellation while driving."""
+    """Return contacts, reasons, and the times from a cancellation while driving to rest."""
     lines = [f"{len(rows)} seeds, {sum(r['contacts'] > 0 for r in rows)} with contacts"]
     lines.append(str(dict(sum((Counter(r["reasons"]) for r in rows), Counter()))))
-    for key, what in (("zero_s", "zero command"), ("rest_s", "base at rest")):
-        times = [t for r in rows for t in r[key]]
-        if times:
-            p50, p99 = np.percentile(times, [50, 99])
-            lines.append(
-                f"{len(times)} cancellations while driving, {what} after {p50:.2f} s (median), "
-                f"{p99:.2f} s (99 %), {max(times):.2f} s (maximum)"
-            )
+    times = [t for r in rows for t in r["rest_s"]]
+    if times:
+        p50, p99 = np.percentile(times, [50, 99])
+        lines.append(
+            f"{len(times)} cancellations while driving, base at rest after {p50:.2f} s (median), "
+            f"{p99:.2f} s (99 %), {max(times):.2f} s (maximum)"
+        )
     return "\n".join(lines)
 
 

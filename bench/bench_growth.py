@@ -76,7 +76,7 @@ def main() -> None:
 def timed(slam: SurfaceSlam, *, is_final: bool) -> tuple[float, SurfaceSolution]:
     """Solve; return the processor time as well."""
     start = time.process_time()
-    solution = slam.solve(every_covariance=False, is_final=is_final)
+    solution = slam.solve(is_final=is_final)
     return time.process_time() - start, solution
 
 

@@ -146,14 +146,14 @@ def follow(drive: Drive, latency_s: float, feedback: bool) -> Live:
         is_due = unsolved["clouds"] or unsolved["keyframes"] >= KEYFRAMES
         if coming is None and is_due and now_ns >= due_ns:
             unsolved.clear()
-            solution = slam.solve(every_covariance=False)
+            solution = slam.solve()
             coming = slam.solved_map(solution)
             arrival_ns = now_ns + round(latency_s * 1e9)
             due_ns = now_ns + round(max(PERIOD_S, latency_s / 0.3) * 1e9)
             found |= _new(solution.slam, found)
             if any(loop.accepted for loop in solution.slam.loops):
                 closed_ns = min(closed_ns, arrival_ns)
-    final = slam.solve(every_covariance=False).slam
+    final = slam.solve().slam
     found |= _new(final, found)
     return Live(
         np.array(stamps),

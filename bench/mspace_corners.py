@@ -295,7 +295,7 @@ def _along(values: gtsam.Values, symbol: int, axis: int, step: float) -> gtsam.V
 def solved(slam: WallSlam, used: Inliers, factors: Sequence[Factor]) -> tuple[Float64, int]:
     """Return the poses of all scans, planar (N, 3), and the iterations it took."""
     keys = slam._chain.keys
-    graph = slam._chain.graph(used.poses, slam._closer.localised, {})
+    graph = slam._chain.graph(used.poses, slam._closer.fixed_starts(used.loops))
     graph.add([p.factor(keys) for p in used.loops])
     graph.add(factors)
     solution = graph.optimise()

@@ -95,7 +95,7 @@ def recorded(log: Path, folder: Path) -> None:
         start = time.process_time()
         for scan in scans:
             walls.add_scan(scan)
-        solution = walls.solve(every_covariance=False)
+        solution = walls.solve()
         seconds = time.process_time() - start
         poses = spatial(solution.pose_at([stamps[int(k)] for k in truth.scan_index]))
         errors = relation_errors(poses[i], poses[j], inverse(truth.poses[i]) @ truth.poses[j])

@@ -164,7 +164,7 @@ def later(record: Any, shift_ns: int) -> Any:
 def report(slam: SurfaceSlam, hour: float, steps: list[float]) -> None:
     memory, start = memory_mb(), time.process_time()
     with Standstill() as standstill:
-        solution = slam.solve(every_covariance=False, is_final=False)
+        solution = slam.solve(is_final=False)
     elapsed = time.process_time() - start
     ms = 1e3 * np.array(steps)
     print(

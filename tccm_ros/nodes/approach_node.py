@@ -92,10 +92,13 @@ class Drive:
         The base, with the footprint of the goal.
     done
         Future of the outcome.
-    is_unwanted
-        Returns whether the client has cancelled the goal.
+    handle
+        Handle of the goal.
     tell
         Publishes feedback.
+    is_stopped
+        Whether a cancellation has stopped the base: nothing but zero is sent from then on. The
+        goal's own state says so only after the callback that stops it, and results depend on that.
     steps, zeros
         Numbers of steps, and of zero commands after the outcome.
     told_s
@@ -107,8 +110,9 @@ class Drive:
     machine: Approach | Retreat | Detection
     robot: Robot
     done: Future
-    is_unwanted: Callable[[], bool]
+    handle: Any
     tell: Callable[[Senses], None]
+    is_stopped: bool = False
     steps: int = 0
     zeros: int = 0
     told_s: float = -math.inf
@@ -179,7 +183,7 @@ class ApproachNode(Node):
         actions = import_module("tccm_interfaces.action")
         self._approach, self._retreat = actions.ApproachSurface, actions.Retreat
         self._servers = [
-            ActionServer(self, kind, name, execute, cancel_callback=lambda _: CancelResponse.ACCEPT)
+            ActionServer(self, kind, name, execute, cancel_callback=self._take_cancel)
             for kind, name, execute in (
                 (self._approach, "~/approach_surface", self._execute_approach),
                 (self._retreat, "~/retreat", self._execute_retreat),
@@ -257,7 +261,7 @@ class ApproachNode(Node):
         if senses is None:
             self._fail(drive, Outcome(Reason.LOST_POSE, "no odometry has come"))
             return None
-        if self._is_ending or drive.is_unwanted():
+        if self._is_ending or drive.handle.is_cancel_requested:
             speeds = machine.cancel(senses)
         elif time.monotonic() < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
             speeds = machine.wait(senses)
@@ -268,7 +272,9 @@ class ApproachNode(Node):
                 # The base has moved on since: a command for its old place may touch something.
                 speeds = None if speeds is None else machine.wait(senses)
         if speeds is not None:
-            self._send(speeds)
+            with self._lock:
+                # A cancellation may have stopped the base during the step.
+                self._send(STOP if drive.is_stopped else speeds)
         if isinstance(machine, Detection):
             self._tell_dock(drive, machine)
         drive.steps += 1
@@ -413,6 +419,15 @@ class ApproachNode(Node):
 
     # --- actions, in the executor ---
 
+    def _take_cancel(self, handle: Any) -> CancelResponse:
+        """Stop the base at once, also while a step of the control loop computes."""
+        with self._lock:
+            drive = self._drive
+            if drive is not None and drive.handle is handle:
+                drive.is_stopped = True
+                self._stop(drive)
+        return CancelResponse.ACCEPT
+
     async def _execute_approach(self, handle: Any) -> Any:
         result = self._approach.Result(
             surface_id=-1, gap=math.nan, yaw_error=math.nan, gap_sigma=math.nan, distance=math.nan
@@ -480,9 +495,7 @@ class ApproachNode(Node):
         try:
             machine, robot = await prepare()
             done: Future = Future(executor=self.executor)
-            self._drive = Drive(
-                machine, robot, done, lambda: handle.is_cancel_requested, partial(tell, machine)
-            )
+            self._drive = Drive(machine, robot, done, handle, partial(tell, machine))
             outcome: Outcome = await done
             return outcome
         except LookupError as error:

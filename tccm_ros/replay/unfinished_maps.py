@@ -47,7 +47,7 @@ class UnfinishedMaps:
         if begin_s < self._next_s or not is_locked(self._maps):
             return
         with output_folder(self._maps / str(self._number + 1)) as made:
-            write_solution(made, slam.solve(every_covariance=False), self._config)
+            write_solution(made, slam.solve(), self._config)
         shutil.rmtree(self._maps / str(self._number), ignore_errors=True)
         self._number += 1
         end_s = time.monotonic()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,8 +81,6 @@ class Chain:
         Their variables in the graph.
     fixed
         Poses float64 (3,) of fixed keyframes, by id: those of the map in localisation.
-    origins
-        Poses float64 (3,) of the first keyframes of sessions that are not connected to the map.
     external_poses
         Poses float64 (3,) in map from an external localisation, and their covariances (3, 3) of (x,
         y, yaw) in map, by id.
@@ -91,7 +89,6 @@ class Chain:
     keyframes: list[GraphKeyframe] = field(default_factory=list)
     keys: list[Key] = field(default_factory=list)
     fixed: dict[int, Float64] = field(default_factory=dict)
-    origins: dict[int, Float64] = field(default_factory=dict)
     external_poses: dict[int, tuple[Float64, Float64]] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
@@ -123,7 +120,7 @@ class Chain:
     def graph(
         self,
         poses: Sequence[Float64] | Float64,
-        constrained: Collection[int],
+        fixed_starts: Mapping[int, Float64],
         anchored: Mapping[Key, AnchoredPose] | None = None,
     ) -> PoseGraph:
         """Build the graph of all keyframes and anchored poses.
@@ -132,22 +129,19 @@ class Chain:
         ----------
         poses
             Planar start poses (3,), one per keyframe.
-        constrained
-            Sessions connected by factors; the others are fixed at their origins.
+        fixed_starts
+            Poses float64 (3,) of the first keyframes of sessions that no factor connects, by id.
         anchored
             Poses anchored to keyframes, by variable.
         """
         starts, anchors = self.anchor(anchored or {}, poses)
-        factors = [*self.factors(constrained), *anchors]
+        factors = [*self.factors(fixed_starts), *anchors]
         return PoseGraph(factors, {**dict(zip(self.keys, poses)), **starts})
 
-    def factors(self, constrained: Collection[int]) -> list[Factor]:
+    def factors(self, fixed_starts: Mapping[int, Float64]) -> list[Factor]:
         """Return the factors of all keyframes; arguments as in `graph`."""
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
-        for k, keyframe in enumerate(self.keyframes):
-            if k and self.starts(k) and keyframe.session not in constrained:
-                factors.append(_pinned(self.keys[k], self.origins.get(k, keyframe.pose)))
-        return factors
+        return factors + [_pinned(self.keys[k], pose) for k, pose in fixed_starts.items()]
 
     def anchor(
         self, anchored: Mapping[Key, AnchoredPose], poses: Sequence[Float64] | Float64

@@ -142,7 +142,7 @@ def reweigh(chain: Chain) -> None:
     poses = np.array([keyframe.pose for keyframe in chain.keyframes])
     expected = np.array([pose for pose, _ in external.values()])
     for _ in range(ROUNDS):
-        poses = chain.graph(poses, {0}).optimise().planar_poses(chain.keys)
+        poses = chain.graph(poses, {}).optimise().planar_poses(chain.keys)
         error = poses[kept] - expected
         error[:, 2] = wrap_angle(error[:, 2])
         variances = np.array([np.diag(cov) for _, cov in external.values()])

@@ -101,7 +101,7 @@ EARLY_KEYFRAME_INLIERS = 0.65
 """Inlier fraction below which a scan becomes a keyframe early (chosen)."""
 
 EARLY_FRACTION = 0.4
-"""Minimum fraction of ``graph.keyframe_distance`` for an early keyframe (chosen)."""
+"""Minimum step to an early keyframe, as a fraction of that to an ordinary one (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,11 +273,12 @@ class FrontEnd:
         self.tracked.append(tracked)
         return tracked
 
-    def is_far(self, moved: Float64) -> bool:
-        """Return whether a motion (3,) since the last keyframe makes a new one."""
+    def is_far(self, moved: Float64, fraction: float = 1.0) -> bool:
+        """Return whether a motion (3,) exceeds a fraction of the step to a new keyframe."""
         graph = self.config.graph
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
-        return distance > graph.keyframe_distance or yaw > graph.keyframe_angle
+        limits = fraction * graph.keyframe_distance, fraction * graph.keyframe_angle
+        return distance > limits[0] or yaw > limits[1]
 
     def begin_session(self) -> None:
         """Begin a new session; the next scan is at an unrelated place."""
@@ -312,14 +313,10 @@ class FrontEnd:
         self._check_lost(scan, inliers)
         self._update_velocity(scan, before, prior_cov)
         moved = between(keyframe.pose, self.pose)
-        distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
-        far = self.is_far(moved)
-        early = (
-            inliers < EARLY_KEYFRAME_INLIERS
-            and distance + yaw > EARLY_FRACTION * self.config.graph.keyframe_distance
-        )
+        fraction = EARLY_FRACTION if inliers < EARLY_KEYFRAME_INLIERS else 1.0
+        is_due = self.is_far(moved, fraction)
         # A scan of another place must not enter the map that has to detect the change.
-        if (far or early) and not self._is_contradicted() and not self._is_hidden(scan, inliers):
+        if is_due and not self._is_contradicted() and not self._is_hidden(scan, inliers):
             systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
             self._add_keyframe(scan, cov, systematic)

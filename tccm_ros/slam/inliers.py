@@ -101,12 +101,13 @@ def select_inliers(
         Groups ``walls`` and ``lines``.
     """
     keys, seen = chain.keys, landmark_factors(observations)
-    graph = chain.graph(closer.poses, closer.constrained, seen.anchored)
+    starts = closer.fixed_starts(closer.accepted, observations)
+    graph = chain.graph(closer.poses, starts, seen.anchored)
     graph.add(seen.factors)
     poses, kept = select_loops(graph, keys, closer.accepted)
     loops = [p for p, ok in zip(closer.accepted, kept) if ok]
     # Without landmarks, to test the consistency of keyframes, loop closures and walls.
-    graph = chain.graph(poses, closer.constrained)
+    graph = chain.graph(poses, closer.fixed_starts(loops))
     graph.add([p.factor(keys) for p in loops])
     table = associate_walls(poses, lines, config)
     checked = check_walls(table, lines, poses, graph, keys, config)

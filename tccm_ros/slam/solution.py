@@ -32,7 +32,7 @@ class Solution:
         int64 (V,), id of the keyframe that each view is anchored to.
     cov_keyframes
         float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; NaN for all but the newest if
-        only that was requested.
+        `is_batch` is false.
     unit_variance
         Factor to apply to the graph's covariances, including `cov_views`, as those of its factors
         are conservative. `cov_keyframes` already contains it, and the error of odometry's scale,

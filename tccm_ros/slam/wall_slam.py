@@ -373,7 +373,6 @@ class WallSlam:
         views: Sequence[int] = (),
         factors: Sequence[Factor] | None = (),
         *,
-        every_covariance: bool = True,
         is_final: bool = True,
     ) -> Solution:
         """Rebuild the graph in stamp order and optimise it as a batch, or continue the last one.
@@ -385,9 +384,6 @@ class WallSlam:
         factors
             Additional factors between views, keyframes and landmarks. None: those of the previous
             solution if this one continues it, else none.
-        every_covariance
-            Whether to compute the covariances of all keyframes, which takes most of the time in a
-            graph with many loop closures, or only of the newest.
         is_final
             Whether to force a batch. Otherwise, a large graph is continued from the previous
             solution (`growth`), and only the newest keyframe gets its covariance.
@@ -399,7 +395,7 @@ class WallSlam:
         """
         nothing = not self._front.tracked and not self._chain.keyframes
         if nothing and len(self._odometry):
-            return self._solve_by_odometry(views, factors, every_covariance=every_covariance)
+            return self._solve_by_odometry(views, factors)
         if nothing:
             return empty_solution(len(views))
         grown = None if is_final else self._grow(views, factors)
@@ -409,15 +405,16 @@ class WallSlam:
         used, keys = self._inliers(), self._chain.keys
         self._between = factors or ()
         content = self._changing_content(used, used.poses, views)
+        fixed_starts = self._closer.fixed_starts(used.loops, used.observations)
         is_used = self.config.walls.enabled
         lines = wall_factors(used.walls, self._lines, keys, self.config) if is_used else []
-        graph_factors = by_variables(self._chain.factors(self._closer.constrained))
+        graph_factors = by_variables(self._chain.factors(fixed_starts))
         graph_factors |= content.anchors
         graph_factors |= {p: p.factor(keys) for p in used.loops}
         graph_factors |= by_variables(lines) | content.others
         starts = {**dict(zip(keys, used.poses)), **content.starts}
         solution = PoseGraph(graph_factors.values(), starts).optimise()
-        covs = _covariances(solution, keys, every_covariance) * used.scale
+        covs = np.array([solution.planar_covariance(key) for key in keys]) * used.scale
         covs += systematic_covariances(solution, self._chain)
         is_in_map = {k.session for k in self._chain.keyframes} <= self._closer.localised
         if not is_final and len(keys) >= MIN_KEYFRAMES and is_in_map:
@@ -526,11 +523,11 @@ class WallSlam:
         return self._selected[1]
 
     def _solve_by_odometry(
-        self, views: Sequence[int], factors: Sequence[Factor] | None, *, every_covariance: bool
+        self, views: Sequence[int], factors: Sequence[Factor] | None
     ) -> Solution:
         """Return the solution without matching; lines of level scans give walls at its poses."""
         solver = self._by_odometry()
-        solution = solver.solve(views, factors or (), every_covariance=every_covariance)
+        solution = solver.solve(views, factors or ())
         if not self._wall_scans:
             return solution
         stamps, lines = zip(*self._wall_scans)
@@ -715,11 +712,3 @@ def _renumbered(seen: Iterable[Seen], number: Mapping[int, int]) -> list[Seen]:
 
 def _by_stamp(seen: Iterable[LandmarkObservation]) -> list[LandmarkObservation]:
     return sorted(seen, key=lambda o: (o.stamp_ns, o.kind, o.id))
-
-
-def _covariances(solution: GraphSolution, keys: Sequence[Key], every: bool) -> Float64:
-    """Return planar covariances (K, 3, 3), NaN where not requested."""
-    covs = np.full((len(keys), 3, 3), np.nan)
-    for index in range(0 if every else len(keys) - 1, len(keys)):
-        covs[index] = solution.planar_covariance(keys[index])
-    return covs

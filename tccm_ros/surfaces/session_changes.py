@@ -65,7 +65,5 @@ class SessionChanges:
             self._resets = self._slam.counts["resets"]
             self._changes = MapChanges(is_map_loaded=self._is_map_loaded)
         config = self._slam.config
-        scene = scene_of(
-            self._slam.solve(every_covariance=False, with_racks=False), config.frames.map_name
-        )
+        scene = scene_of(self._slam.solve(with_racks=False), config.frames.map_name)
         return self._changes.note(scene, config.objects.agreeing_views)

@@ -131,6 +131,8 @@ class SurfaceSolution:
         Compartments of racks, by rack and height.
     unseen
         Unseen space below surfaces; empty without `surfaces.unseen_space`.
+    saved_walls
+        Walls and level scans as arrays, for a later session; empty without a level laser.
     """
 
     slam: Solution
@@ -154,6 +156,7 @@ class SurfaceSolution:
     attitudes: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     compartments: tuple[Compartment, ...] = ()
     unseen: tuple[UnseenSpace, ...] = ()
+    saved_walls: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def T_map_base(self) -> Float64:
@@ -328,7 +331,6 @@ class SurfaceSlam:
     def solve(
         self,
         *,
-        every_covariance: bool = True,
         is_final: bool = True,
         with_racks: bool = True,
         stages: OptionalStages | None = None,
@@ -337,8 +339,6 @@ class SurfaceSlam:
 
         Parameters
         ----------
-        every_covariance
-            Whether the covariances of all keyframes are computed (see `WallSlam.solve`).
         is_final
             Whether the graph is solved as a batch at any size.
         with_racks
@@ -349,7 +349,7 @@ class SurfaceSlam:
         """
         is_lost, stages = self._is_lost, stages or OptionalStages()
         views = [view for view in self.map.views if view.session == self.session and not is_lost]
-        slam = self._solve_graph(views, every_covariance=every_covariance, is_final=is_final)
+        slam = self._solve_graph(views, is_final=is_final)
         own = _view_poses(slam)
         alignment = self._align_session(views, own.T_map_view)
         T_map_session = np.eye(4) if alignment is None else alignment.T_map_session
@@ -359,7 +359,8 @@ class SurfaceSlam:
         view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
-        grid = occupancy_grid(self._walls_to_save(slam))
+        saved_walls = self._walls_to_save(slam)
+        grid = occupancy_grid(saved_walls)
         rooms = stages.run("rooms", lambda: self._rooms(slam, grid)) or ()
         placed = stages.run(
             "names of rooms", lambda: placed_surfaces(mapped.surfaces, rooms, slam.signs)
@@ -402,6 +403,7 @@ class SurfaceSlam:
             slam.attitude_at(stamps) if len(slam.attitudes) else slam.attitudes,
             compartments or (),
             unseen or (),
+            saved_walls,
         )
 
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
@@ -447,15 +449,15 @@ class SurfaceSlam:
         self._detections = waiting
         return tuple(newest)
 
-    def _solve_graph(self, views: list[View], **how: bool) -> Solution:
+    def _solve_graph(self, views: list[View], *, is_final: bool) -> Solution:
         """Optimise the graph, and again with side factors if views have surfaces in common."""
         stamps = [view.stamp_ns for view in views]
-        slam = self.walls.solve(stamps, None, **how)
+        slam = self.walls.solve(stamps, None, is_final=is_final)
         if not self.config.surfaces.registration or len(views) < 2:
             return slam
         factors = self._registration.side_factors(views, slam)
         if factors:
-            slam = self.walls.solve(stamps, factors, **how)
+            slam = self.walls.solve(stamps, factors, is_final=is_final)
         return self._registration.levelled(slam)
 
     def is_aligned(self, solution: SurfaceSolution) -> bool:
@@ -515,7 +517,7 @@ class SurfaceSlam:
 
         A session that was not found in its saved map leaves that map unchanged.
         """
-        state = self._walls_to_save(solution.slam)
+        state = solution.saved_walls
         if self._is_lost:
             return SavedMap(state, self.saved_views)
         view_poses = solution.view_poses

@@ -4,6 +4,8 @@ import numpy as np
 from live_robot import Listener, overrides
 from rclpy.action import ActionClient
 
+from tccm_ros.approach.speeds import STOP
+
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 
 
@@ -67,10 +69,16 @@ class Driver:
         return self.result(self.send(*args, **fields))
 
     def stands(self) -> bool:
-        """Return whether the base comes to rest and stays there, with nothing sent to it."""
-        count = len(self.robot.commands)
+        """Return whether the base comes to rest and stays there, with nothing sent to it.
+
+        Zero commands may come while it comes to rest: DDS orders them and the result at will.
+        """
+        before = len(self.robot.commands)
         for _ in range(15):
             self.robot.step()
+        if any(speeds != STOP for speeds in self.robot.commands[before:]):
+            return False
+        count = len(self.robot.commands)
         place = self.robot.base.truth.copy()
         for _ in range(5):
             self.robot.step()

@@ -7,6 +7,7 @@ from approach_world import ROBOT, SimulatedBase, a_goal, simple_flat, surroundin
 
 from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.retreat import Retreat
+from tccm_ros.approach.speeds import STOP
 
 FAULTS = ("odom", "scan", "cycle", "map", "cancel", "next goal", "nothing")
 MAX_STEPS = 60
@@ -27,7 +28,6 @@ class FaultyDrive:
         self.flat = simple_flat(None, (0.3, -0.2, 0.5))
         self.base = SimulatedBase(self.flat, np.random.default_rng(seed))
         self.machine, self.is_cancelled, self.outcomes = None, False, []
-        self.zero_s: list[float] = []
         self.rest_s: list[float] = []
 
     def tick(self):
@@ -78,13 +78,15 @@ class FaultyDrive:
         self.base.mute.clear()
 
     def cancel(self):
-        """Cancel the goal; measure the times to the zero command and to rest, if it drives."""
+        """Cancel the goal; measure the time to rest, if it drives."""
         start_s, is_driving = self.base.t, self.base.speed > AT_REST
         self.is_cancelled = True
+        if self.machine is not None:
+            # As approach_node: the cancellation itself sends zero, also while the loop is late.
+            self.base.tick(STOP)
+        if is_driving:
+            while self.base.speed > AT_REST:
+                self.base.tick(None)
+            self.rest_s.append(self.base.t - start_s)
         while self.machine is not None:
             self.tick()
-        if is_driving:
-            self.zero_s.append(self.base.t - start_s)
-            while self.base.speed > AT_REST:
-                self.tick()
-            self.rest_s.append(self.base.t - start_s)

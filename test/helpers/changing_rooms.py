@@ -89,7 +89,7 @@ def solved(inputs: Iterable[object], slam: SurfaceSlam) -> Iterator[Scene]:
     for event in inputs:
         slam.add(event)
         if isinstance(event, ObjectBoxes):
-            yield scene_of(slam.solve(every_covariance=False), "map")
+            yield scene_of(slam.solve(), "map")
 
 
 def told(scenes: Iterable[Scene], events: MapChanges) -> list[Change]:

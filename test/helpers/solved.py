@@ -8,7 +8,7 @@ from tccm_ros.slam.tracking import SolvedMap
 
 def solved_map(slam):
     """Return a solution of a `WallSlam` and its `SolvedMap` for a tracker."""
-    solution = slam.solve(every_covariance=False)
+    solution = slam.solve()
     newest = solution.keyframes[-1]
     keyframe = SolvedKeyframe(newest.id, newest.pose, solution.cov_keyframes[-1])
     walls = MapWalls.of(solution.walls, np.zeros(3))

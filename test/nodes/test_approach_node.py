@@ -1,6 +1,7 @@
 """approach_node over DDS, with a simulated base and the map of a flat."""
 
 import math
+import threading
 import time
 
 import numpy as np
@@ -176,6 +177,34 @@ def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_secon
     assert (status, result.reason) == (CANCELED, Reason.CANCELLED)
     # Two steps of 0.05 s, whatever was on its way.
     assert all(speeds == (0.0, 0.0) for speeds in driver.robot.commands[count + 2 :])
+    assert driver.stands()
+
+
+def test_cancelling_stops_the_base_while_a_step_computes(drive, monkeypatch):
+    driver = drive(simple_flat())
+    goal = driver.send()
+    driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
+    is_computing, may_end = threading.Event(), threading.Event()
+    step = Approach.step
+
+    def slow(machine, senses):
+        command = step(machine, senses)
+        is_computing.set()
+        assert may_end.wait(60.0)
+        return command
+
+    monkeypatch.setattr(Approach, "step", slow)
+    while not is_computing.is_set():
+        driver.robot.step()
+    cancelled = goal.cancel_goal_async()
+    driver.ros.spin_until(lambda: driver.robot.commands[-1] == STOP, what="zero")
+    assert not may_end.is_set()
+    count = len(driver.robot.commands)
+    monkeypatch.setattr(Approach, "step", step)
+    may_end.set()
+    driver.ros.spin_until(cancelled.done)
+    assert driver.result(goal)[0] == CANCELED
+    assert set(driver.robot.commands[count:]) <= {STOP}
     assert driver.stands()
 
 

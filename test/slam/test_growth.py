@@ -43,7 +43,7 @@ def batch_of(slam, views):
     """Return the batch of the same records, and let the growth go on afterwards."""
     kept, slam._growth = slam._growth, None
     try:
-        return slam.solve(views, every_covariance=False)
+        return slam.solve(views)
     finally:
         slam._growth = kept
 
@@ -64,7 +64,7 @@ def distance(one, other):
 def test_each_solution_of_a_ring_is_near_its_batch(laps):
     grown = 0
     for slam, views in steps(laps):
-        solution = slam.solve(views, every_covariance=False, is_final=False)
+        solution = slam.solve(views, is_final=False)
         batch = batch_of(slam, views)
         assert len(solution.keyframes) == len(batch.keyframes)
         assert np.array_equal(solution.stamps_ns, batch.stamps_ns)
@@ -86,7 +86,7 @@ def test_what_is_new_is_in_it(laps):
     """Nothing that was seen since the batch is left out: lines, walls, corners, covariance."""
     seen = grown = 0
     for slam, views in steps(laps):
-        solution = slam.solve(views, every_covariance=False, is_final=False)
+        solution = slam.solve(views, is_final=False)
         batch = batch_of(slam, views)
         if solution.is_batch:
             continue
@@ -107,7 +107,7 @@ def test_what_is_new_is_in_it(laps):
 @pytest.mark.usefixtures("small")
 def test_the_final_solution_is_the_batch_to_the_bit(laps):
     for slam, views in steps(laps):
-        slam.solve(views, every_covariance=False, is_final=False)
+        slam.solve(views, is_final=False)
     final = slam.solve(views)
     for fresh, _ in steps(laps, every=len(laps.scans)):
         expected = fresh.solve(views)
@@ -123,7 +123,7 @@ def test_the_final_solution_is_the_batch_to_the_bit(laps):
 @pytest.mark.usefixtures("small")
 def test_a_map_that_is_saved_while_it_grows_has_what_its_solution_has(laps):
     for slam, views in steps(laps):
-        solution = slam.solve(views, every_covariance=False, is_final=False)
+        solution = slam.solve(views, is_final=False)
     assert not solution.is_batch
     arrays = slam.saved(solution)
     again = WallSlam.from_saved(Config(), arrays).solve()
@@ -136,12 +136,12 @@ def test_a_map_that_is_saved_while_it_grows_has_what_its_solution_has(laps):
 def test_a_wrong_loop_closure_asks_for_a_batch_that_takes_it_out(laps, monkeypatch):
     monkeypatch.setattr(growth, "MAX_MOVED", np.inf)  # what it moves would tell as well
     for slam, views in steps(laps):
-        solution = slam.solve(views, every_covariance=False, is_final=False)
+        solution = slam.solve(views, is_final=False)
     assert not solution.is_batch
     right = slam._closer.accepted[-1]
     wrong = compose2(right.delta, np.array([0.6, 0.4, 0.1]))
     slam._closer.accepted.append(replace(right, delta=wrong))
-    asked = slam.solve(views, every_covariance=False, is_final=False)
+    asked = slam.solve(views, is_final=False)
     assert asked.is_batch
     assert sum(loop.accepted for loop in asked.loops) == len(slam._closer.accepted) - 1
 
@@ -150,15 +150,12 @@ def test_a_wrong_loop_closure_asks_for_a_batch_that_takes_it_out(laps, monkeypat
 def test_a_map_that_moved_further_than_lines_may_be_from_walls_is_a_batch(laps, monkeypatch):
     """Otherwise lines would stay with walls that they do not fit any more."""
     monkeypatch.setattr(growth, "MAX_MOVED", 0.0)
-    assert all(
-        slam.solve(views, every_covariance=False, is_final=False).is_batch
-        for slam, views in steps(laps, every=100)
-    )
+    assert all(slam.solve(views, is_final=False).is_batch for slam, views in steps(laps, every=100))
 
 
 def test_small_graphs_are_batches(laps):
     for slam, views in steps(laps, every=100):
-        assert slam.solve(views, every_covariance=False, is_final=False).is_batch
+        assert slam.solve(views, is_final=False).is_batch
 
 
 def test_walls_that_grow_are_those_of_the_whole_drive(laps):

@@ -47,7 +47,8 @@ def chain_of(session_starts=(0,), count=12):
 
 
 def solved(chain, loops=()):
-    graph = chain.graph(np.array([k.pose for k in chain.keyframes]), {0})
+    starts = {k.id: k.pose for k in chain.keyframes if k.id and chain.starts(k.id)}
+    graph = chain.graph(np.array([k.pose for k in chain.keyframes]), starts)
     graph.add([BetweenKeyframes(chain.keys[a], chain.keys[b], d, LOOP_COV) for a, b, d in loops])
     return graph.optimise()
 

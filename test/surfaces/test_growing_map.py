@@ -41,9 +41,9 @@ def solutions(events):
         views += isinstance(event, SurfaceCloud)
         if not isinstance(event, SurfaceCloud) or views < FIRST_VIEW:
             continue
-        grown = slam.solve(every_covariance=False, is_final=False)
+        grown = slam.solve(is_final=False)
         kept, slam.walls._growth = slam.walls._growth, None
-        batch = slam.solve(every_covariance=False)
+        batch = slam.solve()
         slam.walls._growth = kept
         yield grown, batch
 

@@ -149,7 +149,7 @@ class SolverProcess:
 
     def _solve(self, solve: Solve) -> None:
         start = time.monotonic()
-        solution = self._slam.solve(every_covariance=False, is_final=solve.is_final)
+        solution = self._slam.solve(is_final=solve.is_final)
         solved_map = self._slam.solved_map(solution)
         self._walls = solved_map.walls
         saved = self._slam.saved(solution)

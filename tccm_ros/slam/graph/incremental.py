@@ -6,7 +6,6 @@ the cliques that new factors affect and their ancestors, and relinearises variab
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -74,8 +73,7 @@ class IncrementalGraph:
         self._starts: dict[Key, Float64] = {}
         # The variables of the newest factors.
         self._newest: list[int] = []
-        # Number of factors of each variable, now and when its covariance was computed.
-        self._uses: Counter[int] = Counter()
+        # Covariances, each with the number of factors of its variable when it was computed.
         self._covariances = {k.symbol: (cov, 0) for k, cov in (covariances or {}).items()}
         self._may_refresh = True
 
@@ -140,9 +138,6 @@ class IncrementalGraph:
             numbers = []
             self._reorder(gone)
         self._may_refresh = True
-        held = isam.getFactorsUnsafe()
-        for i in numbers:
-            self._uses.update(held.at(i).keys())
         for (name, factor), (a, b) in zip(factors.items(), pairwise([0, *ends])):
             self._held[name] = factor, numbers[a:b]
 
@@ -179,7 +174,8 @@ class IncrementalGraph:
 
     def covariance(self, key: Key) -> Float64:
         """Return the marginal covariance in GTSAM's tangent order; see `MORE_FACTORS`."""
-        symbol, uses = key.symbol, self._uses[key.symbol]
+        symbol = key.symbol
+        uses = len(self._isam.getVariableIndex().at(symbol))
         cov, then = self._covariances.get(symbol, (None, 0))
         is_old = bool(then) and uses > MORE_FACTORS * then and self._may_refresh
         if cov is None or is_old:

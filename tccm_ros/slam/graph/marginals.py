@@ -74,44 +74,6 @@ class Information:
         return moved
 
 
-class InverseColumns:
-    """Joint covariances of a few pairs of variables, from columns of the inverse.
-
-    Parameters
-    ----------
-    A, dims
-        As in `Information`.
-
-    Raises
-    ------
-    RuntimeError
-        Where variables are undetermined.
-    """
-
-    def __init__(self, A: csc_matrix, dims: Int64) -> None:
-        self._starts = np.concatenate([[0], np.cumsum(dims)])
-        try:
-            self._factor = splu((A.T @ A).tocsc())
-        except RuntimeError:
-            raise RuntimeError("the graph does not determine all variables") from None
-        self._columns: dict[int, Float64] = {}
-
-    def joint(self, i: int, j: int) -> Float64:
-        """Return the joint covariance of variables i and j, in this order."""
-        pair = [self._columns_of(k) for k in (i, j)]
-        rows = np.concatenate([np.arange(*self._starts[k : k + 2]) for k in (i, j)])
-        joint = np.concatenate([column[rows] for column in pair], axis=1)
-        return np.asarray(0.5 * (joint + joint.T))
-
-    def _columns_of(self, k: int) -> Float64:
-        if k not in self._columns:
-            first, end = self._starts[k : k + 2].tolist()
-            unit = np.zeros((int(self._starts[-1]), end - first))
-            unit[first:end] = np.eye(end - first)
-            self._columns[k] = self._factor.solve(unit)
-        return self._columns[k]
-
-
 def _information(A: csc_matrix, dims: Int64, starts: Int64) -> csc_matrix:
     """Return A' A whose pattern contains all diagonal blocks, including zeros."""
     H = (A.T @ A).tocoo()

@@ -21,7 +21,7 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.graph.assembly import add_factors, insert_poses
-from tccm_ros.slam.graph.marginals import Information, InverseColumns
+from tccm_ros.slam.graph.marginals import Information
 
 MAX_ITERATIONS = 50
 """Maximum number of iterations of a batch optimisation. Chosen as a bound: the change of the error
@@ -86,14 +86,18 @@ class GraphSolution:
         -------
         float64 (2, 2) of (x, y) in map, m2, of the difference of the two positions
         """
-        symbols = self._linear.symbols
-        joint = self._inverse.joint(symbols.index(a.symbol), symbols.index(b.symbol))
-        # The tangent of a pose is (roll, pitch, yaw, x, y, z) in its own frame.
-        H = np.concatenate([self._motion_of(a, point), -self._motion_of(b, point)], axis=1)
-        return np.asarray(H @ joint @ H.T)
+        gradients = np.zeros((2, int(self._linear.dims.sum())))
+        for key, sign in ((a, 1.0), (b, -1.0)):
+            first = self._linear.firsts[key.symbol]
+            gradients[:, first : first + 6] += sign * self._motion_of(key, point)
+        moved = np.array([self._information.solve(gradient) for gradient in gradients])
+        return np.asarray(gradients @ moved.T)
 
     def _motion_of(self, key: Key, point: Float64) -> Float64:
-        """Return the derivative (2, 6) of a point (2,) fixed to a pose, by the pose's tangent."""
+        """Return the derivative (2, 6) of a point (2,) fixed to a pose, by the pose's tangent.
+
+        The tangent is (roll, pitch, yaw, x, y, z) in the pose's own frame.
+        """
         T = self.values.atPose3(key.symbol).matrix()
         motion = np.zeros((2, 6))
         motion[:, 3:] = T[:2, :3]
@@ -116,8 +120,8 @@ class GraphSolution:
         -------
         float64 (K, 3), (x, y, yaw) in each keyframe's own frame
         """
-        first = dict(zip(self._linear.symbols, np.cumsum(self._linear.dims) - self._linear.dims))
-        columns = np.array([first[key.symbol] for key in keys])[:, None] + [3, 4, 2]
+        firsts = self._linear.firsts
+        columns = np.array([firsts[key.symbol] for key in keys])[:, None] + [3, 4, 2]
         offsets = np.array([key.yaw_offset for key in keys])
         gradient = np.zeros(int(self._linear.dims.sum()))
         gradient[columns] = _rotated(gradients, -offsets)
@@ -134,11 +138,7 @@ class GraphSolution:
     @cached_property
     def _marginals(self) -> dict[int, Float64]:
         """The marginal covariance of every variable by its symbol."""
-        return dict(zip(self._linear.symbols, self._information.marginal_blocks()))
-
-    @cached_property
-    def _inverse(self) -> InverseColumns:
-        return InverseColumns(self._linear.A, self._linear.dims)
+        return dict(zip(self._linear.firsts, self._information.marginal_blocks()))
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half the squared Mahalanobis distances of factors by index, float64 (N,)."""
@@ -146,9 +146,9 @@ class GraphSolution:
 
 
 class _Linear(NamedTuple):
-    """Variables, the Jacobian in standard deviations, and the number of columns per variable."""
+    """First column of each variable, Jacobian in standard deviations, columns per variable."""
 
-    symbols: list[int]
+    firsts: dict[int, int]
     A: csc_matrix
     dims: Int64
 
@@ -161,7 +161,8 @@ def _linearise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> _Line
     row, column, entry = linear.sparseJacobian_()
     shape = int(row.max(initial=0.0)), int(dims.sum()) + 1
     A = csc_matrix((entry, (row.astype(int) - 1, column.astype(int) - 1)), shape=shape)
-    return _Linear(symbols, A[:, :-1], dims)
+    firsts = dict(zip(symbols, (np.cumsum(dims) - dims).tolist()))
+    return _Linear(firsts, A[:, :-1], dims)
 
 
 def _rotated(vectors: Float64, angles: Float64) -> Float64:

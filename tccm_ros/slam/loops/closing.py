@@ -7,7 +7,7 @@ that the next search windows are small.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import PoseGuess
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.factors.factor import by_variables
+from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.graph.incremental import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
@@ -159,16 +160,16 @@ class LoopCloser:
         self._place(k, patch, scan, tracked)
         self._begin_trajectory(k, scan.stamp_ns)
 
-    def _look_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
+    def _match_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
         """Match a patch with the map; if nothing fits, with the other trajectories."""
         session = self._chain.keyframes[k].session
         own = self.unjoined.get(session)
-        found = self._search.look_everywhere(k, patch, self.poses, self._localised)
+        found = self._search.match_everywhere(k, patch, self.poses, self._localised)
         others = set(self.unjoined.values()) - {own} if self._begins_trajectories else set()
         for root in sorted(others):
             if any(not p.reason or p.is_ambiguous for p in found):
                 break
-            found = self._search.look_everywhere(k, patch, self.poses, self._sessions_of(root))
+            found = self._search.match_everywhere(k, patch, self.poses, self._sessions_of(root))
         return found
 
     def _sessions_of(self, root: int) -> list[int]:
@@ -203,8 +204,6 @@ class LoopCloser:
                 # More than needed, so that the robot can drive on without another shift.
                 self.poses[members, 0] += 1.5 * BESIDE_M - gap
             right = self.poses[members, 0].max()
-            first = next(x.id for x in self._chain.keyframes if x.session == root)
-            self._chain.origins[first] = self.poses[first].copy()
 
     @property
     def unconfirmed(self) -> list[Proposal]:
@@ -221,11 +220,42 @@ class LoopCloser:
         """The sessions in the map's frame, or on a trajectory beside it."""
         return frozenset(self._localised | self.unjoined.keys())
 
-    @property
-    def constrained(self) -> frozenset[int]:
-        """The sessions whose first keyframe is constrained by a loop closure."""
-        began = {session for session, root in self.unjoined.items() if session == root}
-        return self.placed - began
+    def fixed_starts(
+        self, loops: Iterable[Proposal], seen: Iterable[AnchoredObservation] = ()
+    ) -> dict[int, Float64]:
+        """Return the poses of the first keyframes of sessions that must be fixed in a graph.
+
+        Those are the sessions that are not joined to another one, and those that the factors of the
+        graph do not connect to the first session, as their loop closures were rejected.
+
+        Parameters
+        ----------
+        loops
+            The loop closures of the graph.
+        seen
+            Its landmark observations; the observers of one landmark are connected.
+
+        Returns
+        -------
+        Poses float64 (3,) by id, in order
+        """
+        session = [keyframe.session for keyframe in self._chain.keyframes]
+        links = [{session[p.a], session[p.b]} for p in loops]
+        observers: dict[Key, set[int]] = {}
+        for x in seen:
+            observers.setdefault(x.key, set()).add(session[x.anchored.keyframe])
+        links += observers.values()
+        joined = self._localised | {s for s, root in self.unjoined.items() if s != root}
+        connected = {*session[:1], *(session[k] for k in self._chain.fixed)}
+        starts: dict[int, Float64] = {}
+        for s in sorted(set(session[1:]), key=lambda s: (s in joined, s)):
+            while new := set().union(*(x for x in links if x & connected)) - connected:
+                connected |= new
+            k = session.index(s)
+            if k and (s not in joined or s not in connected):
+                starts[k] = self.poses[k].copy()
+                connected.add(s)
+        return dict(sorted(starts.items()))
 
     def add(
         self,
@@ -327,7 +357,7 @@ class LoopCloser:
             self._place(k, patch, keyframe.scan)
             if keyframe.session not in self.unjoined:
                 return
-        for proposal in self._search.look(k, self.poses, self._lengths):
+        for proposal in self._search.match_earlier_passes(k, self.poses, self._lengths):
             if not proposal.reason:
                 self._confirm(proposal)
             else:
@@ -350,7 +380,7 @@ class LoopCloser:
             The pose of the later scan in the keyframe.
         """
         self._searched_ns, session = scan.stamp_ns, self._chain.keyframes[k].session
-        found, agreement = next(iter(self._look_everywhere(k, patch)), None), 0.0
+        found, agreement = next(iter(self._match_everywhere(k, patch)), None), 0.0
         if found is not None:
             agreement = self._search.agreement(found, scan)
         if found is not None and tracked is not None:
@@ -387,11 +417,11 @@ class LoopCloser:
             max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
             min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
         )
-        found = self._search.look_around(k, window, self.poses, self._localised)
+        found = self._search.match_around(k, window, self.poses, self._localised)
         known: list[Proposal] = []
         if k == self._guessed and self._expected is not None:
             near = Window(self._expected, MIN_GUESS_M, MIN_GUESS_RAD)
-            known = self._search.look_around(k, near, self.poses, self._localised)
+            known = self._search.match_around(k, near, self.poses, self._localised)
         if found or known:
             best = max([*found, *known], key=lambda p: p.score)
             if found and is_same_place(best, found[0], self.poses):
@@ -410,7 +440,7 @@ class LoopCloser:
             if is_localised and not is_far(self.poses[k], window.pose):
                 continue
             around = Window(window.pose, WINDOW_M, WINDOW_RAD)
-            near = self._search.look_around(k, around, self.poses, self._localised, self._lengths)
+            near = self._search.match_around(k, around, self.poses, self._localised, self._lengths)
             found += [(proposal, window.place.sign) for proposal in near]
         if not found:
             return
@@ -465,7 +495,6 @@ class LoopCloser:
         members = [keyframe.id for keyframe in keyframes if keyframe.session in sessions]
         for k in members:
             self.poses[k] = compose(T, self.poses[k])
-            self._chain.origins.pop(k, None)
         if target == -1:
             self._localised.update(sessions)
             self.unjoined = {s: r for s, r in self.unjoined.items() if s not in sessions}

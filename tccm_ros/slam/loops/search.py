@@ -74,7 +74,7 @@ class LoopSearch:
     keyframes: list[GraphKeyframe]
     _cache: dict[int, Submap] = field(default_factory=dict)
 
-    def look(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
+    def match_earlier_passes(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
         """Match keyframe `k`, the newest, with submaps that may contain the same walls.
 
         Parameters
@@ -93,7 +93,7 @@ class LoopSearch:
         """
         return [] if k % QUERY_STEP else self._match(k, self._candidates(k, poses, lengths))
 
-    def look_around(
+    def match_around(
         self,
         k: int,
         guess: Window,
@@ -149,7 +149,7 @@ class LoopSearch:
         found = [propose(self._submap(c), patch, w, self.config) for c, w in candidates]
         return [proposal for proposal in found if proposal is not None]
 
-    def look_everywhere(
+    def match_everywhere(
         self, k: int, patch: Patch, poses: Float64, localised: Collection[int]
     ) -> list[Proposal]:
         """Match a patch with the whole map; return the best place, with a reason if ambiguous.

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csc_matrix
 
-from tccm_ros.slam.graph.marginals import Information, InverseColumns
+from tccm_ros.slam.graph.marginals import Information
 
 
 def random_graph(seed: int, variables: int, loops: int):
@@ -51,20 +51,3 @@ def test_an_undetermined_variable_is_an_error():
     A = np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
     with pytest.raises(RuntimeError):
         Information(csc_matrix(A), np.array([3, 3]))
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.integers(0, 8))
-def test_joint_covariances_of_pairs_are_those_of_the_full_inverse(seed, variables, loops):
-    A, dims, starts = random_graph(seed, variables, loops)
-    full = np.linalg.inv(A.T @ A)
-    columns = InverseColumns(csc_matrix(A), dims)
-    for i, j in ((0, variables - 1), (variables - 1, 0), (variables // 2, 0)):
-        at = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in (i, j)])
-        expected = full[np.ix_(at, at)]
-        np.testing.assert_allclose(columns.joint(i, j), expected, rtol=1e-7, atol=1e-9 * full.max())
-
-
-def test_pairs_of_an_undetermined_graph_are_an_error():
-    A = np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
-    with pytest.raises(RuntimeError):
-        InverseColumns(csc_matrix(A), np.array([3, 3]))

@@ -225,7 +225,7 @@ def compose_cuboids(
 
 @kernel(inline="always")
 def _add_moments(sums: Any, addresses: Any, piece: Any) -> Any:
-    """Return sums of moments with those of a piece added, by its share of its cuboid's length."""
+    """Return sums of moments plus those of a piece, weighted by its fraction of the cuboid."""
     moments = carray(pointer_to(addresses[0]), (_ANY,), np.int64)
     bounds = carray(pointer_to(addresses[1]), (_ANY,), np.int32)
     at, index = 2 * np.int64(piece[3]), 10 * np.int64(piece[3])

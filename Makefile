@@ -10,8 +10,11 @@ ROS     := ros$(if $(filter-out jazzy,$(DISTRO)),-$(DISTRO))
 BIN     := $(VENV)/bin
 OUT     ?= out/demo
 DEMO    ?= bags/flat
-JOBS    ?= auto
-PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check
+# Workers of the tests: one more than processors, since tests over DDS wait at times.
+JOBS    ?= $(shell echo $$(($$(nproc) + 1)))
+# An environment for one run of a few tests is not compiled as a whole: Python compiles what it imports.
+COMPILE := $(if $(filter-out jazzy,$(DISTRO)),--no-compile)
+PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check $(COMPILE)
 STAMP   := $(VENV)/.installed
 TOOLS   := $(VENV)/.installed-tools
 TESTING := $(VENV)/.installed-for-tests
@@ -19,6 +22,8 @@ DOCS    := $(VENV)/.installed-docs
 # rclpy finds its plugins through the ament index, which the wheels put into the environment.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export MPLBACKEND := Agg
+# Tests start hundreds of interpreters: bytecode is kept also where the environment forbids it.
+export PYTHONDONTWRITEBYTECODE :=
 
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
@@ -46,14 +51,14 @@ test-fast: $(TESTING)
 	@$(BIN)/python $(PYTEST) -m "not slow" test
 
 # Each node once: make test-distro DISTRO=kilted.
-test-distro: $(TOOLS)
-	@$(BIN)/python $(PYTEST) -m every_distro test/nodes test/interfaces
+test-distro: $(VENV)/.installed-pytest
+	@$(BIN)/python $(PYTEST) -m every_distro $$(grep -rl every_distro test/nodes test/interfaces --include='*.py')
 
 # The lowest versions that setup.py allows, in an environment of their own.
 test-lowest: $(VENV)/.wheels
 	@$(BIN)/python tools/lowest_versions.py > $(VENV)/lowest.txt
 	@$(BIN)/python -m venv --clear $(VENV)-lowest
-	@$(VENV)-lowest/bin/python -m pip install -qq --disable-pip-version-check . -c $(VENV)/lowest.txt
+	@$(VENV)-lowest/bin/python -m pip install -qq --no-compile --disable-pip-version-check . -c $(VENV)/lowest.txt
 	@$(VENV)-lowest/bin/tccm demo --no-browser --out out/lowest
 
 bench: $(TOOLS)
@@ -80,6 +85,12 @@ $(TOOLS): $(STAMP) requirements-test.txt
 	@echo "installing tests and tools into $(VENV) (once)"
 	@$(PIP) -r requirements-test.txt
 	@touch $(TOOLS)
+
+# These tests need pytest and the pages of the nodes, no other tool.
+$(VENV)/.installed-pytest: $(STAMP) requirements-test.txt
+	@grep -E '^(pytest|hypothesis)' requirements-test.txt > $(VENV)/pytest.txt
+	@$(PIP) -r $(VENV)/pytest.txt -e '.[view]'
+	@touch $@
 
 # The library that reads door signs, and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions

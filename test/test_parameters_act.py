@@ -355,7 +355,6 @@ CASES = {
     "walls.discount": ("walls", 20.0, {}),
     "walls.corners": ("walls", "point", {}),
     "walls.thickness": ("walls", 0.001, {}),
-    "walls.structure_prior": ("walls", True, {}),
     "graph.mode": ("saved walls", "localisation", {}),
     "graph.keyframe_distance": ("walls", 0.9, {}),
     "graph.keyframe_angle": ("walls", 0.1, {}),

@@ -84,9 +84,6 @@ class Walls(Group):
         "shared ends of walls as landmarks: points near which both walls pass, or the endpoints of "
         "both, as published; auto: points where matching has not used their beams",
     )
-    structure_prior: bool = param(
-        False, "soft prior on parallel and right-angled walls where the data support it"
-    )
 
 
 class Localisation(Group):

@@ -38,6 +38,28 @@ def with_attitude(poses: ArrayLike, attitudes: ArrayLike) -> Float64:
     return T
 
 
+def interpolate(stamps_ns: Int64, values: Float64, asked_ns: ArrayLike) -> Float64:
+    """Return values at stamps, linear between samples, held at the ends; 0 without samples.
+
+    Parameters
+    ----------
+    stamps_ns, values
+        int64 (N,), increasing, and float64 (N, 3), the samples.
+    asked_ns
+        int64 (M,).
+
+    Returns
+    -------
+    float64 (M, 3)
+    """
+    asked = np.atleast_1d(np.asarray(asked_ns, np.int64))
+    if not len(values):
+        return np.zeros((len(asked), 3))
+    # Relative to the first stamp, nanoseconds are exact in float64 for a hundred days.
+    at, known = (asked - stamps_ns[0]).astype(float), (stamps_ns - stamps_ns[0]).astype(float)
+    return np.stack([np.interp(at, known, column) for column in values.T], axis=1)
+
+
 class AttitudeTrack:
     """Height, roll and pitch of the base over time; samples are added in stamp order."""
 
@@ -65,11 +87,4 @@ class AttitudeTrack:
 
         They are interpolated linearly, held at the ends, and 0 without samples.
         """
-        stamps, values = self._samples.stamps_ns, self._samples.values
-        found = np.zeros((len(stamps_ns), 3))
-        if len(stamps):
-            # Relative to the first stamp, nanoseconds are exact in float64 for a hundred days.
-            asked = (np.asarray(stamps_ns, np.int64) - stamps[0]).astype(float)
-            for k in range(3):
-                found[:, k] = np.interp(asked, (stamps - stamps[0]).astype(float), values[:, k])
-        return found
+        return interpolate(self._samples.stamps_ns, self._samples.values, stamps_ns)

@@ -13,7 +13,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.records import RollPitch
 from tccm_ros.robot.roll_pitch import significant
-from tccm_ros.robot.tracks import Track
+from tccm_ros.robot.tracks import Track, bracket
 
 MAX_GAP_NS = 500_000_000
 """Maximum gap between samples for interpolation (chosen)."""
@@ -54,10 +54,7 @@ class RollPitchTrack:
         for v, stamp in enumerate(stamps_ns):
             if not self._samples.brackets(stamp, stamp, MAX_GAP_NS):
                 continue
-            first = int(np.searchsorted(times, stamp, "right")) - 1
-            last = int(np.searchsorted(times, stamp))
-            span = int(times[last] - times[first])
-            fraction = (stamp - int(times[first])) / span if span else 0.0
+            first, last, fraction = bracket(times, stamp)
             mixed = values[first, :2] + fraction * (values[last, :2] - values[first, :2])
             found[v] = significant(mixed - self._usual, max(values[first, 2], values[last, 2]))
         return found

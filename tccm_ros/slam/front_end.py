@@ -427,8 +427,7 @@ class FrontEnd:
             self._contradictions = self._contradictions + 1 if contradicts else 0
         if not self._believes_odometry(scan):
             # Odometry is integrated from here if it recovers.
-            self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
-            self._anchor_cov, self._gyro_s = STEADY_COV, 0.0
+            self._anchor_odometry(scan, self.pose, STEADY_COV)
 
     def _check_lost(self, scan: LevelScan, inliers: float) -> None:
         """Update how long the pose has been unknown, and whether the robot is elsewhere.
@@ -523,8 +522,7 @@ class FrontEnd:
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
                 result, prior_cov = wide, LOOSE_COV
-                self._odometry_pose, self._anchor_odom = wide.pose.copy(), scan.odom
-                self._anchor_cov, self._gyro_s = LOOSE_COV, 0.0
+                self._anchor_odometry(scan, wide.pose, LOOSE_COV)
         if result.inliers < MIN_USED_INLIERS or self._is_accidental(scan, result, known):
             return predicted, UNUSED_INFLATION * prior_cov, result.inliers
         self._information = information = result.information / self.config.matching.correlated_beams
@@ -620,9 +618,13 @@ class FrontEnd:
         number, pose = self.first_id + len(self.keyframes), self.pose.copy()
         keyframe = GraphKeyframe(number, scan, pose, delta, cov, self.session, systematic)
         self.keyframes.append(keyframe)
-        self._odometry_pose, self._anchor_odom = keyframe.pose.copy(), scan.odom
-        self._anchor_cov, self._gyro_s = np.zeros((3, 3)), 0.0
+        self._anchor_odometry(scan, pose, np.zeros((3, 3)))
         self._rebuild_map()
+
+    def _anchor_odometry(self, scan: LevelScan, pose: Float64, cov: Float64) -> None:
+        """Integrate odometry from the pose (3,) of a scan on, which has the covariance (3, 3)."""
+        self._odometry_pose, self._anchor_odom = pose.copy(), scan.odom
+        self._anchor_cov, self._gyro_s = cov, 0.0
 
     def _recent_keyframes(self) -> list[GraphKeyframe]:
         recent = self.keyframes[-self.config.matching.submap_keyframes :]

@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import Loop, RefusedSign
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import Key, wall_key
+from tccm_ros.slam.factors.keys import wall_key
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.consistency import select_loops
@@ -18,8 +18,7 @@ from tccm_ros.slam.loops.matching import LoopReason, Proposal
 from tccm_ros.slam.signs.landmarks import FoundSign, Passes, find_signs, sign_factors
 from tccm_ros.slam.signs.views import PictureView, SignView
 from tccm_ros.slam.walls.association import WallTable, associate_walls, min_confirmations
-from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners, uses_corners
-from tccm_ros.slam.walls.landmarks import structure_factors
+from tccm_ros.slam.walls.corners import Corner, find_corners
 from tccm_ros.slam.walls.lines import Lines
 from tccm_ros.slam.walls.outliers import check_walls
 
@@ -58,15 +57,6 @@ class Inliers:
     observations: list[AnchoredObservation]
     signs: list[FoundSign]
     refused_signs: list[RefusedSign]
-
-    def structure_factors(self, keys: Sequence[Key], config: Config) -> list[Factor]:
-        """Return the factors of corners and of a building's frame, as configured."""
-        factors: list[Factor] = []
-        if uses_corners(config):
-            factors += corner_factors(self.corners, self.walls, keys, config)
-        if config.walls.enabled and config.walls.structure_prior:
-            factors += structure_factors(self.walls)
-        return factors
 
     def sign_factors(self, config: Config) -> list[Factor]:
         """Return the factors of door signs, and of their incidence with walls of the graph."""

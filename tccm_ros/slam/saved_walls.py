@@ -17,12 +17,7 @@ from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.signs.saved import (
-    pack_attitudes,
-    pack_signs,
-    unpack_anchored,
-    unpack_signs,
-)
+from tccm_ros.slam.signs.saved import pack_anchored, pack_signs, unpack_anchored, unpack_signs
 from tccm_ros.slam.signs.views import SignView
 from tccm_ros.slam.walls.lines import Lines
 
@@ -89,17 +84,14 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
 
 
 def _pack_landmarks(observations: Sequence[AnchoredObservation]) -> dict[str, NDArray[Any]]:
-    anchored, seen = [s.anchored for s in observations], [s.observation for s in observations]
+    seen = [s.observation for s in observations]
     kinds = sorted({o.kind for o in seen})
     return {
         "landmark_kinds": np.frombuffer(json.dumps(kinds).encode(), np.uint8),
         "landmark_kind": np.array([kinds.index(o.kind) for o in seen], np.int64),
         "landmark_id": np.array([o.id for o in seen], np.int64),
         "landmark_stamp_ns": np.array([o.stamp_ns for o in seen], np.int64),
-        "landmark_keyframe": np.array([h.keyframe for h in anchored], np.int64),
-        "landmark_pose": _rows([h.pose for h in anchored], 3),
-        "landmark_pose_cov": _rows([h.cov for h in anchored], 3, 3),
-        **pack_attitudes("landmark", anchored),
+        **pack_anchored("landmark", [s.anchored for s in observations]),
         "landmark_size": np.array([len(o.measurement) for o in seen], np.int64),
         "landmark_measurement": _joined([o.measurement for o in seen]),
         "landmark_cov": _joined([o.covariance.ravel() for o in seen]),
@@ -173,23 +165,22 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Anc
     kinds = json.loads(s["landmark_kinds"].tobytes())
     for kind in kinds:
         landmark_class(kind)
-    sizes, on = s["landmark_size"], s["landmark_keyframe"].tolist()
-    if not all(0 <= k < keyframes for k in on):
-        raise ValueError("a landmark was observed from a keyframe that the map does not have")
+    sizes = s["landmark_size"]
+    anchored = unpack_anchored("landmark", s, keyframes)
     rows = zip(
         s["landmark_stamp_ns"].tolist(),
         [kinds[k] for k in s["landmark_kind"].tolist()],
         s["landmark_id"].tolist(),
-        _split(s["landmark_measurement"], sizes, len(on)),
-        _split(s["landmark_cov"], sizes**2, len(on)),
-        unpack_anchored("landmark", s),
+        _split(s["landmark_measurement"], sizes, len(anchored)),
+        _split(s["landmark_cov"], sizes**2, len(anchored)),
+        anchored,
         strict=True,
     )
     return [
         AnchoredObservation(
-            LandmarkObservation(stamp, kind, number, x, cov.reshape(len(x), -1)), anchored
+            LandmarkObservation(stamp, kind, number, x, cov.reshape(len(x), -1)), pose
         )
-        for stamp, kind, number, x, cov, anchored in rows
+        for stamp, kind, number, x, cov, pose in rows
     ]
 
 

@@ -14,12 +14,12 @@ from tccm_ros.kernels import kernel
 
 
 @kernel
-def _wrap(angle: float) -> float:  # pragma: no cover - compiled
+def _wrap(angle: float) -> float:
     return angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
 
 
 @kernel
-def compose(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
+def compose(a: Float64, b: Float64) -> Float64:
     """Return a * b."""
     c, s = np.cos(a[2]), np.sin(a[2])
     result = np.empty(3)
@@ -30,7 +30,7 @@ def compose(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
 
 
 @kernel
-def inverse(a: Float64) -> Float64:  # pragma: no cover - compiled
+def inverse(a: Float64) -> Float64:
     """Return the inverse of a."""
     c, s = np.cos(a[2]), np.sin(a[2])
     result = np.empty(3)
@@ -40,13 +40,13 @@ def inverse(a: Float64) -> Float64:  # pragma: no cover - compiled
 
 
 @kernel
-def between(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
+def between(a: Float64, b: Float64) -> Float64:
     """Return the pose of b relative to a: inverse(a) * b."""
     return compose(inverse(a), b)
 
 
 @kernel
-def transform_points(pose: Float64, points: Float64) -> Float64:  # pragma: no cover - compiled
+def transform_points(pose: Float64, points: Float64) -> Float64:
     """Return points (N, 2) in the parent frame of `pose`."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     result = np.empty_like(points)
@@ -59,7 +59,7 @@ def transform_points(pose: Float64, points: Float64) -> Float64:  # pragma: no c
 @kernel
 def transform_scans(
     poses: Float64, counts: Int64, points: Float64, normals: Float64
-) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+) -> tuple[Float64, Float64]:
     """Return points and normals, float64 (N, 2), in the common parent frame of the scans' poses.
 
     Parameters
@@ -86,7 +86,7 @@ def transform_scans(
 
 
 @kernel
-def rotate_covariance(cov: Float64, yaw: float) -> Float64:  # pragma: no cover - compiled
+def rotate_covariance(cov: Float64, yaw: float) -> Float64:
     """Rotate a covariance or information (3, 3) of (x, y, yaw) to the parent frame.
 
     `yaw` (rad) is the yaw of its frame in the parent frame.
@@ -97,7 +97,7 @@ def rotate_covariance(cov: Float64, yaw: float) -> Float64:  # pragma: no cover 
 
 
 @kernel
-def fuse(information: Float64, yaw: float, cov: Float64) -> Float64:  # pragma: no cover
+def fuse(information: Float64, yaw: float, cov: Float64) -> Float64:
     """Return a covariance after a Kalman filter update with additional information.
 
     Parameters

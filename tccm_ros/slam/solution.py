@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Keyframe, Landmark, Loop, RefusedSign, Sign, Wall
-from tccm_ros.slam.base_attitude import with_attitude
+from tccm_ros.slam.base_attitude import interpolate, with_attitude
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,25 +71,14 @@ class Solution:
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""
-        stamps = np.atleast_1d(np.asarray(stamps_ns, np.int64))
-        if not len(self.stamps_ns):
-            return np.zeros((len(stamps), 3))
-        # Relative to the first stamp, nanoseconds are exact in float64 for a hundred days.
-        known = (self.stamps_ns - self.stamps_ns[0]).astype(float)
-        asked = (stamps - self.stamps_ns[0]).astype(float)
-        yaw = np.unwrap(self.poses[:, 2])
-        columns = [np.interp(asked, known, self.poses[:, k]) for k in range(2)]
-        columns.append(wrap_angle(np.interp(asked, known, yaw)))
-        return np.stack(columns, axis=1)
+        unwrapped = np.column_stack([self.poses[:, :2], np.unwrap(self.poses[:, 2])])
+        poses = interpolate(self.stamps_ns, unwrapped, stamps_ns)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        return poses
 
     def attitude_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return z (m), roll and pitch (rad) of the base at stamps int64 (M,), as `pose_at`."""
-        stamps = np.atleast_1d(np.asarray(stamps_ns, np.int64))
-        if not len(self.attitudes):
-            return np.zeros((len(stamps), 3))
-        known = (self.stamps_ns - self.stamps_ns[0]).astype(float)
-        asked = (stamps - self.stamps_ns[0]).astype(float)
-        return np.stack([np.interp(asked, known, self.attitudes[:, k]) for k in range(3)], axis=1)
+        return interpolate(self.stamps_ns, self.attitudes, stamps_ns)
 
     def T_map_base_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return poses (M, 4, 4) of the base in map at stamps int64 (M,), as `pose_at`."""

@@ -10,7 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config.slam import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
-from tccm_ros.robot.tracks import Track
+from tccm_ros.robot.tracks import Track, bracket
 from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance
@@ -59,13 +59,10 @@ class OdometryTrack(Track):
     def at(self, stamp_ns: int) -> Float64 | None:
         """Return the interpolated pose (3,); None where no two samples bracket the stamp."""
         stamps, poses = self.stamps_ns, self.values
-        i = int(np.searchsorted(stamps, stamp_ns, side="right"))
-        if i == 0 or (i == len(stamps) and stamps[-1] != stamp_ns):
+        if not len(stamps) or not stamps[0] <= stamp_ns <= stamps[-1]:
             return None
-        if stamps[i - 1] == stamp_ns:
-            return poses[i - 1].copy()
-        fraction = (stamp_ns - stamps[i - 1]) / (stamps[i] - stamps[i - 1])
-        return _interpolate(poses[i - 1], poses[i], float(fraction))
+        i, j, fraction = bracket(stamps, stamp_ns)
+        return _interpolate(poses[i], poses[j], fraction) if i < j else poses[i].copy()
 
 
 def _interpolate(a: Float64, b: Float64, fraction: float) -> Float64:

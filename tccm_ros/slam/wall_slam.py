@@ -50,6 +50,7 @@ from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
+from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.known_poses import walls_at
 from tccm_ros.slam.walls.landmarks import wall_factors, wall_records
 from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
@@ -509,8 +510,9 @@ class WallSlam:
             for f in self._between
             if not isinstance(f, BetweenViews) or {f.i, f.j} <= anchored.keys()
         ]
-        signs = used.sign_factors(self.config)
-        others = [*used.structure_factors(keys, self.config), *between, *signs, *seen.factors]
+        others = [*between, *used.sign_factors(self.config), *seen.factors]
+        if uses_corners(self.config):
+            others += corner_factors(used.corners, used.walls, keys, self.config)
         names = by_variables(anchors), by_variables(others, "beside")
         return _ChangingContent(anchored, observations, starts, *names)
 

@@ -144,11 +144,10 @@ class Flat:
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         x, y = x * CELL_M + low[0], y * CELL_M + low[1]
         cells = np.where(shapely.contains_xy(self.room, x, y), 0, -1).astype(np.int8)
-        wall = shapely.distance(self.room.exterior, shapely.points(x, y)) < 0.6 * CELL_M
-        cells[wall] = 100
+        points = shapely.points(x, y)
+        cells[shapely.distance(self.room.exterior, points) < 0.6 * CELL_M] = 100
         for leg in (leg for p in [self.mapped, *self.mapped_others] for leg in p.legs):
-            near = shapely.distance(leg, shapely.points(x, y)) < 0.5 * CELL_M
-            cells[near] = 100
+            cells[shapely.distance(leg, points) < 0.5 * CELL_M] = 100
         return OccupancyGrid(cells, CELL_M, low)
 
     def solids(self, t: float) -> list[Polygon]:

@@ -78,7 +78,7 @@ class Robot:
 @kernel
 def cast(
     walls: Float64, glass: Float64, x: float, y: float, angles: Float64, dice: Float64
-) -> Float64:  # pragma: no cover - compiled
+) -> Float64:
     """Return the range of each beam, m; a pane is ignored if `dice` is below its transparency."""
     ranges = np.full(len(angles), np.inf)
     for k in range(len(angles)):

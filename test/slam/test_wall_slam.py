@@ -153,13 +153,6 @@ def test_wall_landmarks_do_not_increase_the_error(lap, solved):
     assert with_m <= 1.05 * plan.errors(lap.truth, without.poses)[0] + 0.003
 
 
-def test_the_structure_prior_keeps_the_ring_square(lap):
-    config = Config()
-    config.walls.structure_prior = True
-    solution = slam_of(lap, config).solve()
-    assert plan.errors(lap.truth, solution.poses)[0] < 0.02
-
-
 @pytest.mark.parametrize("has_odometry", [False, True])
 def test_a_ring_is_mapped_without_odometry(has_odometry):
     """There is none, or it never reports a motion."""

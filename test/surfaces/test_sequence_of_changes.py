@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 from changing_rooms import (
+    WORLD,
     assert_one_id_an_item,
     counted,
     index_at,
     is_at,
-    slam_inputs,
     solved,
     told,
     true_counts,
     true_presence,
 )
+from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes
@@ -23,7 +24,7 @@ from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.told_scene import ToldScene
 
-OBJECTS_S = 35.0
+OBJECTS_S = 60.0
 """The robot has made some tilt cycles in the first room."""
 
 LIVE_M = 0.01
@@ -34,8 +35,8 @@ RESTART_S = 75.0
 
 
 @pytest.fixture(scope="module", params=[1, 2])
-def inputs(request, tmp_path_factory):
-    return slam_inputs(tmp_path_factory.mktemp("changing"), request.param)
+def inputs(request, session_files):
+    return slam_inputs(session_files.simulated(WORLD, seed=request.param))
 
 
 @pytest.fixture(scope="module")

@@ -81,8 +81,3 @@ def wall_key(index: int) -> Key:
 def corner_key(a: int, b: int) -> Key:
     """Return the key of the corner of two walls, by their indices."""
     return Key("c", (a << SYMBOL_BITS // 2) + b)
-
-
-def building_key() -> Key:
-    """Return the key of the building's frame, rotated to keep its walls off the axes."""
-    return Key("f", 0, 0.25 * math.pi)

@@ -18,7 +18,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key
 
-OWN_LETTERS = frozenset("cfosvwx")
+OWN_LETTERS = frozenset("cosvwx")
 """Reserved letters, of the variables in `keys`."""
 
 

@@ -66,6 +66,9 @@ BESIDE_M = 30.0
 """Minimum distance in x between keyframes of two trajectories that are not joined: beyond the range
 of common level lasers, so that no wall or surface of one overlaps with the other."""
 
+MAP = -1
+"""The trajectory of the map, among the first sessions of the others."""
+
 BATCH = 10
 """Number of keyframes added to the live graph together: an update costs the same for one as for a
 few (chosen)."""
@@ -94,9 +97,6 @@ class LoopCloser:
         Ids of the signs in the saved map by which sessions were localised, by session.
     placed_by_guess
         The sessions localised by a user-supplied pose.
-    unjoined
-        The sessions on trajectories that are not joined to the map, each with the first session of
-        its trajectory.
     waits_for
         Reason why the newest session has no place in the map yet; empty if it has.
     """
@@ -107,7 +107,6 @@ class LoopCloser:
         self.rejected: list[Proposal] = []
         self.placed_by_sign: dict[int, int] = {}
         self.placed_by_guess: set[int] = set()
-        self.unjoined: dict[int, int] = {}
         self.waits_for = ""
         self._config = config
         self._chain = chain
@@ -115,7 +114,8 @@ class LoopCloser:
         self._search = LoopSearch(config, chain.keyframes)
         self._lengths = PathLengths()
         self._graph = IncrementalGraph()
-        self._localised = {0}
+        # The trajectory of each placed session: the map, or the first session of another one.
+        self._trajectories = {0: MAP}
         # Proposals of the last metres, and all unconfirmed proposals by their identity.
         self._recent: list[Proposal] = []
         self._pending: dict[int, Proposal] = {}
@@ -162,11 +162,9 @@ class LoopCloser:
 
     def _match_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
         """Match a patch with the map; if nothing fits, with the other trajectories."""
-        session = self._chain.keyframes[k].session
-        own = self.unjoined.get(session)
-        found = self._search.match_everywhere(k, patch, self.poses, self._localised)
-        others = set(self.unjoined.values()) - {own} if self._begins_trajectories else set()
-        for root in sorted(others):
+        others = set(self.unjoined.values()) - {self._root(k)} if self._begins_trajectories else ()
+        found: list[Proposal] = []
+        for root in (MAP, *sorted(others)):
             if any(not p.reason or p.is_ambiguous for p in found):
                 break
             found = self._search.match_everywhere(k, patch, self.poses, self._sessions_of(root))
@@ -174,12 +172,12 @@ class LoopCloser:
 
     def _sessions_of(self, root: int) -> list[int]:
         """Return the sessions of the trajectory that begins with a session."""
-        return [session for session, r in self.unjoined.items() if r == root]
+        return [session for session, r in self._trajectories.items() if r == root]
 
     def _root(self, k: int) -> int:
-        """Return the id of a keyframe's trajectory; -1 for the map."""
+        """Return the trajectory of a keyframe: `MAP`, or the first session of another one."""
         session = self._chain.keyframes[k].session
-        return -1 if session in self._localised else self.unjoined.get(session, session)
+        return self._trajectories.get(session, session)
 
     def _begin_trajectory(self, k: int, stamp_ns: int) -> None:
         """Begin a trajectory with the session of keyframe k if it has been unplaced for long."""
@@ -189,14 +187,14 @@ class LoopCloser:
         first = next(x for x in self._chain.keyframes if x.session == session)
         driven = self._lengths.driven[k] - self._lengths.driven[first.id]
         if stamp_ns - first.scan.stamp_ns >= UNPLACED_NS or driven >= UNPLACED_M:
-            self.unjoined[session] = session
+            self._trajectories[session] = session
             self.waits_for = UNJOINED
             self._keep_beside()
 
     def _keep_beside(self) -> None:
         """Shift trajectories in x so that they do not overlap with the map or each other."""
         trajectory = np.array([self._root(k) for k in range(len(self.poses))])
-        right = self.poses[trajectory == -1, 0].max()
+        right = self.poses[trajectory == MAP, 0].max()
         for root in sorted(set(self.unjoined.values())):
             members = trajectory == root
             gap = self.poses[members, 0].min() - right
@@ -213,12 +211,17 @@ class LoopCloser:
     @property
     def localised(self) -> frozenset[int]:
         """The sessions in the map's frame."""
-        return frozenset(self._localised)
+        return frozenset(self._sessions_of(MAP))
 
     @property
     def placed(self) -> frozenset[int]:
         """The sessions in the map's frame, or on a trajectory beside it."""
-        return frozenset(self._localised | self.unjoined.keys())
+        return frozenset(self._trajectories)
+
+    @property
+    def unjoined(self) -> dict[int, int]:
+        """The sessions on trajectories beside the map, each with the first of its trajectory."""
+        return {session: root for session, root in self._trajectories.items() if root != MAP}
 
     def fixed_starts(
         self, loops: Iterable[Proposal], seen: Iterable[AnchoredObservation] = ()
@@ -245,7 +248,7 @@ class LoopCloser:
         for x in seen:
             observers.setdefault(x.key, set()).add(session[x.anchored.keyframe])
         links += observers.values()
-        joined = self._localised | {s for s, root in self.unjoined.items() if s != root}
+        joined = {s for s, root in self._trajectories.items() if s != root}
         connected = {*session[:1], *(session[k] for k in self._chain.fixed)}
         starts: dict[int, Float64] = {}
         for s in sorted(set(session[1:]), key=lambda s: (s in joined, s)):
@@ -268,7 +271,7 @@ class LoopCloser:
         keyframe = self._chain.keyframes[k]
         starts = self._chain.starts(k)
         self._append(keyframe, keyframe.pose if starts else compose(self.poses[-1], keyframe.delta))
-        if keyframe.session in self._localised:
+        if self._root(k) == MAP:
             self._waiting.append(k)
         if len(self._waiting) >= BATCH:
             self._update()
@@ -305,11 +308,11 @@ class LoopCloser:
         unjoined
             Value of the attribute `unjoined`.
         """
-        self.unjoined = dict(unjoined or {})
+        sessions = [keyframe.session for keyframe in self._chain.keyframes]
+        self._trajectories |= dict.fromkeys(sessions, MAP) | dict(unjoined or {})
         for keyframe, pose in zip(self._chain.keyframes, poses):
             self._append(keyframe, pose)
-            if keyframe.session not in self.unjoined:
-                self._localised.add(keyframe.session)
+            if self._root(keyframe.id) == MAP:
                 self._waiting.append(keyframe.id)
         if self.unjoined:
             self._keep_beside()
@@ -329,30 +332,29 @@ class LoopCloser:
         keys = self._chain.keys
         factors = by_variables(f for k in self._waiting for f in self._chain.factors_of(k))
         # Loop closures of a trajectory that is not joined stay pending.
-        fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == -1]
+        fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == MAP]
         seen = landmark_factors(self._take_usable(), first=self._observers)
         anchored, anchors = self._chain.anchor(seen.anchored, self.poses)
         starts = {**{keys[k]: self.poses[k].copy() for k in self._waiting}, **anchored}
         factors |= {p: p.factor(keys) for p in fresh}
         self._graph.update(factors | by_variables([*anchors, *seen.factors]), starts)
         self._waiting = []
-        self._fresh = [p for p in self._fresh if self._root(p.a) != -1 or self._root(p.b) != -1]
+        self._fresh = [p for p in self._fresh if self._root(p.a) != MAP or self._root(p.b) != MAP]
         self._observers += len(seen.anchored)
         if seen.factors:
             self._read_back()
 
     def _take_usable(self) -> list[AnchoredObservation]:
         """Remove and return the observations of sessions in the map's frame."""
-        sessions = [self._chain.keyframes[s.anchored.keyframe].session for s in self._unused]
-        usable = [s for s, session in zip(self._unused, sessions) if session in self._localised]
-        self._unused = [s for s, x in zip(self._unused, sessions) if x not in self._localised]
+        usable = [s for s in self._unused if self._root(s.anchored.keyframe) == MAP]
+        self._unused = [s for s in self._unused if self._root(s.anchored.keyframe) != MAP]
         return usable
 
     def _close(self, k: int) -> None:
         """Search for loop closures of keyframe k; accept those with enough confirmations."""
         driven, keyframe = self._lengths.driven, self._chain.keyframes[k]
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
-        if keyframe.session not in self._localised:
+        if self._root(k) != MAP:
             patch = make_patch(self._chain.keyframes, k, PATCH_HALF)
             self._place(k, patch, keyframe.scan)
             if keyframe.session not in self.unjoined:
@@ -395,7 +397,7 @@ class LoopCloser:
         accepted = confirmation.add(found, agreement, self.poses, self._lengths.driven)
         if accepted:
             self._accept(accepted)
-        if session in self._localised:
+        if self._root(k) == MAP:
             self.waits_for = ""
         elif session in self.unjoined:
             self.waits_for = UNJOINED
@@ -407,7 +409,7 @@ class LoopCloser:
         """
         self._guessed = k if self._guessed < 0 else self._guessed
         is_late = k >= self._guessed + GUESS_KEYFRAMES
-        if is_late or self._chain.keyframes[k].session in self._localised:
+        if is_late or self._root(k) == MAP:
             self._guess = None
             return
         moved = between(self.poses[self._guessed], self.poses[k])
@@ -417,11 +419,11 @@ class LoopCloser:
             max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
             min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
         )
-        found = self._search.match_around(k, window, self.poses, self._localised)
+        found = self._search.match_around(k, window, self.poses, self.localised)
         known: list[Proposal] = []
         if k == self._guessed and self._expected is not None:
             near = Window(self._expected, MIN_GUESS_M, MIN_GUESS_RAD)
-            known = self._search.match_around(k, near, self.poses, self._localised)
+            known = self._search.match_around(k, near, self.poses, self.localised)
         if found or known:
             best = max([*found, *known], key=lambda p: p.score)
             if found and is_same_place(best, found[0], self.poses):
@@ -433,14 +435,14 @@ class LoopCloser:
         """Match keyframe k at the place of a known sign, unless that is ambiguous."""
         found: list[tuple[Proposal, int]] = []
         session = self._chain.keyframes[k].session
-        is_localised = session in self._localised
+        is_localised = self._root(k) == MAP
         for window in self._signs.windows(k, self.poses):
-            if self._chain.keyframes[window.place.keyframe].session not in self._localised:
+            if self._root(window.place.keyframe) != MAP:
                 continue
             if is_localised and not is_far(self.poses[k], window.pose):
                 continue
             around = Window(window.pose, WINDOW_M, WINDOW_RAD)
-            near = self._search.match_around(k, around, self.poses, self._localised, self._lengths)
+            near = self._search.match_around(k, around, self.poses, self.localised, self._lengths)
             found += [(proposal, window.place.sign) for proposal in near]
         if not found:
             return
@@ -449,7 +451,7 @@ class LoopCloser:
             self.rejected.append(replace(best, reason=LoopReason.TWO_PLACES_IN_MAP))
             return
         self._confirm(best)
-        if not is_localised and session in self._localised:
+        if not is_localised and self._root(k) == MAP:
             self.placed_by_sign[session] = sign
 
     def _confirm(self, proposal: Proposal) -> None:
@@ -475,7 +477,7 @@ class LoopCloser:
         self.accepted.extend(fresh)
         self._lengths.add_loops(fresh, self._config.loops.drift)
         self._fresh.extend(fresh)
-        if self._root(last.b) != -1:
+        if self._root(last.b) != MAP:
             return  # the live graph is that of the map
         far = np.hypot(error[:, 0], error[:, 1]).max() > UPDATE_THRESHOLD_M
         if is_joined or far or np.abs(error[:, 2]).max() > UPDATE_THRESHOLD_RAD:
@@ -489,23 +491,17 @@ class LoopCloser:
         """Move the trajectory of a loop closure's second keyframe to that of its first."""
         T = compose(compose(self.poses[loop.a], loop.delta), inverse(self.poses[loop.b]))
         target, session = self._root(loop.a), self._chain.keyframes[loop.b].session
-        root = self.unjoined.get(session)
-        sessions = [session] if root is None else self._sessions_of(root)
+        sessions = self._sessions_of(self._root(loop.b)) or [session]
         keyframes = self._chain.keyframes[: len(self.poses)]
         members = [keyframe.id for keyframe in keyframes if keyframe.session in sessions]
         for k in members:
             self.poses[k] = compose(T, self.poses[k])
-        if target == -1:
-            self._localised.update(sessions)
-            self.unjoined = {s: r for s, r in self.unjoined.items() if s not in sessions}
+        self._trajectories.update(dict.fromkeys(sessions, target))
+        if target == MAP:
             self._waiting.extend(members)
-        else:
-            self.unjoined.update(dict.fromkeys(sessions, target))
 
     def _read_back(self) -> None:
         """Update all poses from the live graph, after one more iteration."""
         self._graph.update({}, {})
-        known = [
-            k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
-        ]
+        known = [k for k in range(len(self.poses)) if self._root(k) == MAP]
         self.poses[known] = self._graph.planar_poses([self._chain.keys[k] for k in known])

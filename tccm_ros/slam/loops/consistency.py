@@ -11,7 +11,7 @@ and throws at an ``OrientedPlane3Factor``, even with known inliers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -111,6 +111,8 @@ def select_loops(
 ) -> tuple[Float64, Bool]:
     """Optimise a graph with loop closures and reject outliers among them.
 
+    The weights of loop closures are those of graduated non-convexity: `MIN_WEIGHT` or 1 at the end.
+
     Parameters
     ----------
     graph
@@ -124,9 +126,12 @@ def select_loops(
     -------
     float64 (K, 3), poses of the keyframes, and bool (L,), mask of the inliers
     """
-    first = len(graph)
+    first, count = len(graph), len(loops)
     graph.add([p.factor(keys) for p in loops])
-    weights = np.ones(len(loops))
+    weights, solution = np.ones(count), graph.optimise()
+
+    def chi2() -> Float64:
+        return 2.0 * solution.errors_of(range(first, first + count)) / weights
 
     def solve(new: Float64) -> GraphSolution:
         for i in map(int, np.flatnonzero(new != weights)):
@@ -134,52 +139,24 @@ def select_loops(
         weights[:] = new
         return graph.optimise()
 
-    def chi2(solution: GraphSolution) -> Float64:
-        return 2.0 * solution.errors_of(range(first, first + len(loops))) / weights
-
-    solution, final = _graduate(solve, chi2, len(loops))
-    return solution.planar_poses(keys), final > 0.5
-
-
-def _graduate(
-    solve: Callable[[Float64], GraphSolution],
-    chi2: Callable[[GraphSolution], Float64],
-    count: int,
-) -> tuple[GraphSolution, Float64]:
-    """Return the weights of factors with outliers by graduated non-convexity.
-
-    Parameters
-    ----------
-    solve
-        Optimises the graph with given weights float64 (count,).
-    chi2
-        Returns the factors' squared Mahalanobis distances, unweighted, float64 (count,).
-    count
-        Number of these factors.
-
-    Returns
-    -------
-    The last solution, and weights float64 (count,): `MIN_WEIGHT` or 1.
-    """
-    weights = np.ones(count)
-    solution = solve(weights)
-    if not count:
-        return solution, weights
-    r2 = chi2(solution)
-    if r2.max() <= LOOP_CHI2:
-        return solution, weights
-    mu = max(LOOP_CHI2 / (2.0 * float(r2.max()) - LOOP_CHI2), 1e-3)
+    r2 = chi2()
+    largest = float(r2.max(initial=0.0))
+    if largest <= LOOP_CHI2:
+        return solution.planar_poses(keys), np.ones(count, bool)
+    mu = max(LOOP_CHI2 / (2.0 * largest - LOOP_CHI2), 1e-3)
     for _ in range(MAX_ROUNDS):
         new = _weights(r2, mu)
         converged = np.all((new <= MIN_WEIGHT) | (new >= 1.0)) and np.array_equal(new, weights)
-        weights = new
-        solution = solve(weights)
-        r2 = chi2(solution)
+        solution = solve(new)
+        r2 = chi2()
         if converged:
             break
         mu *= CONTROL_STEP
-    final = np.where(r2 <= LOOP_CHI2, 1.0, MIN_WEIGHT)
-    return (solution if np.array_equal(final, weights) else solve(final)), final
+    inliers = r2 <= LOOP_CHI2
+    final = np.where(inliers, 1.0, MIN_WEIGHT)
+    if not np.array_equal(final, weights):
+        solution = solve(final)
+    return solution.planar_poses(keys), inliers
 
 
 def _weights(r2: Float64, mu: float) -> Float64:

@@ -61,9 +61,7 @@ class PathLengths:
 
 
 @kernel
-def lengths_from(
-    start: int, steps: Float64, loops: Int64, loop_lengths: Float64
-) -> Float64:  # pragma: no cover - compiled
+def lengths_from(start: int, steps: Float64, loops: Int64, loop_lengths: Float64) -> Float64:
     """Return the length of the shortest path from one keyframe to all, float64 (K,), m.
 
     Bellman's relaxation in passes along the chain; the number of passes is that of the loop

@@ -190,7 +190,7 @@ def _align(
     start: Float64,
     sigma: float,
     prior: Prior,
-) -> tuple[Float64, Float64, float, float]:  # pragma: no cover - compiled
+) -> tuple[Float64, Float64, float, float]:
     pose = start.copy()
     H, noise, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     inliers, confirmed = 0.0, 0.0
@@ -225,7 +225,7 @@ def _normal_equations(
     sigma: float,
     radius: float,
     equations: _Equations,
-) -> tuple[float, float]:  # pragma: no cover - compiled
+) -> tuple[float, float]:
     """Add J^T W J to H and J^T W r to b; return the fractions of inliers and of confirmed inliers.
 
     `noise` becomes the part of H due to the standard deviation of the normals' directions: E[n n^T]
@@ -279,7 +279,7 @@ def _normal_equations(
 
 
 @kernel
-def _drop_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover - compiled
+def _drop_noise(H: Float64, noise: Float64, b: Float64) -> None:
     """Remove directions in which matching has no more information than noise.
 
     A step in them would follow the noise, with too small a covariance. They are the eigenvectors of
@@ -306,7 +306,7 @@ def _drop_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no c
 
 
 @kernel
-def _is_positive(M: Float64) -> bool:  # pragma: no cover - compiled
+def _is_positive(M: Float64) -> bool:
     """Return whether a symmetric matrix (3, 3) is positive definite (Sylvester)."""
     minor = M[0, 0] * M[1, 1] - M[0, 1] * M[0, 1]
     last = M[2, 2] * minor - M[0, 2] * (M[0, 2] * M[1, 1] - M[0, 1] * M[1, 2])
@@ -315,7 +315,7 @@ def _is_positive(M: Float64) -> bool:  # pragma: no cover - compiled
 
 
 @kernel
-def _add_square(M: Float64, v: Float64, w: float) -> None:  # pragma: no cover - compiled
+def _add_square(M: Float64, v: Float64, w: float) -> None:
     """Add w v v^T to M."""
     for k in range(3):
         for m in range(3):
@@ -323,18 +323,17 @@ def _add_square(M: Float64, v: Float64, w: float) -> None:  # pragma: no cover -
 
 
 @kernel
-def _robust(r: float, sigma: float) -> float:  # pragma: no cover - compiled
+def _robust(r: float, sigma: float) -> float:
     """Return the Cauchy weight of a residual."""
     u = r / (CAUCHY_SIGMAS * sigma)
     return 1.0 / (1.0 + u * u)
 
 
 @kernel
-def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:  # pragma: no cover
+def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:
     for k in range(3):
         b[k] += w * J[k] * r
-        for m in range(3):
-            H[k, m] += w * J[k] * J[m]
+    _add_square(H, J, w)
 
 
 @kernel
@@ -345,7 +344,7 @@ def _nearest(
     nx: float,
     ny: float,
     radius: float,
-) -> int:  # pragma: no cover - compiled
+) -> int:
     """Return the nearest map point within `radius` on the same face of a wall, or -1."""
     origin, starts = line_map.buckets.origin, line_map.buckets.starts
     px, py = x - origin[0], y - origin[1]

@@ -52,7 +52,7 @@ def extent_near_median(points: Float64, half: float) -> tuple[Near, Float64, Flo
 
 
 @kernel
-def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+def _extent(points: Float64) -> tuple[Float64, Float64]:
     low, high = points[0].copy(), points[0].copy()
     for i in range(1, len(points)):
         for k in range(2):
@@ -62,9 +62,7 @@ def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - c
 
 
 @kernel
-def sort_into_buckets(
-    points: Float64, origin: Float64, shape: Int64
-) -> tuple[Int64, Int32]:  # pragma: no cover - compiled
+def sort_into_buckets(points: Float64, origin: Float64, shape: Int64) -> tuple[Int64, Int32]:
     """Sort points by bucket with a stable counting sort.
 
     Parameters

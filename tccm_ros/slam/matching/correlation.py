@@ -122,9 +122,7 @@ class _Excluded(NamedTuple):
 
 
 @kernel
-def _score(
-    level: UInt8, cells: Int32, dx: int, dy: int, outside: int
-) -> float:  # pragma: no cover - compiled
+def _score(level: UInt8, cells: Int32, dx: int, dy: int, outside: int) -> float:
     """Return the mean likelihood of points shifted by (dx, dy) cells."""
     total = 0
     for i in range(len(cells)):
@@ -144,7 +142,7 @@ def _score_blocks(
     width: int,
     outside: int,
     totals: Int32,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Add the likelihoods of all points for all shifts -half + i width.
 
     The outer loop is over points: neighbouring shifts of a point are adjacent in memory.
@@ -214,9 +212,7 @@ def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> fl
 
 
 @kernel
-def _likelihoods(
-    grid: LikelihoodGrid, points: Float64, pose: Float64
-) -> UInt8:  # pragma: no cover - compiled
+def _likelihoods(grid: LikelihoodGrid, points: Float64, pose: Float64) -> UInt8:
     """Return the likelihood 0..255 of each point; `UNKNOWN` outside the grid."""
     finest, cells = grid.levels[0], np.empty((len(points), 2), np.int32)
     _rotate(points, grid.origin, pose, pose[2], cells)
@@ -229,7 +225,7 @@ def _likelihoods(
 
 
 @kernel
-def _min_square(low: int, high: int) -> int:  # pragma: no cover - compiled
+def _min_square(low: int, high: int) -> int:
     """Return the smallest k*k for k in low..high."""
     if low > 0:
         return low * low
@@ -237,9 +233,7 @@ def _min_square(low: int, high: int) -> int:  # pragma: no cover - compiled
 
 
 @kernel
-def _rotate(
-    points: Float64, origin: Float64, centre: Float64, angle: float, cells: Int32
-) -> None:  # pragma: no cover - compiled
+def _rotate(points: Float64, origin: Float64, centre: Float64, angle: float, cells: Int32) -> None:
     c, s = np.cos(angle), np.sin(angle)
     for i in range(len(points)):
         x = c * points[i, 0] - s * points[i, 1] + centre[0] - origin[0]
@@ -250,7 +244,7 @@ def _rotate(
 @kernel
 def _branch_and_bound(
     grid: LikelihoodGrid, points: Float64, search: _Search, excluded: _Excluded
-) -> tuple[Float64, float]:  # pragma: no cover - compiled
+) -> tuple[Float64, float]:
     """Search blocks of shifts depth-first, the best block first, for each yaw."""
     levels, outside = grid.levels, grid.outside
     centre, half, yaws, angle_step = search.centre, search.half, search.yaws, search.angle_step

@@ -119,9 +119,7 @@ def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
 
 
 @kernel
-def thin_with_normals(
-    beams: Float64, origin: Float64, step: float
-) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+def thin_with_normals(beams: Float64, origin: Float64, step: float) -> tuple[Float64, Float64]:
     """Return beams averaged over 4 cm, and a normal fitted to the neighbours of each mean.
 
     A point without neighbours is a small object if the adjacent beams hit surfaces behind it.
@@ -169,9 +167,7 @@ def thin_with_normals(
 
 
 @kernel
-def _is_sample_of_surface(
-    points: Float64, i: int, origin: Float64, step: float
-) -> bool:  # pragma: no cover - compiled
+def _is_sample_of_surface(points: Float64, i: int, origin: Float64, step: float) -> bool:
     """Return whether point i has few neighbours, but no farther hits (or none) on both sides."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
     radius = _radius(np.hypot(rx, ry) * step, 1)
@@ -190,7 +186,7 @@ def _is_sample_of_surface(
 @kernel
 def _is_before(
     points: Float64, i: int, j: int, origin: Float64, step: float, radius: float
-) -> bool:  # pragma: no cover - compiled
+) -> bool:
     """Return whether the adjacent beam of point i hits a farther point j, or nothing."""
     if j < 0 or j >= len(points):
         return True
@@ -203,9 +199,7 @@ def _is_before(
 
 
 @kernel
-def _fit_sparse_normal(
-    points: Float64, i: int, origin: Float64, normals: Float64
-) -> bool:  # pragma: no cover - compiled
+def _fit_sparse_normal(points: Float64, i: int, origin: Float64, normals: Float64) -> bool:
     """Write the normal of a line through point i and two others; return whether there is one."""
     for first in (i - 1, i - 2, i):
         if first < 0 or first + 2 >= len(points):
@@ -228,7 +222,7 @@ def _fit_sparse_normal(
 
 
 @kernel
-def _radius(spacing: float, times: int) -> float:  # pragma: no cover - compiled
+def _radius(spacing: float, times: int) -> float:
     """Return the radius of a neighbourhood for a point spacing."""
     return min(times * max(MIN_RADIUS, RADIUS_BEAMS * spacing), MAX_RADIUS)
 
@@ -236,7 +230,7 @@ def _radius(spacing: float, times: int) -> float:  # pragma: no cover - compiled
 @kernel
 def _write_normal(
     points: Float64, i: int, origin: Float64, nx: float, ny: float, normals: Float64
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Write the unit normal of point i, oriented towards the laser."""
     away = nx * (points[i, 0] - origin[0]) + ny * (points[i, 1] - origin[1])
     sign = -1.0 if away > 0.0 else 1.0
@@ -246,7 +240,7 @@ def _write_normal(
 @kernel
 def _fit_normal(
     points: Float64, i: int, origin: Float64, step: float, times: int, normals: Float64
-) -> bool:  # pragma: no cover - compiled
+) -> bool:
     """Write the normal of point i; return whether its neighbourhood, scaled by `times`, is flat."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
     radius = _radius(np.sqrt(rx * rx + ry * ry) * step, times)

@@ -105,9 +105,7 @@ _BLURRED = _blurred_point()
 
 
 @kernel
-def _clear(
-    grid: UInt8, origins: Float64, ends: Float64, corner: Float64
-) -> None:  # pragma: no cover - compiled
+def _clear(grid: UInt8, origins: Float64, ends: Float64, corner: Float64) -> None:
     """Set traversed cells of beams to 0, sampled once per cell width."""
     for i in range(len(ends)):
         dx, dy = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
@@ -123,7 +121,7 @@ def _clear(
 
 
 @kernel
-def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None:  # pragma: no cover
+def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None:
     for i in range(len(points)):
         cx = int((points[i, 0] - origin[0]) / CELL)
         cy = int((points[i, 1] - origin[1]) / CELL)

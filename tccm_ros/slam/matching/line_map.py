@@ -112,9 +112,7 @@ def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
 
 
 @kernel
-def _thin(
-    points: Float64, normals: Float64, origin: Float64, shape: Int64
-) -> Int64:  # pragma: no cover - compiled
+def _thin(points: Float64, normals: Float64, origin: Float64, shape: Int64) -> Int64:
     """Return for each point an earlier one within SPACING with the same orientation, or itself."""
     heads = np.full((shape[0], shape[1]), -1, np.int32)
     links = np.full(len(points), -1, np.int32)
@@ -141,7 +139,7 @@ def _thin(
 
 
 @kernel
-def _confirmed(mapped: _Seen, buckets: Buckets, seen: _Seen) -> Bool:  # pragma: no cover - compiled
+def _confirmed(mapped: _Seen, buckets: Buckets, seen: _Seen) -> Bool:
     """Mark the map points whose surface another scan observed within ALONG and ACROSS."""
     confirmed, starts = np.zeros(len(mapped.points), np.bool_), buckets.starts
     for i in range(len(seen.points)):

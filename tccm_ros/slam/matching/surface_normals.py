@@ -32,9 +32,7 @@ MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "
 
 
 @kernel
-def mean_normals(
-    normals: Float64, owner: Int64
-) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+def mean_normals(normals: Float64, owner: Int64) -> tuple[Float64, Float64]:
     """Return the mean normal of each group of points, and the variance of its direction.
 
     The scatter of single normals about the means of their groups is assumed equal in the whole map,
@@ -82,7 +80,7 @@ def fit_missing_normals(
     lasers: Float64,
     buckets: Buckets,
     all_points: Float64,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Fit normals to points without one, from the points of all scans, where these are flat.
 
     Beams far along a corridor are too sparse for a normal in a single scan; several scans fill the
@@ -126,7 +124,7 @@ def fit_missing_normals(
 
 
 @kernel
-def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compiled
+def _count_in(m: Any, dx: float, dy: float) -> None:
     """Add a point to the moments."""
     m.n += 1.0
     m.x += dx
@@ -137,9 +135,7 @@ def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compi
 
 
 @kernel
-def _fit(
-    point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64
-) -> None:  # pragma: no cover - compiled
+def _fit(point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64) -> None:
     """Write the normal of flat moments, and its variance."""
     n = m.n
     sx, sy = m.x / n, m.y / n
@@ -158,5 +154,5 @@ def _fit(
 
 
 @kernel
-def _is_zero(normals: Float64, i: int) -> bool:  # pragma: no cover - compiled
+def _is_zero(normals: Float64, i: int) -> bool:
     return bool(normals[i, 0] == 0.0 and normals[i, 1] == 0.0)

@@ -22,7 +22,7 @@ oblique walls cause (chosen)."""
 @kernel
 def passes_and_hits(
     points: Float64, origins: Float64, counts: Int64, ends: Float64
-) -> tuple[Int64, Int64]:  # pragma: no cover - compiled
+) -> tuple[Int64, Int64]:
     """Return the number of scans that passed each point and that ended at it, int64 (N,) each.
 
     A scan passes a point if all beams in its sector and the two adjacent ones end behind it. Space
@@ -64,7 +64,7 @@ def passes_and_hits(
 
 
 @kernel
-def _sector(x: float, y: float) -> int:  # pragma: no cover - compiled
+def _sector(x: float, y: float) -> int:
     """Return the sector of a direction; sectors divide a square's edge, without an arctangent."""
     size = abs(x) + abs(y)
     quarter = y / size if size > 0.0 else 0.0

@@ -22,7 +22,7 @@ SHAPES = {
 
 def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
     """Return named arrays with a row per view."""
-    seen, anchored = [v.measurement for v in views], [v.anchored for v in views]
+    seen = [v.measurement for v in views]
     arrays = {
         f"sign_{name}": np.array([getattr(m, name) for m in seen], float).reshape(-1, *shape)
         for name, shape in SHAPES.items()
@@ -31,10 +31,7 @@ def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
     return arrays | {
         "sign_id": np.array([v.sign for v in views], np.int64),
         "sign_stamp_ns": np.array([m.stamp_ns for m in seen], np.int64),
-        "sign_keyframe": np.array([a.keyframe for a in anchored], np.int64),
-        "sign_pose": np.array([a.pose for a in anchored], float).reshape(-1, 3),
-        "sign_pose_cov": np.array([a.cov for a in anchored], float).reshape(-1, 3, 3),
-        **pack_attitudes("sign", anchored),
+        **pack_anchored("sign", [v.anchored for v in views]),
         "sign_texts": np.frombuffer(texts, np.uint8),
         "sign_confidence": np.array([m.confidence for m in seen], float),
         "sign_focal_length": np.array([m.focal_length for m in seen], float),
@@ -42,15 +39,30 @@ def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
     }
 
 
-def pack_attitudes(prefix: str, anchored: Sequence[AnchoredPose]) -> dict[str, NDArray[Any]]:
-    """Return the attitudes of poses as an array; no array where all are level."""
+def pack_anchored(prefix: str, anchored: Sequence[AnchoredPose]) -> dict[str, NDArray[Any]]:
+    """Return anchored poses as arrays with a prefix; no attitudes where all are level."""
     attitudes = np.array([a.attitude for a in anchored], float).reshape(-1, 3)
-    return {f"{prefix}_attitude": attitudes} if attitudes.any() else {}
+    return {
+        f"{prefix}_keyframe": np.array([a.keyframe for a in anchored], np.int64),
+        f"{prefix}_pose": np.array([a.pose for a in anchored], float).reshape(-1, 3),
+        f"{prefix}_pose_cov": np.array([a.cov for a in anchored], float).reshape(-1, 3, 3),
+        **({f"{prefix}_attitude": attitudes} if attitudes.any() else {}),
+    }
 
 
-def unpack_anchored(prefix: str, s: Mapping[str, NDArray[Any]]) -> list[AnchoredPose]:
-    """Return the anchored poses whose arrays have a prefix."""
+def unpack_anchored(
+    prefix: str, s: Mapping[str, NDArray[Any]], keyframes: int
+) -> list[AnchoredPose]:
+    """Return the anchored poses whose arrays have a prefix.
+
+    Raises
+    ------
+    ValueError
+        For arrays inconsistent with each other or with the number of keyframes.
+    """
     on = s[f"{prefix}_keyframe"].tolist()
+    if not all(0 <= k < keyframes for k in on):
+        raise ValueError(f"a {prefix} was seen from a keyframe that the map does not have")
     attitudes = s.get(f"{prefix}_attitude", np.zeros((len(on), 3))).tolist()
     rows = zip(on, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
     return [
@@ -73,9 +85,7 @@ def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView
     # Maps of earlier versions lack both: use a grey patch, and an unknown size.
     patches = s.get("sign_patch", np.full((n, *PATCH_SHAPE), 128, np.uint8))
     plates = s.get("sign_plate", np.full((n, *SHAPES["plate"]), np.nan))
-    texts, on = json.loads(s["sign_texts"].tobytes()), s["sign_keyframe"].tolist()
-    if not all(0 <= k < keyframes for k in on):
-        raise ValueError("a sign was seen from a keyframe that the map does not have")
+    texts, anchored = json.loads(s["sign_texts"].tobytes()), unpack_anchored("sign", s, keyframes)
     measurements = [
         SignMeasurement(
             stamp, pixel, bearing, T, text, number, confidence, patch, corners, plate, f
@@ -94,5 +104,5 @@ def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView
             strict=True,
         )
     ]
-    rows = zip(measurements, unpack_anchored("sign", s), s["sign_id"].tolist(), strict=True)
+    rows = zip(measurements, anchored, s["sign_id"].tolist(), strict=True)
     return [SignView(*row) for row in rows]

@@ -65,13 +65,10 @@ class Point(NamedTuple):
     ----------
     position, covariance
         float64 (3,) and (3, 3), m and m2, in the frame of the rays.
-    parallax
-        Largest angle between two of the rays, rad.
     """
 
     position: Float64
     covariance: Float64
-    parallax: float
 
 
 def triangulate(rays: Rays) -> Point:
@@ -95,7 +92,7 @@ def triangulate(rays: Rays) -> Point:
         along = np.einsum("nk,nk->n", position - rays.origins, d)
         weights = 1.0 / (rays.angle_variance * along**2 + rays.position_variance)
     covariance = np.linalg.inv(np.einsum("n,nij->ij", weights, across))
-    return Point(position, covariance, parallax(d))
+    return Point(position, covariance)
 
 
 def parallax(directions: Float64) -> float:

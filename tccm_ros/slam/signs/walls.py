@@ -52,15 +52,9 @@ def is_behind_wall(position: Float64, origins: Float64, walls: WallTable) -> boo
     walls
         Walls in map.
     """
-    depth = _beyond(position, walls)
-    crossed = 0
-    for origin in origins:
-        before = _beyond(origin, walls)
-        fraction = np.clip(before / np.where(before < depth, before - depth, -1.0), 0.0, 1.0)
-        at = origin + fraction[:, None] * (position - origin)
-        through = (before < 0.0) & (depth > MIN_BEHIND) & _is_within(at, walls, 0.0)
-        crossed += bool(through.any())
-    return 2 * crossed > len(origins)
+    is_behind = _beyond(position, walls) > MIN_BEHIND
+    crossed = [bool((_crosses(x, position, walls) & is_behind).any()) for x in origins]
+    return 2 * sum(crossed) > len(origins)
 
 
 def is_hidden(position: Float64, origins: Float64, walls: WallTable) -> Bool:
@@ -75,15 +69,17 @@ def is_hidden(position: Float64, origins: Float64, walls: WallTable) -> Bool:
     walls
         Walls in map.
     """
-    depth = _beyond(position, walls)
-    hidden = np.zeros(len(origins), bool)
-    for k, origin in enumerate(origins):
-        before = _beyond(origin, walls)
-        is_crossed = (before * depth < 0.0) & (np.abs(depth) > MAX_WALL_DISTANCE)
-        fraction = np.where(is_crossed, before / np.where(is_crossed, before - depth, 1.0), 0.0)
-        at = origin + fraction[:, None] * (position - origin)
-        hidden[k] = bool((is_crossed & _is_within(at, walls, 0.0)).any())
-    return hidden
+    is_other = np.abs(_beyond(position, walls)) > MAX_WALL_DISTANCE
+    hidden = [(_crosses(origin, position, walls) & is_other).any() for origin in origins]
+    return np.array(hidden, bool)
+
+
+def _crosses(start: Float64, end: Float64, walls: WallTable) -> Bool:
+    """Return whether the way between two points (3,) crosses each wall, bool (W,)."""
+    before, behind = _beyond(start, walls), _beyond(end, walls)
+    is_crossed = before * behind < 0.0
+    fraction = before / np.where(is_crossed, before - behind, np.inf)
+    return is_crossed & _is_within(start + fraction[:, None] * (end - start), walls, 0.0)
 
 
 def _beyond(point: Float64, walls: WallTable) -> Float64:

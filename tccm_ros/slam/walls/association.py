@@ -74,17 +74,20 @@ class WallTable:
         _, first, group = np.unique(self.whole, return_index=True, return_inverse=True)
         return np.asarray(np.argsort(np.argsort(first))[group], np.int64)
 
+    def main_pieces(self) -> list[int]:
+        """Return the piece with the most observations of each whole wall, by `whole_numbers`."""
+        number = self.whole_numbers()
+        seen = np.bincount(self.wall[self.wall >= 0], minlength=len(self))
+        walls = range(int(number.max(initial=-1)) + 1)
+        return [int(max(np.flatnonzero(number == w), key=seen.item)) for w in walls]
+
     def joined(self) -> WallTable:
         """Return the table with one row per whole wall.
 
         It has the line of the piece with the most observations, the extent of all pieces and the
         largest roughness.
         """
-        number = self.whole_numbers()
-        count = int(number.max(initial=-1)) + 1
-        seen = np.bincount(self.wall[self.wall >= 0], minlength=len(self))
-        rows = np.array([max(np.flatnonzero(number == w), key=seen.item) for w in range(count)])
-        rows = rows.astype(np.int64)
+        number, rows = self.whole_numbers(), np.array(self.main_pieces(), np.int64)
         normal = np.stack([np.cos(self.phi), np.sin(self.phi)], axis=1)
         tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
         ends = (self.rho[:, None] * normal)[:, None] + self.extent[:, :, None] * tangent[:, None]
@@ -94,9 +97,9 @@ class WallTable:
             extent[w] = along.min(), along.max()
             roughness[w] = self.roughness[number == w].max()
         wall = np.where(self.wall >= 0, np.append(number, -1)[self.wall], -1)
-        return WallTable(
-            self.keyframe, self.line, wall, self.phi[rows], self.rho[rows], extent, roughness,
-            np.arange(count),
+        return replace(
+            self, wall=wall, phi=self.phi[rows], rho=self.rho[rows], extent=extent,
+            roughness=roughness, whole=np.arange(len(rows)),
         )  # fmt: skip
 
     def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
@@ -112,16 +115,9 @@ class WallTable:
         number = np.where(keep, np.cumsum(keep) - 1, -1)
         # The last entry is for observations without a wall (-1); it also exists without walls.
         renumbered = np.append(number, -1)[wall]
-        return WallTable(
-            self.keyframe,
-            self.line,
-            renumbered,
-            self.phi[keep],
-            self.rho[keep],
-            self.extent[keep],
-            self.roughness[keep],
-            self.whole[keep],
-        )
+        of_walls = ("phi", "rho", "extent", "roughness", "whole")
+        kept = {name: getattr(self, name)[keep] for name in of_walls}
+        return replace(self, wall=renumbered, **kept)
 
 
 def min_confirmations(config: Config, keyframes: int) -> int:
@@ -267,9 +263,7 @@ class _Gates(NamedTuple):
 
 
 @kernel
-def _mismatch(
-    w: Any, segments: _Segments, i: int, gates: _Gates
-) -> float:  # pragma: no cover - compiled
+def _mismatch(w: Any, segments: _Segments, i: int, gates: _Gates) -> float:
     """Return the squared Mahalanobis distance of segment i from a wall, inf outside the gate."""
     a, b = segments.ends[i, 0], segments.ends[i, 1]
     dphi = segments.phi[i] - w.phi
@@ -288,9 +282,7 @@ def _mismatch(
 
 
 @kernel
-def _associate(
-    segments: _Segments, gates: _Gates, known: Any
-) -> tuple[Int64, Any]:  # pragma: no cover - compiled
+def _associate(segments: _Segments, gates: _Gates, known: Any) -> tuple[Int64, Any]:
     """Return the wall of each line or -1, and all walls with dtype `POOLED`, known ones first.
 
     Keyframes are processed in order: choose the nearest wall for each line, check, pool.
@@ -328,7 +320,7 @@ def _associate(
 @kernel
 def _keep_compatible(
     wall: Int64, lines: range, segments: _Segments, pooled: Any, gates: _Gates
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Mark with -2 the lines that are inconsistent with a common pose correction."""
     J, r = np.zeros(3), 0.0
     s_d, s_a = gates.distance / JOINT_GATE_SIGMAS, gates.angle / JOINT_GATE_SIGMAS
@@ -368,9 +360,7 @@ def _keep_compatible(
 
 
 @kernel
-def _residual(
-    row: int, segments: _Segments, i: int, w: Any, J: Float64
-) -> float:  # pragma: no cover - compiled
+def _residual(row: int, segments: _Segments, i: int, w: Any, J: Float64) -> float:
     """Return the residual of line i: offset (row 0) or angle (row 1); write its derivative J."""
     nx, ny = np.cos(w.phi), np.sin(w.phi)
     if row == 1:

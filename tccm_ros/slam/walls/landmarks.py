@@ -10,9 +10,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Wall
-from tccm_ros.slam.factors.building import Building, WallDirection
-from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import Key, building_key, wall_key
+from tccm_ros.slam.factors.keys import Key, wall_key
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.walls.association import WallTable
@@ -22,22 +20,6 @@ from tccm_ros.slam.walls.lines import Lines
 
 MAX_SNAP = 0.3
 """Maximum distance (m) between the end of a wall and the corner that it is moved to (chosen)."""
-
-MIN_SUPPORT = 0.6
-"""Minimum fraction of the length of all walls that agree on one direction, modulo a right angle
-(chosen)."""
-
-MAX_DIRECTION_ERROR = 0.05
-"""Maximum angle (rad) of walls to that direction for the constraint (chosen)."""
-
-DIRECTION_SIGMA = 0.006
-"""Standard deviation (rad) of a wall's direction in a building with right angles (chosen)."""
-
-DIRECTION_ROUNDS = 5
-"""Iterations of the estimate of that direction, each without the outliers (chosen)."""
-
-MIN_WALLS = 3
-"""Minimum number of walls for the structure prior (chosen)."""
 
 
 def wall_factors(
@@ -66,28 +48,6 @@ def wall_factors(
     return factors
 
 
-def structure_factors(table: WallTable) -> list[Factor]:
-    """Return soft factors that make walls parallel or perpendicular; none with too few walls."""
-    if len(table) < MIN_WALLS:
-        return []
-    length = table.extent[:, 1] - table.extent[:, 0]
-    mean = np.sum(length * np.exp(4j * table.phi))
-    for _ in range(DIRECTION_ROUNDS):
-        away = np.angle(np.exp(4j * table.phi) * np.conj(mean) / abs(mean)) / 4.0
-        near = np.abs(away) < MAX_DIRECTION_ERROR
-        if not near.any():
-            return []
-        mean = np.sum((length * np.exp(4j * table.phi))[near])
-    if length[near].sum() < MIN_SUPPORT * length.sum():
-        return []
-    yaw, key = float(np.angle(mean)) / 4.0, building_key()
-    factors: list[Factor] = [Building(key, yaw)]
-    for w in map(int, np.flatnonzero(near)):
-        quarter = round(float(table.phi[w] - yaw) / (0.5 * np.pi))
-        factors.append(WallDirection(key, wall_key(w), quarter * 0.5 * np.pi, DIRECTION_SIGMA))
-    return factors
-
-
 def wall_records(
     table: WallTable, corners: Sequence[Corner], solution: GraphSolution, scale: float
 ) -> list[Wall]:
@@ -111,11 +71,9 @@ def wall_records(
     list of Wall
         Walls with phi in (-pi, pi] and rho >= 0, in the order of `WallTable.whole_numbers`.
     """
-    whole = table.whole_numbers()
-    pieces = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
-    count = int(whole.max(initial=-1)) + 1
-    main = [max(np.flatnonzero(whole == w), key=lambda p: pieces[p]) for w in range(count)]
-    counts = np.bincount(whole, pieces, count)
+    whole, main = table.whole_numbers(), table.main_pieces()
+    count = len(main)
+    counts = np.bincount(whole[table.wall[table.wall >= 0]], minlength=count)
     planes = [solution.plane(wall_key(p)) for p in range(len(table))]
     lines = np.array([(np.arctan2(n[1], n[0]), -n[3]) for n in planes]).reshape(-1, 2)
     seen = np.array([_endpoints(table, p, *lines[p]) for p in range(len(table))]).reshape(-1, 2, 2)
@@ -127,7 +85,7 @@ def wall_records(
     walls = []
     for w in range(count):
         # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
-        cov = solution.covariance(wall_key(int(main[w])))[np.ix_([0, 2], [0, 2])] * scale
+        cov = solution.covariance(wall_key(main[w]))[np.ix_([0, 2], [0, 2])] * scale
         a, r, e = phi[w], rho[w], ends[w]
         is_turned = r < 0.0
         if is_turned:

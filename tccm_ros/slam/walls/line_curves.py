@@ -11,6 +11,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.kernels import kernel
+from tccm_ros.slam.walls.line_fit import group_by_segment
 
 MAX_RUN = 8
 """Maximum number of adjacent segments of one arc (chosen: a longer curve is several arcs)."""
@@ -23,9 +24,7 @@ MIN_SIGMA = 1e-4
 
 
 @kernel
-def curved_segments(
-    beams: Float64, labels: Int32, max_gap: float, min_bend: float
-) -> Bool:  # pragma: no cover - compiled
+def curved_segments(beams: Float64, labels: Int32, max_gap: float, min_bend: float) -> Bool:
     """Return a mask of the segments that are pieces of a curve.
 
     Runs of adjacent segments are modelled by one line each, by one common line, or by one arc,
@@ -50,7 +49,7 @@ def curved_segments(
     -------
     bool (L,), for each segment
     """
-    points, starts = _by_segment(beams, labels)
+    points, starts = group_by_segment(beams, labels, _seam(labels))
     count = len(starts) - 1
     curved = np.zeros(count, np.bool_)
     if count < 2:
@@ -82,35 +81,16 @@ def curved_segments(
 
 
 @kernel
-def _by_segment(
-    beams: Float64, labels: Int32
-) -> tuple[Float64, Int64]:  # pragma: no cover - compiled
-    """Return the points of all segments, concatenated, and the start of each.
-
-    If the scan wraps around within a segment, its points begin where the label begins.
-    """
-    n, count = len(beams), 0
-    for i in range(n):
-        count = max(count, labels[i] + 1)
-    starts = np.zeros(count + 1, np.int64)
-    for i in range(n):
-        if labels[i] >= 0:
-            starts[labels[i] + 1] += 1
-    starts = np.cumsum(starts)
-    points, fill = np.empty((starts[count], 2)), starts[:-1].copy()
+def _seam(labels: Int32) -> int:
+    """Return the beam at which a segment begins that the scan wraps around in; 0 for none."""
     seam = 0
-    while seam < n and labels[seam] >= 0 and labels[seam] == labels[seam - 1]:
+    while seam < len(labels) and labels[seam] >= 0 and labels[seam] == labels[seam - 1]:
         seam += 1
-    for i in range(n):
-        k = labels[(seam + i) % n]
-        if k >= 0:
-            points[fill[k]] = beams[(seam + i) % n]
-            fill[k] += 1
-    return points, starts
+    return seam
 
 
 @kernel
-def _variance(points: Float64, starts: Int64) -> float:  # pragma: no cover - compiled
+def _variance(points: Float64, starts: Int64) -> float:
     """Return the variance across the lines of all segments, m2."""
     squares, freedom = 0.0, 0
     for k in range(len(starts) - 1):
@@ -121,18 +101,18 @@ def _variance(points: Float64, starts: Int64) -> float:  # pragma: no cover - co
 
 
 @kernel
-def _gap(points: Float64, i: int) -> float:  # pragma: no cover - compiled
+def _gap(points: Float64, i: int) -> float:
     """Return the distance of a point from the previous one."""
     return np.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
 
 
 @kernel
-def _length(points: Float64) -> float:  # pragma: no cover - compiled
+def _length(points: Float64) -> float:
     return np.hypot(points[-1, 0] - points[0, 0], points[-1, 1] - points[0, 1])
 
 
 @kernel
-def _residuals(points: Float64) -> tuple[float, float, float]:  # pragma: no cover - compiled
+def _residuals(points: Float64) -> tuple[float, float, float]:
     """Return the squared residuals of a line and of a parabola, m2, and its curvature, 1/m.
 
     Both are least-squares fits across the chord from the first point to the last.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.arrays import Float64, Int32
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.kernels import kernel
 
 SEGMENT = np.dtype(
@@ -33,7 +33,7 @@ def fit_segments(
     sigma: float,
     min_points: int,
     min_length: float,
-) -> Any:  # pragma: no cover - compiled
+) -> Any:
     """Fit a segment to the points of each label, if it has enough points and length.
 
     Parameters
@@ -51,19 +51,8 @@ def fit_segments(
     -------
     Segments of dtype `SEGMENT`, in the order of their labels
     """
-    total = 0
-    for i in range(len(labels)):
-        total = max(total, labels[i] + 1)
-    starts = np.zeros(total + 1, np.int64)
-    for i in range(len(labels)):
-        if labels[i] >= 0:
-            starts[labels[i] + 1] += 1
-    starts = np.cumsum(starts)
-    points, fill = np.empty((starts[total], 2)), starts[:-1].copy()
-    for i in range(len(labels)):
-        if labels[i] >= 0:
-            points[fill[labels[i]]] = beams[i]
-            fill[labels[i]] += 1
+    points, starts = group_by_segment(beams, labels, 0)
+    total = len(starts) - 1
     segments = np.zeros(total, SEGMENT)
     count = 0
     for k in range(total):
@@ -78,9 +67,37 @@ def fit_segments(
 
 
 @kernel
-def fit_segment(
-    points: Float64, origin: Float64, sigma: float, segment: Any
-) -> None:  # pragma: no cover - compiled
+def group_by_segment(beams: Float64, labels: Int32, first: int) -> tuple[Float64, Int64]:
+    """Return the points of all segments, concatenated, and the start of each.
+
+    Parameters
+    ----------
+    beams
+        float64 (B, 2), m.
+    labels
+        int32 (B,), the segment of each beam, or -1.
+    first
+        Beam at which the points begin; those before it come last.
+    """
+    n, count = len(beams), 0
+    for i in range(n):
+        count = max(count, labels[i] + 1)
+    starts = np.zeros(count + 1, np.int64)
+    for i in range(n):
+        if labels[i] >= 0:
+            starts[labels[i] + 1] += 1
+    starts = np.cumsum(starts)
+    points, fill = np.empty((starts[count], 2)), starts[:-1].copy()
+    for i in range(n):
+        k = labels[(first + i) % n]
+        if k >= 0:
+            points[fill[k]] = beams[(first + i) % n]
+            fill[k] += 1
+    return points, starts
+
+
+@kernel
+def fit_segment(points: Float64, origin: Float64, sigma: float, segment: Any) -> None:
     """Fit a line to points and write it to `segment`.
 
     Range noise moves a point along its beam; its component across the line is multiplied by the

@@ -15,9 +15,7 @@ MERGE_TOLERANCE = 1.5
 
 
 @kernel
-def split_segments(
-    beams: Float64, distance: float, max_gap: float, min_points: int
-) -> Int32:  # pragma: no cover - compiled
+def split_segments(beams: Float64, distance: float, max_gap: float, min_points: int) -> Int32:
     """Return the segment label of each point.
 
     A run of points without a gap is split at the point farthest from the chord until each piece is
@@ -83,14 +81,14 @@ def split_segments(
 
 
 @kernel
-def _gap2(points: Float64, i: int, j: int) -> float:  # pragma: no cover - compiled
+def _gap2(points: Float64, i: int, j: int) -> float:
     """Return the squared distance of two points."""
     dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
     return dx * dx + dy * dy
 
 
 @kernel
-def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
+def _seam(beams: Float64, max_gap: float) -> int:
     """Return the first point: 0, or, if the scan closes on itself, the one after the first gap.
 
     A closed scan without a gap begins at its farthest point, which is a corner.
@@ -110,7 +108,7 @@ def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
 
 
 @kernel
-def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: no cover - compiled
+def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:
     """Return the maximum distance from the chord a..b, and its index."""
     px, py = points[a, 0], points[a, 1]
     dx, dy = points[b, 0] - px, points[b, 1] - py
@@ -131,9 +129,7 @@ def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: 
 
 
 @kernel
-def _merge(
-    points: Float64, pieces: Int64, start: int, count: int, distance: float
-) -> int:  # pragma: no cover - compiled
+def _merge(points: Float64, pieces: Int64, start: int, count: int, distance: float) -> int:
     """Merge adjacent pieces of one run that are on one line; return their new number."""
     if count - start < 2:
         return count

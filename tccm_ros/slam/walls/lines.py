@@ -8,7 +8,7 @@ the same total-least-squares fit.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -89,10 +89,4 @@ def extract_lines(
     beams = np.ascontiguousarray(beams, np.float64)
     sigma = config.matching.range_sigma
     segments = fit_segments(beams, label(beams, config), origin, sigma, x.min_points, x.min_length)
-    return Lines(
-        segments["phi"].copy(),
-        segments["rho"].copy(),
-        segments["cov"].copy(),
-        segments["endpoints"].copy(),
-        segments["count"].copy(),
-    )
+    return Lines(*(segments[field.name].copy() for field in fields(Lines)))

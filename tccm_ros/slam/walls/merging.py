@@ -41,9 +41,7 @@ class _Members(NamedTuple):
 
 
 @kernel
-def whole_walls(
-    ends: Float64, wall: Int64, planes: Any, thickness: float
-) -> Int64:  # pragma: no cover - compiled
+def whole_walls(ends: Float64, wall: Int64, planes: Any, thickness: float) -> Int64:
     """Return the wall that each plane is a piece of, int64 (W,): the index of its longest piece.
 
     Each wall takes the pieces that are one with it, the longest wall first.
@@ -86,7 +84,7 @@ def whole_walls(
 
 
 @kernel
-def _append(members: _Members, wall: int, first: int, last: int) -> None:  # pragma: no cover
+def _append(members: _Members, wall: int, first: int, last: int) -> None:
     if members.first[wall] < 0:
         members.first[wall] = first
     else:
@@ -97,7 +95,7 @@ def _append(members: _Members, wall: int, first: int, last: int) -> None:  # pra
 @kernel
 def _are_one(
     a: int, b: int, ends: Float64, pooled: Any, members: _Members, thickness: float
-) -> bool:  # pragma: no cover - compiled
+) -> bool:
     """Return whether two walls have a common stretch, and are close to each other there."""
     dphi = pooled[b].phi - pooled[a].phi
     if np.cos(dphi) < np.cos(MAX_DPHI):
@@ -123,9 +121,7 @@ def _are_one(
 
 
 @kernel
-def _extent(
-    wall: int, phi: float, ends: Float64, members: _Members
-) -> tuple[float, float]:  # pragma: no cover - compiled
+def _extent(wall: int, phi: float, ends: Float64, members: _Members) -> tuple[float, float]:
     """Return the minimum and maximum position of a wall's segments along a tangent."""
     nx, ny, low, high = np.cos(phi), np.sin(phi), np.inf, -np.inf
     i = members.first[wall]
@@ -138,9 +134,7 @@ def _extent(
 
 
 @kernel
-def _seen(
-    wall: int, phi: float, ends: Float64, members: _Members, first: float, bins: int
-) -> Bool:  # pragma: no cover - compiled
+def _seen(wall: int, phi: float, ends: Float64, members: _Members, first: float, bins: int) -> Bool:
     """Return the bins along a tangent, from `first` on, in which a wall has segments."""
     nx, ny, seen = np.cos(phi), np.sin(phi), np.zeros(bins, np.bool_)
     i = members.first[wall]

@@ -18,7 +18,7 @@ of all, and its minimum and maximum position along the tangent."""
 
 
 @kernel
-def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
+def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:
     """Add the segment a-b to a wall of dtype `POOLED`, without its extent."""
     length = np.hypot(b[0] - a[0], b[1] - a[1])
     cx, cy = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
@@ -35,7 +35,7 @@ def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:  # prag
 
 
 @kernel
-def add_pooled(w: Any, other: Any) -> None:  # pragma: no cover - compiled
+def add_pooled(w: Any, other: Any) -> None:
     """Add the segments of another wall, without their extent."""
     w.mass += other.mass
     w.x += other.x
@@ -49,7 +49,7 @@ def add_pooled(w: Any, other: Any) -> None:  # pragma: no cover - compiled
 
 
 @kernel
-def fit_pooled(w: Any) -> None:  # pragma: no cover - compiled
+def fit_pooled(w: Any) -> None:
     """Fit the least-squares line of all segments, with their orientation."""
     mx, my = w.x / w.mass, w.y / w.mass
     sxx, sxy, syy = w.xx / w.mass - mx * mx, w.xy / w.mass - mx * my, w.yy / w.mass - my * my
@@ -61,7 +61,7 @@ def fit_pooled(w: Any) -> None:  # pragma: no cover - compiled
 
 
 @kernel
-def extend_pooled(w: Any, ends: Float64) -> None:  # pragma: no cover - compiled
+def extend_pooled(w: Any, ends: Float64) -> None:
     """Extend a wall along its tangent to the ends (2, 2) of a segment."""
     nx, ny = np.cos(w.phi), np.sin(w.phi)
     for e in range(2):

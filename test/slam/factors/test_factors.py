@@ -4,7 +4,6 @@ import pytest
 
 from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.slam.chain import yaw_offset_for
-from tccm_ros.slam.factors.building import WallDirection
 from tccm_ros.slam.factors.factor import by_variables
 from tccm_ros.slam.factors.keys import keyframe_key, view_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
@@ -138,23 +137,6 @@ def test_registration_of_views_is_robust_against_an_outlier():
     solution = solve_graph(factors, starts)
     T = inverse(solution.pose(view_key(0))) @ solution.pose(view_key(1))
     assert T[0, 3] < 0.05
-
-
-def test_the_structure_prior_constrains_walls_to_each_other_and_not_to_the_map():
-    key, building = keyframe_key(0, 0.4), keyframe_key(1, np.pi / 4)
-    loose = np.diag([0.05**2, 0.02**2])
-    factors = [
-        PriorPose(key, np.zeros(3), COV * 1e-6),
-        PriorPose(building, np.zeros(3), np.diag([1e-4, 1e-4, 10.0])),
-        WallObservation(key, wall_key(0), 0.80, 2.0, np.diag([0.001**2, 0.02**2])),
-        WallObservation(key, wall_key(1), 0.80 + np.pi / 2 + 0.05, 2.0, loose),
-        WallDirection(building, wall_key(0), 0.0, 0.002),
-        WallDirection(building, wall_key(1), np.pi / 2, 0.002),
-    ]
-    solution = solve_graph(factors, {key: np.zeros(3), building: np.array([0, 0, 0.8])})
-    angles = [np.arctan2(p[1], p[0]) for p in map(solution.plane, [wall_key(0), wall_key(1)])]
-    assert angles[0] == pytest.approx(0.80, abs=0.002)
-    assert angles[1] - angles[0] == pytest.approx(np.pi / 2, abs=0.003)
 
 
 def test_incremental_and_batch_optimisation_agree():

@@ -17,7 +17,7 @@ PATCHES = np.eye(3)
 
 
 def sighting(x, *, number="205", patch=0, views=(0, 1), keyframe=0):
-    point = Point(np.array([x, 1.0, 1.5]), np.eye(3) * SIGMA**2, 0.3)
+    point = Point(np.array([x, 1.0, 1.5]), np.eye(3) * SIGMA**2)
     return Sighting(views, keyframe, point, number, 0.9, PATCHES[patch], np.zeros(3))
 
 

@@ -1,17 +1,15 @@
-"""What walls add to the graph: the flatness of a line, and the directions of a building."""
+"""What walls add to the graph: the flatness of a line, and pieces of one wall."""
 
 import numpy as np
 import pytest
 
-from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.chain import yaw_offset_for
-from tccm_ros.slam.factors.building import Building, WallDirection
 from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.walls.association import WallTable
-from tccm_ros.slam.walls.landmarks import MIN_WALLS, structure_factors, wall_records
+from tccm_ros.slam.walls.landmarks import wall_records
 from tccm_ros.slam.walls.line_noise import _flatness_covariance
 from tccm_ros.slam.walls.lines import Lines
 
@@ -39,35 +37,6 @@ def test_a_wall_that_is_not_flat_shifts_and_rotates_its_line(middle, length):
         moves.append((line_of(ends + step) - line_of(ends - step)) / 2e-6)
     expected = sigma**2 * np.array(moves).T @ np.array(moves)
     assert _flatness_covariance(lines, 0, sigma**2) == pytest.approx(expected, rel=1e-5)
-
-
-def table_of(phi, lengths):
-    none = np.zeros(0, np.int64)
-    extent = np.column_stack([np.zeros(len(phi)), lengths])
-    rho, whole = np.ones(len(phi)), np.arange(len(phi))
-    return WallTable(none, none, none, np.array(phi), rho, extent, np.zeros(len(phi)), whole)
-
-
-@pytest.mark.parametrize("count", [MIN_WALLS, MIN_WALLS + 1, 9])
-def test_walls_of_a_building_are_parallel_or_at_right_angles(count):
-    yaw = 0.3
-    rng = np.random.default_rng(count)
-    quarters = rng.integers(-1, 3, count)
-    phi = wrap_angle(yaw + quarters * np.pi / 2 + rng.normal(0.0, 0.005, count))
-    odd = [wrap_angle(yaw + 0.6)]
-    building, *directions = structure_factors(table_of([*phi, *odd], [2.0] * count + [0.5]))
-    assert isinstance(building, Building)
-    assert np.sin(2.0 * (building.yaw - yaw)) == pytest.approx(0.0, abs=0.02)
-    assert len(directions) == count, "not the one that runs across"
-    for factor, direction in zip(directions, phi):
-        assert isinstance(factor, WallDirection)
-        assert wrap_angle(building.yaw + factor.angle - direction) == pytest.approx(0.0, abs=0.02)
-        assert np.sin(2.0 * factor.angle) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_few_walls_or_walls_in_all_directions_are_no_building():
-    assert structure_factors(table_of([0.0, np.pi / 2], [2.0, 2.0])) == []
-    assert structure_factors(table_of([0.0, 0.2, 0.5, 0.8, 1.1, 1.3], [2.0] * 6)) == []
 
 
 def test_pieces_are_landmarks_and_one_wall_in_the_result():

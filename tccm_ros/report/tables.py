@@ -187,7 +187,8 @@ def timing_table(timing: TimingFile) -> str:
 def configuration_table(summary: SummaryFile) -> str:
     """Return the configuration, with values marked that differ from the defaults."""
     known = {p.name: p for p in parameters()}
-    rows, changed = [], set()
+    rows: list[tuple[str, ...]] = []
+    changed: set[int] = set()
     for name, value in flatten(summary.config, joiner="."):
         parameter = known.get(name)
         if parameter and _plain(value) != _plain(parameter.default):

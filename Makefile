@@ -10,7 +10,8 @@ ROS     := ros$(if $(filter-out jazzy,$(DISTRO)),-$(DISTRO))
 BIN     := $(VENV)/bin
 OUT     ?= out/demo
 DEMO    ?= bags/flat
-JOBS    ?= auto
+# Workers of the tests: one more than processors, since tests over DDS wait at times.
+JOBS    ?= $(shell echo $$(($$(nproc) + 1)))
 PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check
 STAMP   := $(VENV)/.installed
 TOOLS   := $(VENV)/.installed-tools
@@ -19,6 +20,8 @@ DOCS    := $(VENV)/.installed-docs
 # rclpy finds its plugins through the ament index, which the wheels put into the environment.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export MPLBACKEND := Agg
+# Tests start hundreds of interpreters: bytecode is kept also where the environment forbids it.
+export PYTHONDONTWRITEBYTECODE :=
 
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))

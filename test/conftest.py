@@ -33,9 +33,10 @@ SLOW = (
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark the tests that are slow."""
     root = Path(__file__).parent
-    slow = tuple(root / name for name in SLOW)
+    slow = {root / name for name in SLOW}
+    files = {path for path in {item.path for item in items} if slow & {path, *path.parents}}
     for item in items:
-        if any(item.path.is_relative_to(path) for path in slow):
+        if item.path in files:
             item.add_marker(pytest.mark.slow)
 
 

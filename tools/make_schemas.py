@@ -19,13 +19,13 @@ from tccm_ros.results.models import (
     ObjectsFile,
     PlanesFile,
     RacksFile,
+    SignsFile,
     SummaryFile,
     SurfacesFile,
     TimingFile,
     TruthFile,
     WallsFile,
 )
-from tccm_ros.results.signs_file import SignsFile
 
 FILES: dict[str, type[Any]] = {
     "surfaces.json": SurfacesFile,

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from tccm_ros.arrays import Float64
+
 
 @dataclass(frozen=True, slots=True)
 class SurfaceFacts:
@@ -233,3 +235,13 @@ def appearances(
 def newest_first(changes: Sequence[ChangeFacts]) -> list[ChangeFacts]:
     """Return changes ordered by stamp, the newest first."""
     return sorted(changes, key=lambda change: -change.stamp_s)
+
+
+def rounded(values: Float64) -> list[float]:
+    """Return lengths or angles to 0.001."""
+    return [round(float(value), 3) for value in values]
+
+
+def seconds(stamp_ns: int) -> float:
+    """Return a stamp in s, to 1 ms."""
+    return round(stamp_ns * 1e-9, 3)

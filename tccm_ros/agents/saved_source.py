@@ -14,6 +14,8 @@ from tccm_ros.agents.facts import (
     SurfaceFacts,
     appearances,
     newest_first,
+    rounded,
+    seconds,
 )
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -66,7 +68,7 @@ class SavedMapSource:
     def stamp_s(self) -> float:
         """Return the stamp of the newest view that the map contains, s."""
         seen = (surface.last_seen_ns for surface in self._solution.surfaces)
-        return _seconds(max(self._solution.stamp_ns, *seen, 0))
+        return seconds(max(self._solution.stamp_ns, *seen, 0))
 
     def surfaces(self) -> Sequence[SurfaceFacts]:
         """Return the surfaces except the floor, by id."""
@@ -81,10 +83,10 @@ class SavedMapSource:
                 item.id,
                 item.class_id,
                 item.surface,
-                _rounded(item.center),
-                _rounded(item.size),
-                _seconds(item.first_seen_ns),
-                _seconds(item.last_seen_ns),
+                rounded(item.center),
+                rounded(item.size),
+                seconds(item.first_seen_ns),
+                seconds(item.last_seen_ns),
             )
             for item in self._solution.objects
         ]
@@ -111,7 +113,7 @@ class SavedMapSource:
         for placement in self._queries.find_placements(wanted, request):
             bases = self._bases(placement.position, question) if with_base else []
             if bases or not with_base:
-                position, yaw = _rounded(placement.position), round(placement.yaw, 3)
+                position, yaw = rounded(placement.position), round(placement.yaw, 3)
                 clearance = round(placement.clearance, 3)
                 found.append(PlacementFacts(placement.surface, position, yaw, clearance, bases))
             if len(found) == question.limit:
@@ -130,7 +132,7 @@ class SavedMapSource:
         """Return which surfaces and objects appeared or were moved, the newest first."""
         found = appearances(self.surfaces(), self.objects())
         found += [
-            ChangeFacts("moved", _seconds(surface.placed_ns), [surface.id], -1, surface.label)
+            ChangeFacts("moved", seconds(surface.placed_ns), [surface.id], -1, surface.label)
             for surface in self._solution.surfaces
             if surface.label != "floor" and surface.previous_pose is not None
         ]
@@ -149,15 +151,7 @@ def _surface(surface: Surface, ground: float) -> SurfaceFacts:
         round(float(length), 3),
         round(float(width), 3),
         round(surface.area, 3),
-        _rounded(T[:3, 3]),
-        _seconds(surface.first_seen_ns),
-        _seconds(surface.last_seen_ns),
+        rounded(T[:3, 3]),
+        seconds(surface.first_seen_ns),
+        seconds(surface.last_seen_ns),
     )
-
-
-def _rounded(values: Float64) -> list[float]:
-    return [round(float(value), 3) for value in values]
-
-
-def _seconds(stamp_ns: int) -> float:
-    return round(stamp_ns * 1e-9, 3)

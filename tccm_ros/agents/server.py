@@ -47,7 +47,7 @@ MAX_SIZE_M = 10.0
 """Maximum edge, reach or radius, m, as in the services of slam_node."""
 
 MAX_HEIGHT_M = 1000.0
-"""Limit above every height, m, as in tccm_interfaces/SurfaceFilter."""
+"""Limit above every height and extent, m, as in tccm_interfaces/SurfaceFilter."""
 
 MAX_GAP_M, MAX_RETREAT_M, MIN_RETREAT_M = 1.0, 2.0, 0.01
 """Limits of a drive, m, those of approach_node's goals."""
@@ -65,6 +65,8 @@ Height = Annotated[
     float,
     Field(allow_inf_nan=False, ge=-MAX_HEIGHT_M, le=MAX_HEIGHT_M, description="over the floor, m"),
 ]
+Extent = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=MAX_HEIGHT_M, description="m")]
+Distance = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=MAX_SIZE_M, description="m")]
 Limit = Annotated[int, Field(ge=1, le=MAX_ITEMS, description="items at most")]
 
 
@@ -167,12 +169,8 @@ class MapTools:
         words: Words = "",
         min_height_m: Height = -MAX_HEIGHT_M,
         max_height_m: Height = MAX_HEIGHT_M,
-        min_length_m: Annotated[
-            float, Field(allow_inf_nan=False, ge=0.0, le=1000.0, description="m")
-        ] = 0.0,
-        min_width_m: Annotated[
-            float, Field(allow_inf_nan=False, ge=0.0, le=1000.0, description="m")
-        ] = 0.0,
+        min_length_m: Extent = 0.0,
+        min_width_m: Extent = 0.0,
         limit: Limit = 10,
     ) -> Surfaces:
         """Find surfaces by words (label, room, door signs near it, objects on it), height, size.
@@ -214,9 +212,7 @@ class MapTools:
         height_m: Length,
         words: Words = "",
         surface_id: AnyIdentity = -1,
-        clearance_m: Annotated[
-            float, Field(allow_inf_nan=False, ge=0.0, le=MAX_SIZE_M, description="m")
-        ] = 0.02,
+        clearance_m: Distance = 0.02,
         limit: Limit = 3,
     ) -> Placements:
         """Find where an object of this size can be put down, on a surface or on all that match."""
@@ -232,9 +228,7 @@ class MapTools:
         self,
         surface_id: Identity,
         reach_m: Length = 0.8,
-        robot_radius_m: Annotated[
-            float, Field(allow_inf_nan=False, ge=0.0, le=MAX_SIZE_M, description="m")
-        ] = 0.3,
+        robot_radius_m: Distance = 0.3,
         limit: Limit = 3,
     ) -> Placements:
         """Find free places for the base from which free spots of a surface are in reach.

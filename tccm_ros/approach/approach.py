@@ -11,7 +11,7 @@ from tccm_ros.approach.drive import Driver, LegDrive, close_in, pose_behind
 from tccm_ros.approach.edge import MeasuredEdge, measured_edge
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
-from tccm_ros.approach.locating import is_elsewhere, locate, top_points
+from tccm_ros.approach.locating import is_elsewhere, is_passed, locate, top_points
 from tccm_ros.approach.losses import loss_of
 from tccm_ros.approach.navigator import Navigator
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
@@ -516,6 +516,9 @@ class Approach:
             self.edge, self._measured_at = found, senses.pose[:2]
         elif not self._is_below_view():
             return self._look_again(senses)
+        assert self.target is not None
+        if is_passed(self._cycles, self.target, self._same_height):
+            return self._look_again(senses, is_arrived=True)
         gap, yaw_error = self._figures(senses.pose)
         is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
@@ -524,15 +527,15 @@ class Approach:
             return self._driver.stop(senses)
         return self._succeed(senses, gap, yaw_error)
 
-    def _look_again(self, senses: Senses) -> Speeds:
-        """Look for a surface whose edge is not visible from the final pose; return zero."""
+    def _look_again(self, senses: Senses, *, is_arrived: bool = False) -> Speeds:
+        """Look for a surface that is not visible from the final pose; return zero."""
         if self._corrections >= MAX_CORRECTIONS:
             return self._end(
                 senses, Reason.LOST_SURFACE,
                 "tilt cycles from the final pose do not show the edge of the surface",
             )  # fmt: skip
         self._corrections += 1
-        return self._begin_look(senses)
+        return self._begin_look(senses, is_arrived=is_arrived)
 
     def _succeed(self, senses: Senses, gap: float, yaw_error: float) -> Speeds:
         spot = self._spot()

@@ -76,11 +76,14 @@ class _Seen:
         polygon = target.polygon
         to_edge = shapely.distance(polygon.boundary, shapely.points(self.edge))
         outside = shapely.distance(polygon, shapely.points(self.points))
-        if np.median(to_edge) >= FIT_M or np.quantile(outside, 0.95) >= FIT_M:
-            return False
-        inside = polygon.buffer(-FIT_M)
+        is_on = np.median(to_edge) < FIT_M and np.quantile(outside, 0.95) < FIT_M
+        return bool(is_on) and not self.is_passed(target)
+
+    def is_passed(self, target: Target) -> bool:
+        """Return whether beams passed through the visible part of an outline."""
+        inside = target.polygon.buffer(-FIT_M)
         hits, free = (shapely.contains_xy(inside, *p.T).sum() for p in (self.points, self.free))
-        return bool(free <= MAX_FREE * (hits + free))
+        return bool(free > MAX_FREE * (hits + free))
 
 
 def top_points(points: Float64, target: Target, others: list[Float64]) -> Float64:
@@ -118,6 +121,18 @@ def is_elsewhere(cycle: TopCycle, target: Target, others: list[Float64]) -> bool
     """
     seen = _seen([cycle], target, others)
     return seen is not None and not seen.is_fit(target)
+
+
+def is_passed(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) -> bool:
+    """Return whether cycles show a smaller surface: beams passed through a part of the outline.
+
+    Parameters
+    ----------
+    cycles, target, others
+        As in `locate`.
+    """
+    seen = _seen(cycles, target, others)
+    return seen is not None and seen.is_passed(target)
 
 
 def locate(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) -> Target | None:

@@ -29,7 +29,6 @@ from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tilt_angle import find_axis
 from tccm_ros.robot.tracks import PoseTrack, ScalarTrack, Track
-from tccm_ros.robot.urdf import Joint
 from tccm_ros.sensors.camera_rays import pixel_rays
 from tccm_ros.sensors.depth_image import PosedImage, max_mapped_depth
 from tccm_ros.sensors.laser_scan import (
@@ -357,10 +356,6 @@ def _footprint_z(robot: Robot, base: str) -> float | None:
         if frame == base:
             return 0.0
         with suppress(FrameError):
-            chain = build_chain(find_path(base, frame, edges), _no_joint)
+            chain = build_chain(find_path(base, frame, edges))
             return float(chain.fixed[0][2, 3])
     return None
-
-
-def _no_joint(joint: Joint) -> JointReading:
-    raise FrameError(f"joint '{joint.name}' moves the footprint")

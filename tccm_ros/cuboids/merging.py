@@ -20,6 +20,9 @@ _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
 _ANY = 2**40
 """Length of arrays that are given by their address only."""
 
+_NO_MOMENTS = (0.0,) * 10
+"""Count, sums, and sums of products, of no points."""
+
 _LAST = 2**62
 """Larger than any cell key or height."""
 
@@ -55,7 +58,6 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
     rows, new_rows, out_rows = older[1].reshape(-1), part[1].reshape(-1), out[1].reshape(-1)
     n: Any = _U0
     j: Any = _U0
-    n_new, shown = np.uint64(len(keys)), np.uint64(cycle >= 0)
     cell, cover = np.int64(_LAST), np.int64(0)
     # The next newer interval: cell, bottom and top.
     key, low, high = _next(keys, new_rows, j)
@@ -63,46 +65,55 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
         here = old_keys[i]
         if here != cell:
             while key < here:
-                _write(out_keys, out_rows, n, key, low, high, cycle, j)
-                n += shown
+                n = _write_newer(out_keys, out_rows, n, (key, low, high), cycle, j)
                 j += _U1
                 key, low, high = _next(keys, new_rows, j)
             cell, cover = here, np.int64(-_LAST)
         row = _U4 * i
         bottom, top = max(np.int64(rows[row]), cover), np.int64(rows[row + _U1])
         c, index = rows[row + _U2], rows[row + _U3]
-        kept = c >= oldest
-        # The part below the next newer interval is always written, but counted only if it is not
-        # empty, which is faster than a branch.
         end = min(top, low) if key == here else top
-        _write(out_keys, out_rows, n, here, bottom, end, c, index)
-        n += np.uint64(kept & (end > bottom))
+        n = _write_older(out_keys, out_rows, n, (here, bottom, end), c, index, oldest)
         while key == here and low < top:
-            _write(out_keys, out_rows, n, key, low, high, cycle, j)
-            n += shown
+            n = _write_newer(out_keys, out_rows, n, (key, low, high), cycle, j)
             cover = high
             j += _U1
             key, low, high = _next(keys, new_rows, j)
             bottom = max(bottom, cover)
             end = min(top, low) if key == here else top
-            _write(out_keys, out_rows, n, here, bottom, end, c, index)
-            n += np.uint64(kept & (end > bottom))
-    while j < n_new:
-        _write(out_keys, out_rows, n, key, low, high, cycle, j)
-        n += shown
+            n = _write_older(out_keys, out_rows, n, (here, bottom, end), c, index, oldest)
+    while j < np.uint64(len(keys)):
+        n = _write_newer(out_keys, out_rows, n, (key, low, high), cycle, j)
         j += _U1
         key, low, high = _next(keys, new_rows, j)
     return np.int64(n)
 
 
 @kernel(inline="always")
-def _write(
-    keys: Any, rows: Any, n: Any, key: Any, bottom: Any, top: Any, cycle: Any, index: Any
-) -> None:
-    """Write piece n."""
-    keys[n] = key
-    row = _U4 * n
-    rows[row], rows[row + _U1], rows[row + _U2], rows[row + _U3] = bottom, top, cycle, index
+def _write_newer(keys: Any, rows: Any, n: Any, span: Any, cycle: Any, index: Any) -> Any:
+    """Write interval `index` of the newest part map as piece n, unless it only removes."""
+    _write(keys, rows, n, span, cycle, index)
+    return n + np.uint64(cycle >= 0)
+
+
+@kernel(inline="always")
+def _write_older(
+    keys: Any, rows: Any, n: Any, span: Any, cycle: Any, index: Any, oldest: Any
+) -> Any:
+    """Write what is left of an older piece as piece n, unless it is empty or too old.
+
+    It is always written, and counted only if wanted, which is faster than a branch.
+    """
+    _write(keys, rows, n, span, cycle, index)
+    return n + np.uint64((cycle >= oldest) & (span[2] > span[1]))
+
+
+@kernel(inline="always")
+def _write(keys: Any, rows: Any, n: Any, span: Any, cycle: Any, index: Any) -> None:
+    """Write piece n: its cell, bottom and top, and its cuboid."""
+    keys[n], row = span[0], _U4 * n
+    rows[row], rows[row + _U1] = span[1], span[2]
+    rows[row + _U2], rows[row + _U3] = cycle, index
 
 
 @kernel(inline="always")
@@ -185,15 +196,12 @@ def compose_cuboids(
     cells, spans, count, s, S = found
     k, used, begin = -1, 0, 0
     # A window of up to 64 cycles fits in a word of bits: no sorting, no mispredicted branches.
-    narrow, seen = len(addresses) <= 64, np.uint64(0)
-    a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
+    narrow, seen, sums = len(addresses) <= 64, np.uint64(0), _NO_MOMENTS
     for i in range(n + 1):
         if i == n or i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
             if k >= 0:
                 spans[1, k] = pieces[i - 1, 1]
-                count[k], s[k, 0], s[k, 1], s[k, 2] = a0, a1, a2, a3
-                S[k, 0], S[k, 1], S[k, 2] = a4, a5, a6
-                S[k, 3], S[k, 4], S[k, 5] = a7, a8, a9
+                _write_moments(count, s, S, k, sums)
             while seen != _U0:
                 cycles[used] = first_cycle + lowest_bit(seen)
                 seen &= seen - _U1
@@ -205,29 +213,45 @@ def compose_cuboids(
             ix = (keys[i] + _HALF) >> 32
             cells[0, k], cells[1, k] = ix, keys[i] - (ix << 32)
             spans[0, k] = pieces[i, 0]
-            a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
-        cycle, index = pieces[i, 2], 10 * np.int64(pieces[i, 3])
-        k_cycle = np.uint64(cycle - first_cycle)
-        moments = carray(pointer_to(addresses[k_cycle, 0]), (_ANY,), np.int64)
-        bounds = carray(pointer_to(addresses[k_cycle, 1]), (_ANY,), np.int32)
-        at = 2 * np.int64(pieces[i, 3])
-        length = bounds[np.uint64(at + 1)] - bounds[np.uint64(at)]
-        weight = np.float64(pieces[i, 1] - pieces[i, 0]) / np.float64(length)
-        a0 += weight * moments[np.uint64(index + 0)]
-        a1 += weight * moments[np.uint64(index + 1)]
-        a2 += weight * moments[np.uint64(index + 2)]
-        a3 += weight * moments[np.uint64(index + 3)]
-        a4 += weight * moments[np.uint64(index + 4)]
-        a5 += weight * moments[np.uint64(index + 5)]
-        a6 += weight * moments[np.uint64(index + 6)]
-        a7 += weight * moments[np.uint64(index + 7)]
-        a8 += weight * moments[np.uint64(index + 8)]
-        a9 += weight * moments[np.uint64(index + 9)]
+            sums = _NO_MOMENTS
+        cycle = pieces[i, 2]
+        sums = _add_moments(sums, addresses[np.uint64(cycle - first_cycle)], pieces[i])
         if narrow:
             seen |= _U1 << np.uint64(cycle - first_cycle)
         else:
             used = _insert_cycle(cycles, begin, used, cycle)
     return used
+
+
+@kernel(inline="always")
+def _add_moments(sums: Any, addresses: Any, piece: Any) -> Any:
+    """Return sums of moments plus those of a piece, weighted by its fraction of the cuboid."""
+    moments = carray(pointer_to(addresses[0]), (_ANY,), np.int64)
+    bounds = carray(pointer_to(addresses[1]), (_ANY,), np.int32)
+    at, index = 2 * np.int64(piece[3]), 10 * np.int64(piece[3])
+    length = bounds[np.uint64(at + 1)] - bounds[np.uint64(at)]
+    weight = np.float64(piece[1] - piece[0]) / np.float64(length)
+    a0, a1, a2, a3, a4, a5, a6, a7, a8, a9 = sums
+    return (
+        a0 + weight * moments[np.uint64(index + 0)],
+        a1 + weight * moments[np.uint64(index + 1)],
+        a2 + weight * moments[np.uint64(index + 2)],
+        a3 + weight * moments[np.uint64(index + 3)],
+        a4 + weight * moments[np.uint64(index + 4)],
+        a5 + weight * moments[np.uint64(index + 5)],
+        a6 + weight * moments[np.uint64(index + 6)],
+        a7 + weight * moments[np.uint64(index + 7)],
+        a8 + weight * moments[np.uint64(index + 8)],
+        a9 + weight * moments[np.uint64(index + 9)],
+    )
+
+
+@kernel(inline="always")
+def _write_moments(count: Any, s: Any, S: Any, k: Any, sums: Any) -> None:
+    """Write the sums of the moments of composite k."""
+    count[k], s[k, 0], s[k, 1], s[k, 2] = sums[0], sums[1], sums[2], sums[3]
+    S[k, 0], S[k, 1], S[k, 2] = sums[4], sums[5], sums[6]
+    S[k, 3], S[k, 4], S[k, 5] = sums[7], sums[8], sums[9]
 
 
 @kernel

@@ -13,11 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.results.folder_reader import read_json
-from tccm_ros.results.models import SurfaceEntry, SurfacesFile, TruthFile, TruthSurface
+from tccm_ros.results.models import (
+    SurfaceEntry,
+    SurfacesFile,
+    TruthFile,
+    TruthSurface,
+    plan_polygon,
+)
 
 MIN_OVERLAP = 0.5
 MAX_HEIGHT_ERROR = 0.02
@@ -153,8 +158,7 @@ class _Footprint(NamedTuple):
 
     @classmethod
     def of(cls, surface: SurfaceEntry | TruthSurface) -> _Footprint:
-        holes = [hole[:, :2] for hole in surface.holes]
-        return cls(surface, shapely.make_valid(Polygon(surface.boundary[:, :2], holes)))
+        return cls(surface, plan_polygon(surface))
 
 
 def _overlap(true: _Footprint, found: _Footprint) -> float:

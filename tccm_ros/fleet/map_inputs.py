@@ -18,7 +18,7 @@ from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.tables import read_signs
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.map_file import load_map
-from tccm_ros.results.models import SurfaceEntry, SurfacesFile
+from tccm_ros.results.models import SurfacesFile, plan_polygon
 from tccm_ros.slam.saved_walls import SavedWalls, unpack_walls
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -192,11 +192,6 @@ def footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
     """Return the outlines of a map's surfaces."""
     floor_z = file.floor_z or 0.0
     return [
-        Footprint(surface.id, _outline(surface), surface.height - floor_z, surface.is_floor)
+        Footprint(surface.id, plan_polygon(surface), surface.height - floor_z, surface.is_floor)
         for surface in file.surfaces
     ]
-
-
-def _outline(surface: SurfaceEntry) -> shapely.Polygon:
-    holes = [hole[:, :2] for hole in surface.holes]
-    return shapely.make_valid(shapely.Polygon(surface.boundary[:, :2], holes))

@@ -27,13 +27,14 @@ from tccm_ros.results.models import (
     FreePlacesEntry,
     ObjectEntry,
     ObjectsFile,
+    SignEntry,
+    SignsFile,
     SurfaceEntry,
     SurfacesFile,
     Vector,
     WallEntry,
     WallsFile,
 )
-from tccm_ros.results.signs_file import SignEntry, SignsFile
 
 STAMPS = ("stamp", "first_seen", "last_seen")
 """Fields in seconds that are converted to times."""

@@ -30,7 +30,7 @@ from tccm_ros.mapping.surface_message import (
     surface_cloud,
     view_intervals,
 )
-from tccm_ros.planes import find_planes
+from tccm_ros.planes import PlaneFits, find_planes
 from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.records import (
     Event,
@@ -65,6 +65,11 @@ STILL_SPEED = 0.02
 
 STILL_ANGULAR_SPEED = np.deg2rad(0.5)
 """Angular speed below which the base counts as still, rad/s. Chosen."""
+
+
+def is_still(speed: float, angular_speed: float) -> bool:
+    """Return whether the base counts as still at a speed, m/s, and an angular speed, rad/s."""
+    return speed < STILL_SPEED and angular_speed < STILL_ANGULAR_SPEED
 
 
 class CyclePlanes(NamedTuple):
@@ -142,7 +147,7 @@ class CycleResult:
     @property
     def is_still(self) -> bool:
         """Whether the base stood still for the whole tilt cycle."""
-        return self.base_speed < STILL_SPEED and self.base_angular_speed < STILL_ANGULAR_SPEED
+        return is_still(self.base_speed, self.base_angular_speed)
 
 
 class TccmProcessor:
@@ -273,46 +278,20 @@ class TccmProcessor:
         return MapQuery(self.map, self.seen_free)
 
     def _result(self, cycle: TiltCycleData, on_planes: OnPlanes) -> CycleResult:
-        if self.config.map.clear_seen_through:
-            cycle.part = add_voids(cycle, self.map, self.config)
-        part = cycle.part
-        self.map.add(part)
-        self.counts["cycles"] += 1
-        self.counts["scans used"] += begun(cycle.records)
-        self.used.update(record.posed.role for record in cycle.records if record.is_whole)
-        T_odom_base, viewpoint = cycle.T_odom_base(), cycle.T_odom_sensor()[:3, 3]
+        """Merge a tilt cycle with the map, find planes and objects, and make the messages."""
+        self._merge(cycle)
+        part, T_odom_base = cycle.part, cycle.T_odom_base()
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
-        detect = DETECTORS[self.config.planes.detector]
-        fits = detect(cuboids, self.config, viewpoint)
+        fits = DETECTORS[self.config.planes.detector](
+            cuboids, self.config, cycle.T_odom_sensor()[:3, 3]
+        )
         planes = self._planes.update(fits)
         on_planes(CyclePlanes(cycle.stamp_ns, self._odom_frame, planes))
         objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))
         speed, angular_speed = cycle.base_speeds()
+        wanted = self._is_view_wanted(speed, angular_speed)
+        surfaces, view = self._surfaces_and_view(cycle, fits, wanted)
         base = self._base_frame
-        still = speed < STILL_SPEED and angular_speed < STILL_ANGULAR_SPEED
-        wanted = self.config.views.when == "always" or still or self._view_is_asked
-        self._view_is_asked = False
-        # As published, segmentation needs a 3D scan: a single scan line always fits a plane.
-        is_segmented = (
-            self._segmentation is None or cycle.swept_angle() >= self.config.cycle.min_sweep
-        )
-        view = view_intervals(cycle, self.config, T_odom_base, base)
-        self.seen_free.add(part.cycle, T_odom_base, view)
-        surfaces = surface_cloud(
-            cycle,
-            fits,
-            T_odom_base,
-            viewpoint,
-            base,
-            wanted and is_segmented,
-            self.config,
-            self._segmentation,
-        )
-        view = (
-            replace(view, hits=hits_near(cycle, fits, surfaces, T_odom_base))
-            if wanted
-            else replace(view, intervals=view.intervals[:0])
-        )
         return CycleResult(
             cycle=part.cycle,
             stamp_ns=cycle.stamp_ns,
@@ -332,3 +311,42 @@ class TccmProcessor:
             base_angular_speed=angular_speed,
             ended_by=cycle.span.reason,
         )
+
+    def _merge(self, cycle: TiltCycleData) -> None:
+        """Add the part map of a tilt cycle to the map, and count its records."""
+        if self.config.map.clear_seen_through:
+            cycle.part = add_voids(cycle, self.map, self.config)
+        self.map.add(cycle.part)
+        self.counts["cycles"] += 1
+        self.counts["scans used"] += begun(cycle.records)
+        self.used.update(record.posed.role for record in cycle.records if record.is_whole)
+
+    def _is_view_wanted(self, speed: float, angular_speed: float) -> bool:
+        """Return whether `views.when` or `take_view` asks for the surfaces of this tilt cycle."""
+        asked, self._view_is_asked = self._view_is_asked, False
+        return asked or self.config.views.when == "always" or is_still(speed, angular_speed)
+
+    def _surfaces_and_view(
+        self, cycle: TiltCycleData, fits: PlaneFits, wanted: bool
+    ) -> tuple[SurfaceCloud, ViewIntervals]:
+        """Return the messages with the points and the free space; both empty if not wanted."""
+        T_odom_base, base = cycle.T_odom_base(), self._base_frame
+        view = view_intervals(cycle, self.config, T_odom_base, base)
+        self.seen_free.add(cycle.part.cycle, T_odom_base, view)
+        # As published, segmentation needs a 3D scan: a single scan line always fits a plane.
+        can_segment = (
+            self._segmentation is None or cycle.swept_angle() >= self.config.cycle.min_sweep
+        )
+        surfaces = surface_cloud(
+            cycle,
+            fits,
+            T_odom_base,
+            cycle.T_odom_sensor()[:3, 3],
+            base,
+            wanted and can_segment,
+            self.config,
+            self._segmentation,
+        )
+        if not wanted:
+            return surfaces, replace(view, intervals=view.intervals[:0])
+        return surfaces, replace(view, hits=hits_near(cycle, fits, surfaces, T_odom_base))

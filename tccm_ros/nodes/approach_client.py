@@ -15,7 +15,7 @@ from tccm_interfaces.srv import ResolveName, SetName
 
 from tccm_ros.errors import RequestError
 from tccm_ros.nodes.asking import ask
-from tccm_ros.nodes.map_records import MapApproach, approach_of, spot_of
+from tccm_ros.nodes.map_records import MapApproach, MapSpot
 
 
 class ApproachClient:
@@ -62,11 +62,7 @@ class ApproachClient:
             goal.spot = _point(spot, frame)
         if side is not None:
             goal.has_side, goal.side = True, float(side)
-
-        def read(result: Any) -> MapApproach:
-            return approach_of(result)
-
-        return self._send(self._approach, goal, read)
+        return self._send(self._approach, goal, MapApproach.of)
 
     def retreat(self, distance: float) -> Future:
         """Ask for a retreat, as `SurfaceMapClient.retreat`."""
@@ -75,7 +71,7 @@ class ApproachClient:
 
     def resolve_name(self, name: str) -> Future:
         """Resolve a name, as `SurfaceMapClient.resolve_name`."""
-        return ask(self._resolve, ResolveName.Request(name=name), spot_of)
+        return ask(self._resolve, ResolveName.Request(name=name), MapSpot.of)
 
     def set_name(
         self,

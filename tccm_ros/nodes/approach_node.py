@@ -166,15 +166,7 @@ class ApproachNode(Node):
             self, self.config, lambda: self._client.localisation, self._refusals.note
         )
         self._start_loop()
-        actions = import_module("tccm_interfaces.action")
-        self._approach, self._retreat = actions.ApproachSurface, actions.Retreat
-        self._servers = [
-            ActionServer(self, kind, name, execute, cancel_callback=self._take_cancel)
-            for kind, name, execute in (
-                (self._approach, "~/approach_surface", self._execute_approach),
-                (self._retreat, "~/retreat", self._execute_retreat),
-            )
-        ]
+        self._create_actions()
         self._names = SpotNames(
             self,
             self._types,
@@ -186,6 +178,17 @@ class ApproachNode(Node):
         )
         self.senses.start()
         self.get_logger().info("ready; the base moves only while a goal is active")
+
+    def _create_actions(self) -> None:
+        actions = import_module("tccm_interfaces.action")
+        self._approach, self._retreat = actions.ApproachSurface, actions.Retreat
+        self._servers = [
+            ActionServer(self, kind, name, execute, cancel_callback=self._take_cancel)
+            for kind, name, execute in (
+                (self._approach, "~/approach_surface", self._execute_approach),
+                (self._retreat, "~/retreat", self._execute_retreat),
+            )
+        ]
 
     def _find_navigator(self) -> Nav2Navigator | None:
         """Return the client of Nav2's navigator; None without nav2_msgs or its name."""

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tccm_ros.approach.footprint import Footprint
+from tccm_ros.approach.remembered import Remembered
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.arrays import Float64
 from tccm_ros.cdr.message_reader import MessageReader
@@ -69,7 +70,7 @@ class BaseSenses:
         self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)])
         self._scan, self._scan_ns = np.zeros((0, 2)), -1
         self._laser = np.zeros(2)
-        self._cuboids, self._cuboids_ns = np.zeros((0, 3)), -1
+        self._remembered, self._cuboids_ns = Remembered(OBSTACLE_STEP_M), -1
         self._cycle: TopCycle | None = None
         self._placed: tuple[MapLocalisation, Float64] | None = None
         measured = sensor(config.qos.reliability)
@@ -140,6 +141,7 @@ class BaseSenses:
         points = transform(T, cloud.points.astype(np.float64))
         seen_from = transform(T, np.asarray(sensor, np.float64)[None])[0]
         self._cycle = TopCycle(cloud.stamp_ns * 1e-9, points, seen_from)
+        self._remembered.look(self._cycle)
 
     def _take_cuboids(self, message: Any) -> None:
         try:
@@ -149,8 +151,10 @@ class BaseSenses:
             return
         points = np.stack([rows["x"], rows["y"], rows["z"]], axis=1).astype(np.float64)
         points[:, :2] = cube_middles(points[:, :2])
-        self._cuboids = transform(self._robot.motion.odometry.T_near_odom, points)
+        points = transform(self._robot.motion.odometry.T_near_odom, points)
         self._cuboids_ns = stamp_ns_from_message(message.header.stamp)
+        pose = self._pose_at(self.newest_ns)
+        self._remembered.add(points, np.zeros(2) if pose is None else pose[:2])
 
     # --- where the base is ---
 
@@ -234,7 +238,8 @@ class BaseSenses:
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
         return Senses(
             now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan, _seconds(self._scan_ns),
-            self._laser, self._cuboids, _seconds(self._cuboids_ns), self._cycle, OBSTACLE_STEP_M,
+            self._laser, self._remembered.points, _seconds(self._cuboids_ns), self._cycle,
+            OBSTACLE_STEP_M,
         )  # fmt: skip
 
     def start(self) -> None:

@@ -40,7 +40,7 @@ class ClientApi:
     begin_save
         Starts saving the map into a folder; returns a future of a sentence.
     load
-        Continues the map of a folder (in the worker).
+        Continues the map of a folder under a name (in the worker).
     correct_label
         Queues the correction of a surface's label.
     """
@@ -50,7 +50,7 @@ class ClientApi:
         node: SensorNode,
         live: LivePosePublisher,
         begin_save: Callable[[Path], Future],
-        load: Callable[[Path], str],
+        load: Callable[[Path, str], str],
         correct_label: Callable[[LabelCorrection], Future],
     ):
         self._node, self._live = node, live

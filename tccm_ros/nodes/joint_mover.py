@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from rclpy.action import ActionClient
@@ -30,11 +31,7 @@ text after the timeout in s."""
 
 def has_controllers() -> bool:
     """Return whether control_msgs can be imported."""
-    try:
-        import_module("control_msgs.action")
-    except ImportError:
-        return False
-    return True
+    return find_spec("control_msgs") is not None
 
 
 class JointMover:

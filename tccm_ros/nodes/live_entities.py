@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,105 +12,94 @@ from tccm_ros.arrays import Float64
 from tccm_ros.nodes.map_records import (
     MapCompartment,
     MapEvent,
-    compartments_of,
-    objects_of,
-    surfaces_of,
+    MapObject,
+    MapSign,
+    MapSurface,
+    MapWall,
 )
-from tccm_ros.racks.outline import box_edges
+from tccm_ros.report.entities import (
+    compartment_entity,
+    object_entity,
+    rounded,
+    sign_entity,
+    wall_entity,
+)
 from tccm_ros.tabletop.free_places import rectangle_corners
-from tccm_ros.view.live_state import MARGIN_M, Entities, free_entity, rounded, surface_entity
+from tccm_ros.view.live_state import MARGIN_M, Entities, free_entity, surface_entity
 
 
 def entities_of(message: Any) -> Entities:
     """Return a tccm_interfaces/SurfaceMap as entities (`view.live_state`)."""
-    ground = 0.0 if math.isnan(message.floor_z) else message.floor_z
-    surfaces = surfaces_of(message.surfaces)
-    found: Entities = {}
-    names = {s.id: f"{s.label} (surface {s.id})" for s in surfaces}
-    points = [s.boundary[:, :2] for s in surfaces]
-    for surface in surfaces:
-        m = surface.message
-        facts = {
-            "id": surface.id,
-            "label": surface.label,
-            "room": surface.room,
-            "height": round(surface.height, 3),
-            "size": rounded(surface.size),
-            "area": round(surface.area, 3),
-            "views": len(m.view_stamps),
-            "points": m.points,
-            "std": None if math.isnan(m.height_std) else round(m.height_std, 5),
-            "first": seconds(m.first_seen),
-            "last": seconds(m.last_seen),
-        }
-        holes = [_ring(hole) for hole in m.holes]
-        middle = surface.T_map_surface[:3, 3].tolist()
-        normal = surface.T_map_surface[:3, 2]
-        entity = surface_entity(facts, surface.boundary, holes, normal, middle)
-        found[f"surface/{surface.id}"] = entity
-    for item in objects_of(message.objects):
-        z = float(item.T_map_object[2, 3])
-        yaw = math.atan2(item.T_map_object[1, 0], item.T_map_object[0, 0])
-        corners = rectangle_corners(float(item.size[0]), float(item.size[1]), yaw)
-        found[f"object/{item.id}"] = {
-            "id": item.id,
-            "surface": item.surface_id,
-            "on": names.get(item.surface_id),
-            "size": rounded(item.size),
-            "corners": [rounded(corner) for corner in item.T_map_object[:2, 3] + corners],
-            "low": round(z - item.size[2] / 2, 3),
-            "high": round(z + item.size[2] / 2, 3),
-        }
-    for wall in message.walls:
-        ends = np.array([[p.x, p.y] for p in wall.endpoints])
-        points.append(ends)
-        found[f"wall/{wall.id}"] = {
-            "id": wall.id,
-            "ends": [rounded(end) for end in ends],
-            "length": round(float(np.hypot(*(ends[1] - ends[0]))), 3),
-            "observations": wall.observations,
-        }
-    for sign in message.signs:
-        at, normal = sign.position, sign.normal
-        found[f"sign/{sign.id}"] = {
-            "id": sign.id,
-            "text": sign.text,
-            "at": rounded([at.x, at.y, at.z]),
-            "normal": rounded([normal.x, normal.y, normal.z]),
-        }
+    surfaces = [MapSurface.of(m) for m in message.surfaces]
+    walls = [MapWall.of(m) for m in message.walls]
+    labels = {s.id: f"{s.label} (surface {s.id})" for s in surfaces}
+    found: Entities = {f"surface/{s.id}": _surface(s) for s in surfaces}
+    for item in map(MapObject.of, message.objects):
+        found[f"object/{item.id}"] = _object(item, labels)
+    for wall in walls:
+        seen = wall.message.observations
+        found[f"wall/{wall.id}"] = wall_entity(wall.id, wall.endpoints[:, :2], seen)
+    for sign in map(MapSign.of, message.signs):
+        found[f"sign/{sign.id}"] = sign_entity(sign.id, sign.text, sign.position, sign.normal)
     for area in message.free_areas:
         rings = [_ring(ring) for ring in area.outlines if len(ring.points) > 2]
         if rings:
-            name = names.get(area.surface_id, "")
-            found[f"free/{area.surface_id}"] = free_entity(name, rings)
-    for k, space in enumerate(compartments_of(message.compartments)):
+            found[f"free/{area.surface_id}"] = free_entity(labels.get(area.surface_id, ""), rings)
+    for k, space in enumerate(map(MapCompartment.of, message.compartments)):
         found[f"compartment/{k}"] = _compartment(space)
-    every = np.concatenate([np.zeros((1, 2)), *points])
-    found["world"] = {
-        "ground": round(ground, 3),
-        "start": min((seconds(s.first_seen) for s in message.surfaces), default=0.0),
-        # Rounded to whole metres, so that small growth of the map does not change the extent.
-        "extent": [
-            np.floor(every.min(axis=0) - MARGIN_M).tolist(),
-            np.ceil(every.max(axis=0) + MARGIN_M).tolist(),
-        ],
-    }
+    found["world"] = _world(message, surfaces, walls)
     return found
+
+
+def _surface(surface: MapSurface) -> dict[str, Any]:
+    m = surface.message
+    facts = {
+        "id": surface.id,
+        "label": surface.label,
+        "room": surface.room,
+        "height": round(surface.height, 3),
+        "size": rounded(surface.size),
+        "area": round(surface.area, 3),
+        "views": len(m.view_stamps),
+        "points": m.points,
+        "std": None if math.isnan(m.height_std) else round(m.height_std, 5),
+        "first": seconds(m.first_seen),
+        "last": seconds(m.last_seen),
+    }
+    T, holes = surface.T_map_surface, [_ring(hole) for hole in m.holes]
+    return surface_entity(facts, surface.boundary, holes, T[:3, 2], T[:3, 3].tolist())
+
+
+def _object(item: MapObject, labels: Mapping[int, str]) -> dict[str, Any]:
+    T = item.T_map_object
+    yaw = math.atan2(T[1, 0], T[0, 0])
+    corners = T[:2, 3] + rectangle_corners(float(item.size[0]), float(item.size[1]), yaw)
+    label = labels.get(item.surface_id)
+    return object_entity(item.id, item.surface_id, label, T[:3, 3], item.size, corners)
 
 
 def _compartment(space: MapCompartment) -> dict[str, Any]:
     middle, R = space.T_map_front[:3, 3], space.T_map_front[:3, :3]
     front = middle + 0.5 * space.width * np.array([R[:, 1], -R[:, 1]])
-    edges = box_edges(front, R[:, 0], space.depth, space.height)
+    lengths = space.width, space.depth, space.height
+    faces = space.left, space.right, space.back, space.ceiling
+    return compartment_entity(space.board_id, front, R[:, 0], lengths, faces)
+
+
+def _world(
+    message: Any, surfaces: Sequence[MapSurface], walls: Sequence[MapWall]
+) -> dict[str, Any]:
+    """Return the height of the floor, the first stamp, and the extent of the map."""
+    shown = [s.boundary[:, :2] for s in surfaces] + [wall.endpoints[:, :2] for wall in walls]
+    points = np.concatenate([np.zeros((1, 2)), *shown])
     return {
-        "board": space.board_id,
-        "width": round(space.width, 3),
-        "depth": round(space.depth, 3),
-        "height": round(space.height, 3),
-        "sides": [space.left, space.right],
-        "back": space.back,
-        "ceiling": space.ceiling,
-        "edges": [[rounded(end) for end in ends] for ends in edges],
+        "ground": 0.0 if math.isnan(message.floor_z) else round(message.floor_z, 3),
+        "start": min((seconds(s.first_seen) for s in message.surfaces), default=0.0),
+        # Rounded to whole metres, so that small growth of the map does not change the extent.
+        "extent": [
+            np.floor(points.min(axis=0) - MARGIN_M).tolist(),
+            np.ceil(points.max(axis=0) + MARGIN_M).tolist(),
+        ],
     }
 
 

@@ -25,6 +25,8 @@ from tccm_ros.agents.facts import (
     SurfaceFacts,
     appearances,
     newest_first,
+    rounded,
+    seconds,
 )
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MapError, RequestError
@@ -78,7 +80,7 @@ class LiveMapSource:
                 f"no map has come from {self._name} yet: is slam_node running under this name, in "
                 "the same ROS_DOMAIN_ID, and has it solved a map?"
             )
-        return _seconds(self._client.stamp_ns)
+        return seconds(self._client.stamp_ns)
 
     def surfaces(self) -> Sequence[SurfaceFacts]:
         """Return the surfaces but the floor, by id."""
@@ -197,8 +199,8 @@ def _surface(surface: MapSurface) -> SurfaceFacts:
         round(float(surface.size[1]), 3),
         round(surface.area, 3),
         _position(surface.T_map_surface),
-        _seconds(stamp_ns_from_message(message.first_seen)),
-        _seconds(stamp_ns_from_message(message.last_seen)),
+        seconds(stamp_ns_from_message(message.first_seen)),
+        seconds(stamp_ns_from_message(message.last_seen)),
     )
 
 
@@ -208,14 +210,14 @@ def _object(item: MapObject) -> ObjectFacts:
         item.label,
         item.surface_id,
         _position(item.T_map_object),
-        _rounded(item.size),
-        _seconds(stamp_ns_from_message(item.message.first_seen)),
-        _seconds(stamp_ns_from_message(item.message.last_seen)),
+        rounded(item.size),
+        seconds(stamp_ns_from_message(item.message.first_seen)),
+        seconds(stamp_ns_from_message(item.message.last_seen)),
     )
 
 
 def _placement(item: MapPlacement) -> PlacementFacts:
-    bases = [BasePoseFacts(*_rounded(pose)) for pose in planar(item.T_map_bases)]
+    bases = [BasePoseFacts(*rounded(pose)) for pose in planar(item.T_map_bases)]
     T = item.T_map_object
     yaw = round(float(planar(T)[2]), 3)
     return PlacementFacts(item.surface_id, _position(T), yaw, round(item.clearance, 3), bases)
@@ -223,18 +225,8 @@ def _placement(item: MapPlacement) -> PlacementFacts:
 
 def _change(event: MapEvent) -> ChangeFacts:
     ids = event.ids_after or event.ids_before
-    return ChangeFacts(
-        event.kind, _seconds(event.stamp_ns), list(ids), event.object_id, event.label
-    )
+    return ChangeFacts(event.kind, seconds(event.stamp_ns), list(ids), event.object_id, event.label)
 
 
 def _position(T: Float64) -> list[float]:
-    return _rounded(T[:3, 3])
-
-
-def _rounded(values: Float64) -> list[float]:
-    return [round(float(value), 3) for value in values]
-
-
-def _seconds(stamp_ns: int) -> float:
-    return round(stamp_ns * 1e-9, 3)
+    return rounded(T[:3, 3])

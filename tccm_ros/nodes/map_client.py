@@ -12,7 +12,6 @@ import numpy as np
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, Vector3
 from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from tccm_interfaces.msg import Localisation, SurfaceEvent, SurfaceFilter, SurfaceMap
 from tccm_interfaces.srv import (
@@ -30,31 +29,23 @@ from tccm_interfaces.srv import (
 from tccm_ros.nodes.approach_client import ApproachClient
 from tccm_ros.nodes.asking import ask
 from tccm_ros.nodes.map_records import (
+    BoxState,
     Found,
     MapCompartment,
     MapEvent,
+    MapFoundObject,
     MapLocalisation,
     MapObject,
+    MapPlacement,
     MapSign,
     MapSurface,
     MapWall,
-    box_state_of,
-    compartments_of,
-    event_of,
-    found_objects_of,
-    localisation_of,
-    objects_of,
-    placements_of,
-    saved_map_of,
-    signs_of,
-    surfaces_of,
-    walls_of,
+    SavedMap,
 )
+from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros.types import pose_message
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 EVENTS_DEPTH = 100
 """Queue depth of ~/events."""
@@ -129,8 +120,8 @@ class SurfaceMapClient:
         }
         self._check_box = node.create_client(CheckBox, f"{tilt_name}/check_box")
         for kind, topic, take, qos in (
-            (SurfaceMap, "surface_map", self._take_map, LATCHED),
-            (Localisation, "localisation", self._take_localisation, LATCHED),
+            (SurfaceMap, "surface_map", self._take_map, latched()),
+            (Localisation, "localisation", self._take_localisation, latched()),
             (SurfaceEvent, "events", self._take_event, EVENTS_DEPTH),
         ):
             node.create_subscription(kind, f"{name}/{topic}", take, qos)
@@ -191,7 +182,7 @@ class SurfaceMapClient:
         return self._ask_map(
             FindSurfaces,
             request,
-            lambda answer: Found(surfaces_of(answer.surfaces.surfaces), answer.message),
+            lambda answer: Found(map(MapSurface.of, answer.surfaces.surfaces), answer.message),
         )
 
     def find_placements(
@@ -252,7 +243,7 @@ class SurfaceMapClient:
         return self._ask_map(
             FindPlacements,
             request,
-            lambda answer: Found(placements_of(answer.placements), answer.message),
+            lambda answer: Found(map(MapPlacement.of, answer.placements), answer.message),
         )
 
     def find_objects(
@@ -302,7 +293,7 @@ class SurfaceMapClient:
         return self._ask_map(
             FindObjects,
             request,
-            lambda answer: Found(found_objects_of(answer.objects), answer.message),
+            lambda answer: Found(map(MapFoundObject.of, answer.objects), answer.message),
         )
 
     def check_box(self, T_frame_box: ArrayLike, size: Sequence[float], frame: str) -> Future:
@@ -321,7 +312,7 @@ class SurfaceMapClient:
         stamped = PoseStamped(pose=self._pose(T_frame_box))
         stamped.header.frame_id = frame
         request = CheckBox.Request(pose=stamped, size=Vector3(x=x, y=y, z=z))
-        return ask(self._check_box, request, box_state_of)
+        return ask(self._check_box, request, BoxState.of)
 
     # --- driving ---
 
@@ -456,17 +447,17 @@ class SurfaceMapClient:
             Whether an existing map of this name may be replaced.
         """
         request = SaveMap.Request(name=name, overwrite=overwrite)
-        return self._ask_map(SaveMap, request, lambda answer: saved_map_of(answer.map))
+        return self._ask_map(SaveMap, request, lambda answer: SavedMap.of(answer.map))
 
     def load_named_map(self, name: str) -> Future:
         """Load a saved map and continue it; the future resolves to a `SavedMap`."""
         request = LoadMap.Request(name=name)
-        return self._ask_map(LoadMap, request, lambda answer: saved_map_of(answer.map))
+        return self._ask_map(LoadMap, request, lambda answer: SavedMap.of(answer.map))
 
     def list_maps(self) -> Future:
         """List the saved maps; the future resolves to a list of `SavedMap`, sorted by name."""
         return self._ask_map(
-            ListMaps, ListMaps.Request(), lambda answer: [saved_map_of(m) for m in answer.maps]
+            ListMaps, ListMaps.Request(), lambda answer: [*map(SavedMap.of, answer.maps)]
         )
 
     def _ask_map(self, kind: type, request: Any, read: Callable[[Any], object]) -> Future:
@@ -478,20 +469,20 @@ class SurfaceMapClient:
     # --- subscriptions ---
 
     def _take_map(self, message: Any) -> None:
-        self.surfaces = tuple(surfaces_of(message.surfaces))
-        self.objects = tuple(objects_of(message.objects))
-        self.compartments = tuple(compartments_of(message.compartments))
-        self.walls = tuple(walls_of(message.walls))
-        self.signs = tuple(signs_of(message.signs))
+        self.surfaces = tuple(map(MapSurface.of, message.surfaces))
+        self.objects = tuple(map(MapObject.of, message.objects))
+        self.compartments = tuple(map(MapCompartment.of, message.compartments))
+        self.walls = tuple(map(MapWall.of, message.walls))
+        self.signs = tuple(map(MapSign.of, message.signs))
         self.stamp_ns = stamp_ns_from_message(message.header.stamp)
         for callback in self._on_map:
             callback()
 
     def _take_localisation(self, message: Any) -> None:
-        self.localisation = localisation_of(message)
+        self.localisation = MapLocalisation.of(message)
 
     def _take_event(self, message: Any) -> None:
-        event = event_of(message)
+        event = MapEvent.of(message)
         for callback in self._on_event:
             callback(event)
 

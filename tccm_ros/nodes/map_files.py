@@ -1,17 +1,16 @@
-"""The files of a saved map, built by the solver process, and the map read from them."""
+"""The files of a saved map, built by the solver process."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.results.exports import solution_files
 from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.keepout_mask import keepout_mask
-from tccm_ros.results.map_file import load_map, map_content
+from tccm_ros.results.map_file import map_content
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -45,17 +44,6 @@ def map_files(
         )
         files |= {} if mask is None else grid_files(MASK_NAME, mask)
     return files | {MAP_FILE: map_content(saved, solution, map_frame)}
-
-
-def read_map(folder: Path) -> SavedMap:
-    """Read the map of a folder.
-
-    Raises
-    ------
-    MapError
-        If there is none, or it is damaged.
-    """
-    return load_map(folder / MAP_FILE)
 
 
 def pack_files(files: Mapping[str, bytes], stream: Any) -> None:

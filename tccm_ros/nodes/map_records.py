@@ -14,29 +14,25 @@ from tccm_interfaces.srv import CheckBox
 from tccm_ros.arrays import Float64
 from tccm_ros.records.building import pose_from_message, stamp_ns_from_message
 
-EVENT_KINDS = {
-    getattr(SurfaceEvent, name): name.lower()
-    for name in (
-        "APPEARED", "MOVED", "MERGED", "SPLIT", "GONE", "OBJECT_APPEARED", "OBJECT_LEFT"
-    )
-}  # fmt: skip
 
-LOCALISATION_STATES = {
-    getattr(Localisation, name): name.lower()
-    for name in ("UNKNOWN", "TRACKING", "SEARCHING", "LOST")
-}
+def _names(kind: Any, names: str, prefix: str = "") -> dict[int, str]:
+    """Return the names of constants of a message type, in lower case, by value."""
+    return {getattr(kind, prefix + name): name.lower() for name in names.split()}
 
-FACE_STATES = {
-    getattr(Compartment, f"FACE_{name}"): name.lower() for name in ("UNKNOWN", "MEASURED", "OPEN")
-}
 
-ACCESS_STATES = {
-    getattr(FoundObject, f"ACCESS_{name}"): name.lower() for name in ("UNKNOWN", "FREE", "BLOCKED")
-}
+EVENT_KINDS = _names(SurfaceEvent, "APPEARED MOVED MERGED SPLIT GONE OBJECT_APPEARED OBJECT_LEFT")
+LOCALISATION_STATES = _names(Localisation, "UNKNOWN TRACKING SEARCHING LOST")
+FACE_STATES = _names(Compartment, "UNKNOWN MEASURED OPEN", "FACE_")
+ACCESS_STATES = _names(FoundObject, "UNKNOWN FREE BLOCKED", "ACCESS_")
+BOX_STATES = _names(CheckBox.Response, "UNKNOWN FREE OCCUPIED")
 
-BOX_STATES = {
-    getattr(CheckBox.Response, name): name.lower() for name in ("UNKNOWN", "FREE", "OCCUPIED")
-}
+Kind = TypeVar("Kind")
+
+
+def _record(kind: type[Kind], source: Any, /, **others: Any) -> Kind:
+    """Return the record of a message: its fields of the same names, except those in `others`."""
+    names, known = kind.__dataclass_fields__, {"message": source, **others}  # type: ignore[attr-defined]
+    return kind(**{n: known[n] if n in known else getattr(source, n) for n in names})
 
 
 Item = TypeVar("Item")
@@ -91,6 +87,18 @@ class MapSurface:
     near_signs: tuple[str, ...]
     message: Any
 
+    @classmethod
+    def of(cls, message: Any) -> MapSurface:
+        """Return the record of a tccm_interfaces/Surface."""
+        return _record(
+            cls,
+            message,
+            T_map_surface=pose_from_message(message.pose),
+            size=np.array([message.size_x, message.size_y]),
+            boundary=np.array([_vector(p) for p in message.boundary.points]).reshape(-1, 3),
+            near_signs=tuple(message.near_signs),
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapObject:
@@ -118,6 +126,12 @@ class MapObject:
     size: Float64
     message: Any
 
+    @classmethod
+    def of(cls, message: Any) -> MapObject:
+        """Return the record of a tccm_interfaces/SurfaceObject."""
+        T, size = pose_from_message(message.pose), _vector(message.size)
+        return _record(cls, message, T_map_object=T, size=size)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapFoundObject:
@@ -138,6 +152,12 @@ class MapFoundObject:
     above: str
     front: str
     message: Any
+
+    @classmethod
+    def of(cls, message: Any) -> MapFoundObject:
+        """Return the record of a tccm_interfaces/FoundObject."""
+        above, front = (ACCESS_STATES.get(n, "unknown") for n in (message.above, message.front))
+        return cls(MapObject.of(message.object), above, front, message)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,6 +190,16 @@ class MapCompartment:
     ceiling: str
     message: Any
 
+    @classmethod
+    def of(cls, message: Any) -> MapCompartment:
+        """Return the record of a tccm_interfaces/Compartment."""
+        faces = {
+            side: FACE_STATES.get(getattr(message, side), "unknown")
+            for side in ("left", "right", "back", "ceiling")
+        }
+        front = pose_from_message(message.front)
+        return _record(cls, message, T_map_front=front, **faces)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPlacement:
@@ -194,6 +224,12 @@ class MapPlacement:
     clearance: float
     free_height: float
     T_map_bases: Float64
+
+    @classmethod
+    def of(cls, message: Any) -> MapPlacement:
+        """Return the record of a tccm_interfaces/Placement."""
+        T, bases = pose_from_message(message.pose), _bases(message.base_poses)
+        return _record(cls, message, T_map_object=T, T_map_bases=bases)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,6 +262,24 @@ class MapEvent:
     T_after: Float64 | None
     stamp_ns: int
 
+    @classmethod
+    def of(cls, message: Any) -> MapEvent:
+        """Return the record of a tccm_interfaces/SurfaceEvent."""
+        before, after = (
+            None if math.isnan(pose.position.x) else pose_from_message(pose)
+            for pose in (message.pose_before, message.pose_after)
+        )
+        return _record(
+            cls,
+            message,
+            kind=EVENT_KINDS.get(message.kind, "unknown"),
+            ids_before=tuple(message.surface_ids_before),
+            ids_after=tuple(message.surface_ids_after),
+            T_before=before,
+            T_after=after,
+            stamp_ns=stamp_ns_from_message(message.header.stamp),
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapWall:
@@ -244,6 +298,11 @@ class MapWall:
     id: int
     endpoints: Float64
     message: Any
+
+    @classmethod
+    def of(cls, message: Any) -> MapWall:
+        """Return the record of a tccm_interfaces/Wall."""
+        return cls(message.id, np.array([_vector(p) for p in message.endpoints]), message)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,6 +325,12 @@ class MapSign:
     normal: Float64
     message: Any
 
+    @classmethod
+    def of(cls, message: Any) -> MapSign:
+        """Return the record of a tccm_interfaces/Sign."""
+        position, normal = _vector(message.position), _vector(message.normal)
+        return cls(message.id, message.text, position, normal, message)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapLocalisation:
@@ -287,6 +352,12 @@ class MapLocalisation:
     reason: str
     T_map_base: Float64
     message: Any
+
+    @classmethod
+    def of(cls, message: Any) -> MapLocalisation:
+        """Return the record of a tccm_interfaces/Localisation."""
+        state = LOCALISATION_STATES.get(message.state, "unknown")
+        return cls(state, message.reason, pose_from_message(message.pose.pose), message)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,6 +388,12 @@ class MapApproach:
     T_map_surface: Float64
     message: Any
 
+    @classmethod
+    def of(cls, message: Any) -> MapApproach:
+        """Return the record of a result of tccm_interfaces/ApproachSurface."""
+        T = pose_from_message(message.surface_pose)
+        return _record(cls, message, T_map_surface=T)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapSpot:
@@ -336,6 +413,12 @@ class MapSpot:
     position: Float64
     T_map_bases: Float64
 
+    @classmethod
+    def of(cls, answer: Any) -> MapSpot:
+        """Return the record of a response of tccm_interfaces/ResolveName."""
+        surface = MapSurface.of(answer.surface)
+        return cls(surface, _vector(answer.spot.point), _bases(answer.base_poses))
+
 
 @dataclass(frozen=True, slots=True)
 class BoxState:
@@ -352,6 +435,11 @@ class BoxState:
     state: str
     cycle: int
     stamp_ns: int
+
+    @classmethod
+    def of(cls, answer: Any) -> BoxState:
+        """Return the record of a response of tccm_interfaces/CheckBox."""
+        return cls(BOX_STATES[answer.state], answer.cycle, stamp_ns_from_message(answer.stamp))
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,150 +460,15 @@ class SavedMap:
     saved_ns: int
     message: Any
 
-
-def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
-    """Return tccm_interfaces/Surface messages as plain objects."""
-    return [
-        MapSurface(
-            m.id,
-            m.label,
-            m.room,
-            pose_from_message(m.pose),
-            np.array([m.size_x, m.size_y]),
-            m.height,
-            m.area,
-            np.array([_vector(p) for p in m.boundary.points]).reshape(-1, 3),
-            tuple(m.near_signs),
-            m,
-        )
-        for m in messages
-    ]
+    @classmethod
+    def of(cls, message: Any) -> SavedMap:
+        """Return the record of a tccm_interfaces/MapInfo."""
+        return cls(message.name, stamp_ns_from_message(message.saved), message)
 
 
-def objects_of(messages: Iterable[Any]) -> list[MapObject]:
-    """Return tccm_interfaces/SurfaceObject messages as plain objects."""
-    return [
-        MapObject(
-            m.id,
-            m.surface_id,
-            m.label,
-            m.confidence,
-            pose_from_message(m.pose),
-            _vector(m.size),
-            m,
-        )
-        for m in messages
-    ]
-
-
-def found_objects_of(messages: Iterable[Any]) -> list[MapFoundObject]:
-    """Return tccm_interfaces/FoundObject messages as plain objects."""
-    return [
-        MapFoundObject(
-            objects_of([m.object])[0],
-            ACCESS_STATES.get(m.above, "unknown"),
-            ACCESS_STATES.get(m.front, "unknown"),
-            m,
-        )
-        for m in messages
-    ]
-
-
-def compartments_of(messages: Iterable[Any]) -> list[MapCompartment]:
-    """Return tccm_interfaces/Compartment messages as plain objects."""
-    return [
-        MapCompartment(
-            m.rack_id,
-            m.board_id,
-            pose_from_message(m.front),
-            m.width,
-            m.depth,
-            m.height,
-            FACE_STATES.get(m.left, "unknown"),
-            FACE_STATES.get(m.right, "unknown"),
-            FACE_STATES.get(m.back, "unknown"),
-            FACE_STATES.get(m.ceiling, "unknown"),
-            m,
-        )
-        for m in messages
-    ]
-
-
-def walls_of(messages: Iterable[Any]) -> list[MapWall]:
-    """Return tccm_interfaces/Wall messages as plain objects."""
-    return [MapWall(m.id, np.array([_vector(p) for p in m.endpoints]), m) for m in messages]
-
-
-def signs_of(messages: Iterable[Any]) -> list[MapSign]:
-    """Return tccm_interfaces/Sign messages as plain objects."""
-    return [MapSign(m.id, m.text, _vector(m.position), _vector(m.normal), m) for m in messages]
-
-
-def placements_of(messages: Iterable[Any]) -> list[MapPlacement]:
-    """Return tccm_interfaces/Placement messages as plain objects."""
-    return [
-        MapPlacement(
-            m.surface_id,
-            pose_from_message(m.pose),
-            m.clearance,
-            m.free_height,
-            np.array([pose_from_message(base.pose) for base in m.base_poses]).reshape(-1, 4, 4),
-        )
-        for m in messages
-    ]
-
-
-def event_of(message: Any) -> MapEvent:
-    """Return a tccm_interfaces/SurfaceEvent as a plain object."""
-    before, after = (
-        None if math.isnan(pose.position.x) else pose_from_message(pose)
-        for pose in (message.pose_before, message.pose_after)
-    )
-    return MapEvent(
-        EVENT_KINDS.get(message.kind, "unknown"),
-        tuple(message.surface_ids_before),
-        tuple(message.surface_ids_after),
-        message.object_id,
-        message.label,
-        before,
-        after,
-        stamp_ns_from_message(message.header.stamp),
-    )
-
-
-def localisation_of(message: Any) -> MapLocalisation:
-    """Return a tccm_interfaces/Localisation as a plain object."""
-    state = LOCALISATION_STATES.get(message.state, "unknown")
-    return MapLocalisation(state, message.reason, pose_from_message(message.pose.pose), message)
-
-
-def approach_of(result: Any) -> MapApproach:
-    """Return a result of tccm_interfaces/ApproachSurface as a plain object."""
-    return MapApproach(
-        result.surface_id,
-        result.gap,
-        result.yaw_error,
-        result.distance,
-        result.has_moved,
-        pose_from_message(result.surface_pose),
-        result,
-    )
-
-
-def spot_of(answer: Any) -> MapSpot:
-    """Return a response of tccm_interfaces/ResolveName as a plain object."""
-    bases = np.array([pose_from_message(base.pose) for base in answer.base_poses]).reshape(-1, 4, 4)
-    return MapSpot(surfaces_of([answer.surface])[0], _vector(answer.spot.point), bases)
-
-
-def box_state_of(answer: Any) -> BoxState:
-    """Return a response of tccm_interfaces/CheckBox as a plain object."""
-    return BoxState(BOX_STATES[answer.state], answer.cycle, stamp_ns_from_message(answer.stamp))
-
-
-def saved_map_of(message: Any) -> SavedMap:
-    """Return a tccm_interfaces/MapInfo as a plain object."""
-    return SavedMap(message.name, stamp_ns_from_message(message.saved), message)
+def _bases(messages: Iterable[Any]) -> Float64:
+    """Return the poses float64 (N, 4, 4) of tccm_interfaces/BasePose messages."""
+    return np.array([pose_from_message(base.pose) for base in messages]).reshape(-1, 4, 4)
 
 
 def _vector(message: Any) -> Float64:

@@ -37,7 +37,10 @@ class MapServices:
     """
 
     def __init__(
-        self, node: SensorNode, begin_save: Callable[[Path], Future], load: Callable[[Path], str]
+        self,
+        node: SensorNode,
+        begin_save: Callable[[Path], Future],
+        load: Callable[[Path, str], str],
     ):
         self._node, self._begin_save, self._load_folder = node, begin_save, load
         node.create_service(service_class("SaveMap"), "~/save_named_map", self._save)
@@ -66,7 +69,7 @@ class MapServices:
             folder = named_folder(self._node.save_folder(), request.name)
             if not (folder / MAP_FILE).exists():
                 raise MapError(f"there is no map called '{request.name}'; ~/list_maps has them")
-            await self._node.worker.call(lambda: self._load_folder(folder), self._node)
+            await self._node.worker.call(lambda: self._load_folder(folder, folder.name), self._node)
             response.map = self._info(folder)
             response.success = True
         except (TccmError, OSError) as error:

@@ -84,9 +84,10 @@ class PlayerNode(Node):
         self.sent: Counter[str] = Counter()
         self._reader = BagReader(_bag_path(self._value("bag")))
         self._start_ns = self._reader.start_ns + round(self._skipped() * 1e9)
-        self._timeline = Timeline(
-            self._start_ns, _positive("rate", self._value("rate")), is_paused=self._value("paused")
-        )
+        rate = self._value("rate")
+        if not rate > 0.0:
+            raise ConfigError(f"parameter rate: {rate} found, a positive number is expected")
+        self._timeline = Timeline(self._start_ns, rate, is_paused=self._value("paused"))
         self._types = RosidlMessages()
         self._publishers_by_topic = self._advertise()
         self._clock_publisher = (
@@ -171,7 +172,9 @@ class PlayerNode(Node):
         )
 
     def _open(self) -> Iterator[BagMessage]:
-        duration = _not_negative("duration", self._value("duration"))
+        duration = self._value("duration")
+        if not duration >= 0.0:
+            raise ConfigError(f"parameter duration: {duration} found, 0 or more is expected")
         end_ns = self._start_ns + round(duration * 1e9) if duration > 0.0 else None
         latched = {topic for topic in self._publishers_by_topic if self._reader.qos(topic).latched}
         for message in self._reader.messages(self._publishers_by_topic):
@@ -282,18 +285,6 @@ def _bag_path(text: str) -> Path:
     if not text:
         raise ConfigError("parameter bag is empty; write -p bag:=PATH")
     return Path(text).expanduser()
-
-
-def _positive(name: str, value: float) -> float:
-    if not value > 0:
-        raise ConfigError(f"parameter {name}: {value} found, a positive number is expected")
-    return value
-
-
-def _not_negative(name: str, value: float) -> float:
-    if not value >= 0:
-        raise ConfigError(f"parameter {name}: {value} found, 0 or more is expected")
-    return value
 
 
 def usage() -> str:

@@ -1,4 +1,7 @@
-"""QoS profiles: sensor data in, latched maps out."""
+"""QoS profiles: sensor data in, latched maps out.
+
+By default, a profile keeps the newest messages, is reliable, and late subscribers get none.
+"""
 
 from collections.abc import Callable
 
@@ -6,7 +9,7 @@ from rclpy.event_handler import (
     QoSRequestedIncompatibleQoSInfo,
     SubscriptionEventCallbacks,
 )
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 SENSOR_DEPTH = 200
 """Queue depth. Chosen: five seconds of a 40 Hz laser, more than the longest step of the
@@ -29,42 +32,22 @@ LARGE_DEPTH = 10
 
 def sensor(reliability: str = "best_effort", *, depth: int = SENSOR_DEPTH) -> QoSProfile:
     """Return the profile of a sensor subscription; best effort matches every publisher."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy[reliability.upper()],
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy[reliability.upper()])
 
 
 def latched() -> QoSProfile:
     """Return the profile of maps, planes and markers: a late subscriber gets the newest message."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def static_transforms() -> QoSProfile:
     """Return the profile of /tf_static: late subscribers get all latched transforms."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=SENSOR_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    return QoSProfile(depth=SENSOR_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def surface_message() -> QoSProfile:
     """Return the profile of the surface message between the two nodes, which loses nothing."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=SURFACE_MESSAGE_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return QoSProfile(depth=SURFACE_MESSAGE_DEPTH)
 
 
 def subscription_events(topic: str, warn: Callable[[str], object]) -> SubscriptionEventCallbacks:

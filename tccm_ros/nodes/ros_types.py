@@ -42,6 +42,10 @@ class RosidlMessages:
         """Return a message; missing fields have rosidl's defaults."""
         return message_class(msgtype)(**fields)
 
+    def field_names(self, msgtype: str) -> list[str]:
+        """Return the fields of a type, in order."""
+        return list(message_class(msgtype).get_fields_and_field_types())
+
     def array(self, dtype: DTypeLike, values: ArrayLike) -> Any:
         """Return the value of a sequence field of numbers."""
         kind = np.dtype(dtype)
@@ -61,8 +65,7 @@ class RosidlMessages:
         chosen
             int (M,), rows of the table; all of them, in order, if None.
         """
-        kind = message_class(msgtype)
-        names = list(kind.get_fields_and_field_types())
+        kind, names = message_class(msgtype), self.field_names(msgtype)
         lines = np.asarray(table, float).reshape(-1, len(names)).tolist()
         made = [kind(**dict(zip(names, line))) for line in lines]
         return made if chosen is None else [made[k] for k in np.asarray(chosen).tolist()]

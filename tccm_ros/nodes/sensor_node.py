@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,6 @@ from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.node_status import NodeStatus
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
-from tccm_ros.nodes.ready import found_on
 from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.ros_types import RosidlMessages
@@ -52,7 +51,7 @@ from tccm_ros.records import (
     TiltAngle,
     ViewIntervals,
 )
-from tccm_ros.robot import MountKind, Stream
+from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.sensors.registry import default_streams
 
@@ -422,3 +421,25 @@ class SensorNode(Node):
             "waiting": self.worker.backlog,
             "longest step [s]": f"{self.longest_step_s:.3f}",
         }
+
+
+def found_on(robot: Robot, roles: Collection[str]) -> str:
+    """Return a description of the known sensors and odometry.
+
+    Parameters
+    ----------
+    robot
+        The robot as known from its records.
+    roles
+        Roles of the sensors to describe.
+    """
+    parts = []
+    for role in sorted(roles):
+        mount = robot.sensors[role].mount
+        if mount.base is not None:
+            joint = f", joint '{mount.tilt_joint}'" if mount.tilt_joint else ""
+            parts.append(f"{role} on base '{mount.base}'{joint}")
+    source = robot.motion.source
+    if source is not None:
+        parts.append(f"odometry: {source.value} in '{robot.motion.odom_frame}'")
+    return ", ".join(parts) or "nothing is known of the robot yet"

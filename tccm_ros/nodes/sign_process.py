@@ -6,17 +6,13 @@ signals, which are for the node, and ends with the node.
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 from multiprocessing.connection import Connection
 
 from tccm_ros.config import Config
 from tccm_ros.errors import one_line
+from tccm_ros.nodes.child_process import yield_to_node
 from tccm_ros.signs.processor import SignProcessor
-
-NICENESS = 5
-"""Priority below tracking, for machines with fewer cores than processes. Chosen."""
 
 
 def answer_pictures(connection: Connection) -> None:
@@ -40,9 +36,7 @@ def answer_pictures(connection: Connection) -> None:
 
 def main() -> None:
     """Serve the node at the other end of the pipe whose descriptor is the first argument."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    os.nice(NICENESS)
+    yield_to_node()
     answer_pictures(Connection(int(sys.argv[1])))
 
 

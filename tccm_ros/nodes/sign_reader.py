@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import threading
 from collections import Counter
 from collections.abc import Callable
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
 from tccm_ros.config import Config
+from tccm_ros.nodes.child_process import END_S, spawn
 from tccm_ros.nodes.worker import Worker
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
@@ -22,9 +20,6 @@ MAX_WAITING = 10
 
 MAX_DEATHS = 3
 """After this many deaths without an answer, the process is not restarted."""
-
-END_S = 0.5
-"""Time for the process to exit on its own, s. Chosen: it holds no data that could be lost."""
 
 LOOK_S = 0.1
 """Polling period of the time limit, s."""
@@ -136,17 +131,9 @@ class SignReader:
         return events, problem
 
     def _start(self) -> Connection:
-        ours, theirs = Pipe()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "tccm_ros.nodes.sign_process", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            stdin=subprocess.DEVNULL,
-            process_group=0,
-        )
-        theirs.close()
-        ours.send(self._config.model_dump_json())
-        return ours
+        self._process, connection = spawn("tccm_ros.nodes.sign_process")
+        connection.send(self._config.model_dump_json())
+        return connection
 
     def _note_error(self, error: Exception) -> None:
         self.problem = str(error)

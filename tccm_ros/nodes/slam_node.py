@@ -59,7 +59,7 @@ LOOK_S = 0.5
 """Period of the check for a due solution without records, s of the wall clock: ROS time may
 stop."""
 
-NOT_TOLD = "no map -> odom has come on /tf; start your localisation"
+NO_MAP_ODOM = "no map -> odom has come on /tf; start your localisation"
 """Reason while an external localisation has not published map -> odom."""
 
 
@@ -85,12 +85,7 @@ class SlamNode(SensorNode):
         self.signs = SignReader(self.config, self._on_signs)
         self.at_end(self.signs.close)
         self.live = LivePosePublisher(self, self.types, self.config, self.intake, self.robot)
-        self.localisation = LocalisationPublisher(
-            self,
-            self.types,
-            self.live.map_frame,
-            lambda guess: self.worker.call(lambda: self.session.take_guess(guess), self),
-        )
+        self._create_localisation()
         self.saver = SolutionSaver(
             self.solver,
             lambda: self.session.state,
@@ -99,21 +94,7 @@ class SlamNode(SensorNode):
             partial(self.refuse, "saving"),
         )
         self.at_end(self.saver.close)
-        self._is_external = self.config.localisation.is_external
-        topics = {**offered(SOLUTION_TOPICS), KEEPOUT_TOPIC: GRID}
-        if self._is_external:  # the external localisation owns the grid and initialpose
-            self.localisation.note_search(NOT_TOLD, BY_START)
-        else:
-            topics = {**topics, GRID_TOPIC: GRID}
-            self.localisation.offer_service(self, self.answer)
-        self._outputs = SolutionOutputs(
-            self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
-        )
-        tell_keepout_info(self, f"~/{KEEPOUT_TOPIC}")
-        self._client_api = ClientApi(
-            self, self.live, self.begin_named_save, self.load_named, self.begin_correction
-        )
-        self.at_end(self._client_api.close)
+        self._create_outputs()
         self.session = MapSession(
             self.config,
             self.solver,
@@ -130,6 +111,34 @@ class SlamNode(SensorNode):
         self._look = steady_timer(
             self, LOOK_S, lambda: self.worker.post(self.session.solve_when_quiet)
         )
+
+    def _create_localisation(self) -> None:
+        """Create what publishes the localisation, with its service unless another node does it."""
+        self.localisation = LocalisationPublisher(
+            self,
+            self.types,
+            self.live.map_frame,
+            lambda guess: self.worker.call(lambda: self.session.take_guess(guess), self),
+        )
+        self._is_external = self.config.localisation.is_external
+        if self._is_external:
+            self.localisation.note_search(NO_MAP_ODOM, BY_START)
+        else:
+            self.localisation.offer_service(self, self.answer)
+
+    def _create_outputs(self) -> None:
+        """Create the publishers of the map and the services of its clients."""
+        topics = {**offered(SOLUTION_TOPICS), KEEPOUT_TOPIC: GRID}
+        if not self._is_external:  # an external localisation owns the grid
+            topics[GRID_TOPIC] = GRID
+        self._outputs = SolutionOutputs(
+            self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
+        )
+        tell_keepout_info(self, f"~/{KEEPOUT_TOPIC}")
+        self._client_api = ClientApi(
+            self, self.live, self.begin_named_save, self.load, self.begin_correction
+        )
+        self.at_end(self._client_api.close)
 
     def activate(self) -> None:
         """Subscribe."""
@@ -221,15 +230,8 @@ class SlamNode(SensorNode):
         """Begin an empty map."""
         self.session.begin()
 
-    def load(self, folder: Path) -> str:
-        """Continue a saved map and discard the map of this run."""
-        return self._load(folder, "")
-
-    def load_named(self, folder: Path) -> str:
-        """Continue a saved map under the name of its folder."""
-        return self._load(folder, folder.name)
-
-    def _load(self, folder: Path, name: str) -> str:
+    def load(self, folder: Path, name: str = "") -> str:
+        """Continue a saved map, under a name if it has one; discard the map of this run."""
         self.session.load(folder, name)
         self.saver.adopt(folder)
         return str(folder)
@@ -346,6 +348,16 @@ class SlamNode(SensorNode):
                 f"nobody publishes '{scan}': without a level laser there are no walls and no loop "
                 "closures, and the map drifts as odometry does; start its driver, or remap"
             )
+        yield from self._problems_of_localisation()
+        yield from self._problems_of_signs()
+        yield from self.solver.problems()
+        solved = self.solver.newest
+        for stage in () if solved is None else solved.failed_stages:
+            yield f"left out of the map, as it failed: {stage}; report it"
+        yield from self._client_api.problems()
+
+    def _problems_of_localisation(self) -> Iterable[str]:
+        """Yield what keeps the robot's pose in the map unknown or uncertain."""
         for role, laser in self.robot.robot.sensors.items():
             if laser.posed and laser.mount.is_base:
                 yield (
@@ -355,18 +367,12 @@ class SlamNode(SensorNode):
                 )
         if self._is_external:
             if self.newest_ns and not self.processor.is_localised:
-                yield f"nothing is mapped: {NOT_TOLD}"
+                yield f"nothing is mapped: {NO_MAP_ODOM}"
         elif not self.live.is_localised:
             reason = self.localisation.reason
             yield f"the robot is not found in the map: {reason}; map -> odom is not published"
         elif self.processor.is_unjoined:
             yield f"the robot is not found in the map: {self.localisation.reason}"
-        yield from self._problems_of_signs()
-        yield from self.solver.problems()
-        solved = self.solver.newest
-        for stage in () if solved is None else solved.failed_stages:
-            yield f"left out of the map, as it failed: {stage}; report it"
-        yield from self._client_api.problems()
 
     def _problems_of_signs(self) -> Iterable[str]:
         """Yield the reason why published pictures are not read."""

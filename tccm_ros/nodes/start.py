@@ -9,58 +9,30 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from functools import partial
 from importlib import import_module
 from types import FrameType
 
 from tccm_ros.nodes.stopping import stopping_signals
 
 
-def tccm_node() -> None:
-    """Run tccm_node."""
-    _start("tccm_node")
-
-
-def slam_node() -> None:
-    """Run slam_node."""
-    _start("slam_node", solves=True)
-
-
-def managed_tccm_node() -> None:
-    """Run tccm_node for a lifecycle manager."""
-    _start("managed_tccm_node")
-
-
-def managed_slam_node() -> None:
-    """Run slam_node for a lifecycle manager."""
-    _start("managed_slam_node", solves=True)
-
-
-def player_node() -> None:
-    """Run player_node."""
-    _start("player_node")
-
-
-def view_node() -> None:
-    """Run view_node."""
-    _start("view_node")
-
-
-def approach_node() -> None:
-    """Run approach_node."""
-    _start("approach_node")
-
-
-def all_in_one() -> None:
-    """Run tccm_node and slam_node in one process."""
-    _start("all_in_one", solves=True)
-
-
 def _start(name: str, *, solves: bool = False) -> None:
+    """Run a node of the module of its name; with `solves`, fork the solver process first."""
     leave_at_a_signal()
     find_wheels()
     if solves:
         import_module("tccm_ros.nodes.solver.forked").prepare()
     import_module(f"tccm_ros.nodes.{name}").main()
+
+
+tccm_node = partial(_start, "tccm_node")
+slam_node = partial(_start, "slam_node", solves=True)
+managed_tccm_node = partial(_start, "managed_tccm_node")
+managed_slam_node = partial(_start, "managed_slam_node", solves=True)
+player_node = partial(_start, "player_node")
+view_node = partial(_start, "view_node")
+approach_node = partial(_start, "approach_node")
+all_in_one = partial(_start, "all_in_one", solves=True)
 
 
 def find_wheels() -> None:

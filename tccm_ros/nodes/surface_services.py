@@ -7,7 +7,7 @@ a sentence.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -87,13 +87,9 @@ class SceneQueries:
         """Return the tccm_interfaces/Surface of surfaces."""
         return [self._surfaces[surface.id] for surface in surfaces]
 
-    def object_messages(self, surfaces: Sequence[Surface]) -> list[Any]:
-        """Return the tccm_interfaces/SurfaceObject messages of the objects on surfaces."""
-        return [self._objects[item.id] for item in self.queries.objects_on(surfaces)]
-
-    def object_message(self, item: SceneObject) -> Any:
-        """Return the tccm_interfaces/SurfaceObject of an object."""
-        return self._objects[item.id]
+    def object_messages(self, objects: Iterable[SceneObject]) -> list[Any]:
+        """Return the tccm_interfaces/SurfaceObject of objects."""
+        return [self._objects[item.id] for item in objects]
 
 
 class SurfaceServices:
@@ -212,7 +208,7 @@ class SurfaceServices:
         """Put surfaces and the objects on them into a response."""
         response.surfaces.header = self._header(current)
         response.surfaces.surfaces = current.messages(found)
-        response.objects = current.object_messages(found)
+        response.objects = current.object_messages(current.queries.objects_on(found))
 
     def fill_view(self, response: Any, views_ns: Collection[int]) -> str:
         """Put the surfaces measured by some views into a response and return a sentence.
@@ -305,9 +301,9 @@ class SurfaceServices:
         found = current.queries.find_objects(wanted)
         if request.max_count:
             found = found[: request.max_count]
+        messages = current.object_messages(f.item for f in found)
         response.objects = [
-            found_object_message(self._types, current.object_message(f.item), f.above, f.front)
-            for f in found
+            found_object_message(self._types, m, f.above, f.front) for m, f in zip(messages, found)
         ]
         return f"{len(found)} of {len(current.scene.objects)} objects"
 
@@ -319,7 +315,7 @@ class SurfaceServices:
         wanted = self._filter(request.filter)
         low = max(wanted.min_height, request.min_reach_height)
         high = min(wanted.max_height, request.max_reach_height)
-        wanted = _with_heights(wanted, low, high)
+        wanted = replace(wanted, min_height=low, max_height=high)
         count = min(request.max_count or MAX_PLACEMENTS, MAX_PLACEMENTS)
         search = PlacementRequest(
             request.size_x,
@@ -403,10 +399,6 @@ class SurfaceServices:
             f"none of {len(surfaces)} surfaces has room{within} for {size} with a clearance of "
             f"{request.clearance:g} m"
         )
-
-
-def _with_heights(wanted: SurfaceFilter, low: float, high: float) -> SurfaceFilter:
-    return replace(wanted, min_height=low, max_height=high)
 
 
 def _check(name: str, value: float, low: float, high: float, unit: str = "") -> None:

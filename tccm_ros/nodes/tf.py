@@ -10,16 +10,12 @@ from rclpy.qos import QoSProfile
 
 from tccm_ros.config.node import Tf
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.ros_types import is_installed, message_class
 
 
 def has_tf2_msgs() -> bool:
     """Return whether tf2_msgs can be imported."""
-    try:
-        message_class("tf2_msgs/msg/TFMessage")
-    except ImportError:
-        return False
-    return True
+    return is_installed("tf2_msgs/msg/TFMessage")
 
 
 class TfPublisher:

@@ -227,9 +227,7 @@ class ViewNode(Node):
             self._asked.get()()
 
     def _rename(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
-        surface, label = _identity(values), values["label"]
-        if not isinstance(label, str):
-            raise RequestError("label must be a string")
+        surface, label = _identity(values), _text(values, "label")
         return self._client.set_label(surface, label), lambda message: {"message": message}
 
     def _find_placements(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
@@ -254,9 +252,7 @@ class ViewNode(Node):
     def _name_spot(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         from tccm_interfaces.msg import SurfaceFilter
 
-        surface, name, spot = _identity(values), values["name"], values.get("spot")
-        if not isinstance(name, str):
-            raise RequestError("name must be a string")
+        surface, name, spot = _identity(values), _text(values, "name"), values.get("spot")
         if spot is not None and not (isinstance(spot, list) and len(spot) == 2):
             raise RequestError(f"spot is {one_line(ValueError(spot))}; expected (x, y), m")
         spot = None if spot is None else [float(value) for value in spot]
@@ -265,10 +261,8 @@ class ViewNode(Node):
         return asked, lambda message: {"message": message}
 
     def _save(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
-        name = values["name"]
-        if not isinstance(name, str):
-            raise RequestError("name must be a string")
-        return self._client.save_named_map(name), lambda m: {"message": f"saved as {m.name}"}
+        asked = self._client.save_named_map(_text(values, "name"))
+        return asked, lambda saved: {"message": f"saved as {saved.name}"}
 
 
 def _rerun_stream(url: str, config: Config) -> RerunStream | None:
@@ -299,6 +293,13 @@ def _identity(values: Mapping[str, Any]) -> int:
     if type(value) is not int or not 0 <= value <= INT32_MAX:
         raise RequestError(f"surface_id is {one_line(ValueError(value))}; expected an id")
     return value
+
+
+def _text(values: Mapping[str, Any], key: str) -> str:
+    """Return a string of a page's request."""
+    if not isinstance(values[key], str):
+        raise RequestError(f"{key} must be a string")
+    return str(values[key])
 
 
 def _named(error: Exception) -> Exception:

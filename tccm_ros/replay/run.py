@@ -24,7 +24,7 @@ from tccm_ros.replay.processors import OnCycle, OnEvent, Pipeline
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.warm_up.compilation import compile_kernels
 
 PROGRESS_STEP_NS = 100_000_000
@@ -81,15 +81,7 @@ def run_bag(
     """
     bars, clock = bars or Silent(), clock or Stopwatch()
     with BagReader(bag) as reader:
-        choice = choose_topics(reader, config, remap)
-        _check_there(reader, choice)
-        config, asked = with_level_scans(config, choice), config
-        if config is not asked:
-            choice = choose_topics(reader, config, remap)
-        topics = choice.topics
-        reader.add_readers(choice.readers)
-        timing = joint_timing(reader, choice, config)
-        config, asked = with_joint_timing(config, timing), config
+        config, choice, timing_notes = _plan(reader, config, remap)
         compile_kernels(_processors(choice), config, bars)
         pipeline = Pipeline(
             config,
@@ -101,41 +93,64 @@ def run_bag(
             on_event=on_event,
             clock=clock,
         )
-        add_latched(reader, topics, pipeline.robot)
-        messages = _feed(pipeline, reader, topics, on_progress, bars)
+        add_latched(reader, choice.topics, pipeline.robot)
+        messages = _feed(pipeline, reader, choice.topics, on_progress, bars)
         bars.start("solve", 1.0)
-        pipeline.finish()
-        _check_used(pipeline, reader, choice)
-        solution = pipeline.solve()
-        if not pipeline.slam.is_aligned(solution):
-            raise MapError(
-                f"{reader.path}: could not be localised in the saved map, which is "
-                "unchanged; expected a recording of the same rooms: replay it without --map"
-            )
-        unreadable = Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()})
+        solution = _solve(pipeline, reader, choice)
         return Outcome(
-            config,
-            pipeline.cycles,
-            pipeline.history,
-            pipeline.tccm,
-            pipeline.slam,
-            solution,
-            messages,
-            pipeline.dropped
-            + unreadable
-            + Counter(choice.unread)
-            + Counter(solution.unused_detections),
-            reader.duration,
-            saved is not None,
-            (
+            config=config,
+            cycles=pipeline.cycles,
+            history=pipeline.history,
+            tccm=pipeline.tccm,
+            slam=pipeline.slam,
+            solution=solution,
+            messages=messages,
+            dropped=_dropped(pipeline, reader, choice) + Counter(solution.unused_detections),
+            bag_duration=reader.duration,
+            continues_map=saved is not None,
+            found_topics=(
                 *choice.notes,
-                *_timing_lines(timing, is_corrected=config is not asked),
+                *timing_notes,
                 *_lasers_that_are_bases(pipeline, choice),
                 *pipeline.robot.remarks,
                 *_missing_extra(pipeline),
             ),
-            tuple(pipeline.changes),
+            changes=tuple(pipeline.changes),
         )
+
+
+def _plan(
+    reader: BagReader, config: Config, remap: Sequence[str]
+) -> tuple[Config, TopicChoice, Sequence[str]]:
+    """Choose the topics; return the configuration for them, and notes on the joint's timing."""
+    choice = choose_topics(reader, config, remap)
+    _check_there(reader, choice)
+    with_levels = with_level_scans(config, choice)
+    if with_levels is not config:
+        config, choice = with_levels, choose_topics(reader, with_levels, remap)
+    reader.add_readers(choice.readers)
+    timing = joint_timing(reader, choice, config)
+    corrected = with_joint_timing(config, timing)
+    return corrected, choice, _timing_notes(timing, is_corrected=corrected is not config)
+
+
+def _solve(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> SurfaceSolution:
+    """Return the map of all records; raise an error if they give none."""
+    pipeline.finish()
+    _check_used(pipeline, reader, choice)
+    solution = pipeline.solve()
+    if not pipeline.slam.is_aligned(solution):
+        raise MapError(
+            f"{reader.path}: could not be localised in the saved map, which is "
+            "unchanged; expected a recording of the same rooms: replay it without --map"
+        )
+    return solution
+
+
+def _dropped(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> Counter[str]:
+    """Return the numbers of unused records by reason, and of unread messages by topic."""
+    unread = Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()})
+    return pipeline.dropped + unread + Counter(choice.unread)
 
 
 def _processors(choice: TopicChoice) -> set[str]:
@@ -226,10 +241,11 @@ def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[
             yield sensor_is_base(choice.topics[role], sensor.stream.record)
 
 
-def _timing_lines(timing: JointTiming | None, *, is_corrected: bool) -> Iterator[str]:
-    """Yield what is wrong with the stamps of a tilting laser or its joint, and what is done."""
-    if timing is not None and timing.is_significant:
-        yield f"{timing.text()}; {'it is used' if is_corrected else 'it is not what you set'}"
+def _timing_notes(timing: JointTiming | None, *, is_corrected: bool) -> Sequence[str]:
+    """Return what is wrong with the stamps of a tilting laser or its joint, and what is done."""
+    if timing is None or not timing.is_significant:
+        return ()
+    return (f"{timing.text()}; {'it is used' if is_corrected else 'it is not what you set'}",)
 
 
 def _missing_extra(pipeline: Pipeline) -> Iterator[str]:

@@ -14,7 +14,7 @@ from shapely.affinity import translate
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.models import SurfaceEntry, WallEntry, plan_polygon
 
 
 class Kind(StrEnum):
@@ -78,8 +78,8 @@ def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry
     Surfaces with overlapping outlines are matched first, then the remaining ones of equal shape and
     label by their shift.
     """
-    old = [(s, _outline(s), s.height - before.ground) for s in before.above_floor]
-    new = [(s, _outline(s), s.height - after.ground) for s in after.above_floor]
+    old = [(s, plan_polygon(s), s.height - before.ground) for s in before.above_floor]
+    new = [(s, plan_polygon(s), s.height - after.ground) for s in after.above_floor]
     same_height = [
         (i, j)
         for i, (_, _, low) in enumerate(old)
@@ -119,13 +119,6 @@ def _best_pairs(candidates: Iterable[tuple[float, int, int]]) -> dict[int, int]:
         if i not in pairs and j not in pairs.values():
             pairs[i] = j
     return pairs
-
-
-def _outline(surface: SurfaceEntry) -> shapely.Geometry:
-    holes = [hole[:, :2] for hole in surface.holes if len(hole) > 2]
-    if len(surface.boundary) < 3:
-        return shapely.Polygon()
-    return shapely.make_valid(shapely.Polygon(surface.boundary[:, :2], holes))
 
 
 def _overlap(a: shapely.Geometry, b: shapely.Geometry) -> float:

@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.outlines.triangulation import fill_outline
-from tccm_ros.racks.outline import box_edges
 from tccm_ros.report import palette
 from tccm_ros.report.array_pack import ArrayPack, differences
+from tccm_ros.report.entities import (
+    compartment_entity,
+    object_entity,
+    rounded,
+    sign_entity,
+    wall_entity,
+)
 from tccm_ros.report.label_layout import label_point
 from tccm_ros.report.map_picture import box_corners, extent
 from tccm_ros.results.cuboids_file import FinalCuboids
@@ -24,10 +30,11 @@ from tccm_ros.results.models import (
     ObjectEntry,
     PlaneEntry,
     SurfaceEntry,
-    WallEntry,
 )
-from tccm_ros.results.signs_file import SignEntry
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
+
+DIGITS = 6
+"""Decimals of numbers in the page; micrometres, as in the result files."""
 
 MAX_CUBOIDS = 400_000
 """Maximum number of cuboids; the newest of a larger map are shown. Chosen: smooth in a browser."""
@@ -50,15 +57,15 @@ def build_scene(results: Results, pack: ArrayPack) -> dict[str, Any]:
     return {
         "ground": _round(results.ground),
         "start": results.start,
-        "extent": [_list(corner) for corner in _extent(results)],
+        "extent": [rounded(corner, DIGITS) for corner in _extent(results)],
         "palette": list(palette.PALETTE),
         "colors": palette.WORLD,
         "surfaces": _surfaces(pack, results),
-        "walls": [_wall(wall) for wall in results.walls],
+        "walls": [wall_entity(w.id, w.endpoints, w.observations, DIGITS) for w in results.walls],
         "objects": [_object(box, results) for box in results.objects],
         "surfaceIds": [surface.id for surface in results.above_floor],
         "free": list(_free(pack, results)),
-        "signs": [_sign(sign) for sign in results.signs],
+        "signs": [sign_entity(s.id, s.text, s.position, s.normal, DIGITS) for s in results.signs],
         "racks": [_compartment(space) for space in results.compartments],
         "path": _path(pack, results),
         "places": _views(results),
@@ -100,7 +107,7 @@ def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) 
         "std": surface.height_std,
         "first": surface.first_seen,
         "last": surface.last_seen,
-        "at": _list(label_point(surface)),
+        "at": rounded(label_point(surface), DIGITS),
         "shape": _shape(pack, surface.boundary, surface.holes, surface.normal),
     }
 
@@ -119,26 +126,11 @@ def _shape(
     }
 
 
-def _wall(wall: WallEntry) -> dict[str, Any]:
-    return {
-        "id": wall.id,
-        "ends": [_list(end) for end in wall.endpoints],
-        "length": _round(float(np.hypot(*(wall.endpoints[1] - wall.endpoints[0])))),
-        "observations": wall.observations,
-    }
-
-
 def _object(box: ObjectEntry, results: Results) -> dict[str, Any]:
     below = {s.id: s for s in results.surfaces}.get(box.surface)
-    return {
-        "id": box.id,
-        "surface": box.surface,
-        "on": f"{below.label} (surface {below.id})" if below else None,
-        "size": _list(box.size),
-        "corners": [_list(corner) for corner in box_corners(box)],
-        "low": _round(box.center[2] - box.size[2] / 2),
-        "high": _round(box.center[2] + box.size[2] / 2),
-    }
+    label = f"{below.label} (surface {below.id})" if below else None
+    corners = box_corners(box)
+    return object_entity(box.id, box.surface, label, box.center, box.size, corners, DIGITS)
 
 
 def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
@@ -154,29 +146,10 @@ def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
             }
 
 
-def _sign(sign: SignEntry) -> dict[str, Any]:
-    return {
-        "id": sign.id,
-        "text": sign.text,
-        "at": _list(sign.position),
-        "normal": _list(sign.normal),
-    }
-
-
 def _compartment(space: CompartmentEntry) -> dict[str, Any]:
-    return {
-        "board": space.board,
-        "width": _round(space.width),
-        "depth": _round(space.depth),
-        "height": _round(space.height),
-        "sides": [space.left.value, space.right.value],
-        "back": space.back.value,
-        "ceiling": space.ceiling.value,
-        "edges": [
-            [_list(end) for end in ends]
-            for ends in box_edges(space.front, space.insertion, space.depth, space.height)
-        ],
-    }
+    lengths = space.width, space.depth, space.height
+    faces = [face.value for face in (space.left, space.right, space.back, space.ceiling)]
+    return compartment_entity(space.board, space.front, space.insertion, lengths, faces, DIGITS)
 
 
 def _path(pack: ArrayPack, results: Results) -> dict[str, Any]:
@@ -200,7 +173,7 @@ def _views(results: Results) -> list[dict[str, Any]]:
     return [
         {
             "stamp": float(stamp),
-            "at": _list(position[:2]),
+            "at": rounded(position[:2], DIGITS),
             "surfaces": sum(any(v.stamp == stamp for v in s.views) for s in results.surfaces),
         }
         for stamp, position in zip(stamps, at, strict=True)
@@ -254,7 +227,7 @@ def _final(pack: ArrayPack, cuboids: FinalCuboids, frame: Float64, window: int) 
     return {
         "cell": cuboids.cell_size,
         "unit": unit,
-        "frame": _list(frame.ravel()),
+        "frame": rounded(frame.ravel(), DIGITS),
         "newest": int(cuboids.newest.max(initial=0)),
         "window": window,
         "points": pack.add(np.minimum(np.rint(cuboids.count), 65535), "u2"),
@@ -312,14 +285,10 @@ def _cycles(pack: ArrayPack, results: Results) -> dict[str, Any] | None:
         "numbers": cycles.cycles.tolist(),
         "stamps": (cycles.stamps_ns * 1e-9).tolist(),
         "offsets": cycles.offsets.tolist(),
-        "frames": [_list(T.ravel()) for T in cycles.T_map_odom],
+        "frames": [rounded(T.ravel(), DIGITS) for T in cycles.T_map_odom],
         **_columns(pack, cycles.ix, cycles.iy, cycles.bottom, cycles.top),
     }
 
 
 def _round(value: float) -> float:
-    return round(float(value), 6)
-
-
-def _list(values: Float64) -> list[float]:
-    return [round(float(v), 6) for v in values]
+    return round(float(value), DIGITS)

@@ -19,6 +19,7 @@ from tccm_ros.results.models import (
     PlacementsEntry,
     PlanesFile,
     RacksFile,
+    SignsFile,
     SummaryFile,
     SurfacesFile,
     TimingFile,
@@ -27,7 +28,6 @@ from tccm_ros.results.models import (
 from tccm_ros.results.numbers import json_text
 from tccm_ros.results.planning import scene_text
 from tccm_ros.results.ply import surface_ply
-from tccm_ros.results.signs_file import SignsFile
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.surface_slam import SurfaceSolution

@@ -28,6 +28,8 @@ from tccm_ros.results.models import (
     PlanesFile,
     RacksFile,
     RoomEntry,
+    SignEntry,
+    SignsFile,
     SummaryFile,
     SurfaceEntry,
     SurfacesFile,
@@ -37,7 +39,6 @@ from tccm_ros.results.models import (
     WallEntry,
     WallsFile,
 )
-from tccm_ros.results.signs_file import SignEntry, SignsFile
 from tccm_ros.results.trajectory import Trajectory, read_tum
 
 FileType = TypeVar("FileType")

@@ -14,6 +14,7 @@ from enum import StrEnum
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+import shapely
 from pydantic import ConfigDict, PlainValidator, WithJsonSchema
 
 from tccm_ros.arrays import Float64
@@ -24,7 +25,9 @@ from tccm_ros.records import (
     Keyframe,
     Landmark,
     Loop,
+    RefusedSign,
     Room,
+    Sign,
     Surface,
     SurfaceShape,
     Wall,
@@ -57,6 +60,7 @@ def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidat
     return PlainValidator(check), WithJsonSchema(schema)
 
 
+Pixel = Annotated[Float64, *array_type(2)]
 Vector = Annotated[Float64, *array_type(3)]
 Ring = Annotated[Float64, *array_type(None, 3)]
 Ring2 = Annotated[Float64, *array_type(None, 2)]
@@ -590,6 +594,112 @@ class WallsFile:
         return cls(tuple(_entry(WallEntry, wall) for wall in walls))
 
 
+# --- signs.json ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignViewEntry:
+    """A picture in which a sign was read.
+
+    Attributes
+    ----------
+    stamp
+        Stamp of the picture, s.
+    keyframe
+        Keyframe to which the picture is attached.
+    pixel
+        float64 (2,), centre of the number, from the left and the top of the picture.
+    """
+
+    stamp: float
+    keyframe: int
+    pixel: Pixel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignEntry:
+    """A door sign, in map, as `records.Sign`.
+
+    Attributes
+    ----------
+    id
+        Id, stable over solutions and sessions.
+    text, number
+        Text on the plate, and the room number in it.
+    confidence
+        Confidence in the number, 0 to 1.
+    position
+        float64 (3,), centre of the number, m.
+    normal
+        float64 (3,), unit normal of the wall towards the reader of the sign.
+    covariance
+        float64 (3, 3) of the position, m2.
+    wall
+        Id of its wall in walls.json; null if unknown.
+    views
+        Pictures, in order of sessions and stamps.
+    """
+
+    id: int
+    text: str
+    number: str
+    confidence: float
+    position: Vector
+    normal: Vector
+    covariance: Covariance3
+    wall: int | None
+    views: tuple[SignViewEntry, ...]
+
+    @classmethod
+    def of(cls, sign: Sign) -> SignEntry:
+        """Return the entry of a sign."""
+        views = (_entry(SignViewEntry, view, stamp=Stamp(view.stamp_ns)) for view in sign.views)
+        return _entry(cls, sign, views=tuple(views))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RefusedEntry:
+    """Text that was read as a room number but is not a door sign, as `records.RefusedSign`.
+
+    Attributes
+    ----------
+    number
+        Number read in most pictures.
+    position
+        float64 (3,), in map, m.
+    reason
+        Reason for the refusal.
+    """
+
+    number: str
+    position: Vector
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignsFile:
+    """signs.json: the door signs of the map.
+
+    Attributes
+    ----------
+    signs
+        Signs, by id.
+    refused
+        Texts read at one position that are not signs.
+    """
+
+    signs: tuple[SignEntry, ...] = ()
+    refused: tuple[RefusedEntry, ...] = ()
+
+    @classmethod
+    def of(cls, signs: Iterable[Sign], refused: Iterable[RefusedSign] = ()) -> SignsFile:
+        """Return the model of signs.json."""
+        return cls(
+            tuple(map(SignEntry.of, signs)),
+            tuple(_entry(RefusedEntry, refusal) for refusal in refused),
+        )
+
+
 # --- graph.json ----------------------------------------------------------------------------------
 
 
@@ -1033,3 +1143,11 @@ class TruthFile:
     objects: tuple[TruthObject, ...] = ()
     signs: tuple[TruthSign, ...] = ()
     rooms: tuple[TruthRoom, ...] = ()
+
+
+def plan_polygon(surface: SurfaceEntry | TruthSurface) -> shapely.Geometry:
+    """Return the outline of a surface from above, with its holes, made valid."""
+    if len(surface.boundary) < 3:
+        return shapely.Polygon()
+    holes = [hole[:, :2] for hole in surface.holes if len(hole) > 2]
+    return shapely.make_valid(shapely.Polygon(surface.boundary[:, :2], holes))

@@ -319,15 +319,9 @@ class ResultBag:
             self._bag.write(COLLISION_TOPIC, COLLISION_OBJECT, stamp_ns, message)
 
     def _write_grid(self, stamp_ns: int) -> None:
-        if self._grid is None:
-            return
-        grid, origin = self._grid, np.eye(4)
-        origin[:2, 3] = grid.origin
-        frame = self._map_frame
-        message = grid_message(
-            self._bag.types, stamp_ns, frame, grid.cells, grid.resolution, origin
-        )
-        self._bag.write(GRID_TOPIC, GRID, stamp_ns, message)
+        if self._grid is not None:
+            message = grid_message(self._bag.types, stamp_ns, self._map_frame, self._grid)
+            self._bag.write(GRID_TOPIC, GRID, stamp_ns, message)
 
 
 def _ends(cycles: Sequence[CycleResult]) -> dict[int, int]:

@@ -9,14 +9,12 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError
 from tccm_ros.geometry import between2, planar
 from tccm_ros.records import Odometry
-from tccm_ros.robot.chain import Chain, JointReading
+from tccm_ros.robot.chain import Chain
 from tccm_ros.robot.frames import FrameTree, ancestors, build_chain, find_path
 from tccm_ros.robot.odometry import OdometryFilter
 from tccm_ros.robot.tracks import PoseTrack
-from tccm_ros.robot.urdf import Joint
 
 STANDING_STEP = (0.0005, 0.0005)
 """A base is at rest if its odometry moves by less (m, rad) in a step of about 0.1 s (chosen)."""
@@ -99,7 +97,7 @@ class BaseMotion:
         chain = self._chains.get(base)
         if chain is None:
             edges = self._frames.view(urdf=False, tf=True, moving_tf=True)
-            chain = build_chain(find_path(self.odom_frame, base, edges), _no_joint)
+            chain = build_chain(find_path(self.odom_frame, base, edges))
             self._chains[base] = chain
         return chain
 
@@ -153,7 +151,3 @@ def is_standing(step: Float64) -> bool:
     """Return whether odometry reports no motion in a step (3,), m and rad."""
     moved, turned = math.hypot(step[0], step[1]), abs(step[2])
     return bool(moved < STANDING_STEP[0] and turned < STANDING_STEP[1])
-
-
-def _no_joint(joint: Joint) -> JointReading:
-    raise FrameError(f"joint '{joint.name}' is not in tf")

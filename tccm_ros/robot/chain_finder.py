@@ -125,7 +125,7 @@ class ChainFinder:
             self.base = laser
             return Chain(np.eye(4)[None], ()) if final else None
         base = self._find_base(laser, known, model)
-        if source == "auto" and self._is_silent(base, laser, edges):
+        if source == "auto" and self._silent_joints(base, laser, edges):
             if not final:
                 return None
             edges = self._with_tf_for_silent_joints(base, laser, edges)
@@ -189,9 +189,6 @@ class ChainFinder:
             if isinstance(edge, Joint) and edge.motion in ("turn", "slide")
         ]
         return [joint for joint in moving if not len(self.reading(joint).track)]
-
-    def _is_silent(self, base: str, laser: str, edges: Edges) -> bool:
-        return bool(self._silent_joints(base, laser, edges))
 
     def _with_tf_for_silent_joints(self, base: str, laser: str, edges: Edges) -> Edges:
         """Return the edges, with tf transforms instead of joints that have no samples."""

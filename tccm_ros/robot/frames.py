@@ -81,7 +81,7 @@ class FrameTree:
     def follow_odometry(self, child: str) -> None:
         """Set the child frame of odometry; only the first call has an effect."""
         if self.odometry_child is None:
-            self.odometry_child = plain_name(child)
+            self.odometry_child = child
             self.version += 1
 
     def find_anew(self) -> None:
@@ -93,8 +93,7 @@ class FrameTree:
 
         The first parent of a frame is kept, and samples must be newer than the previous one.
         """
-        parent, child = plain_name(sample.parent), plain_name(sample.child)
-        edge = self._edge(parent, child)
+        edge = self._edge(sample.parent, sample.child)
         if edge is None:
             return False
         if not sample.is_static:
@@ -114,9 +113,8 @@ class FrameTree:
 
         A constant transform is valid at any time: drivers publish it rarely, late or once.
         """
-        child = plain_name(sample.child)
-        if child not in self.tf:
-            edge = self._edge(plain_name(sample.parent), child)
+        if sample.child not in self.tf:
+            edge = self._edge(sample.parent, sample.child)
             if edge is not None:
                 edge.track.note(sample.T_parent_child)
 
@@ -158,11 +156,6 @@ class FrameTree:
         if urdf and self.model is not None:
             edges.update(self.model.joints)
         return edges
-
-
-def plain_name(frame: str) -> str:
-    """Return a frame name without the leading slash of old recordings."""
-    return frame.removeprefix("/")
 
 
 def frames_of(edges: Edges) -> set[str]:
@@ -216,15 +209,20 @@ def find_path(a: str, b: str, edges: Edges) -> list[tuple[Joint | TfEdge, bool]]
     return there + back[::-1]
 
 
+def no_reading(joint: Joint) -> JointReading:
+    """Raise FrameError: the chain must not depend on samples of a joint."""
+    raise FrameError(f"joint '{joint.name}' moves, and its position is not known here")
+
+
 def build_chain(
-    path: list[tuple[Joint | TfEdge, bool]], reading: Callable[[Joint], JointReading]
+    path: list[tuple[Joint | TfEdge, bool]], reading: Callable[[Joint], JointReading] = no_reading
 ) -> Chain:
     """Return the chain of a path; `reading` gives the samples of a joint.
 
     Raises
     ------
     FrameError
-        For a floating or planar joint.
+        For a floating or planar joint, and without `reading` for any moving joint.
     """
     fixed, parts = [np.eye(4)], []
     for edge, backwards in path:

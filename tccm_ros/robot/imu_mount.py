@@ -7,9 +7,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
 from tccm_ros.robot.base_motion import BaseMotion
-from tccm_ros.robot.chain import JointReading
-from tccm_ros.robot.frames import FrameTree, build_chain, find_path, plain_name
-from tccm_ros.robot.urdf import Joint
+from tccm_ros.robot.frames import FrameTree, build_chain, find_path
 
 
 class ImuMount:
@@ -33,7 +31,7 @@ class ImuMount:
         """
         known = self._frames.version, frame
         if known != self._found_of:
-            self._found_of, self._found = known, self._find(plain_name(frame))
+            self._found_of, self._found = known, self._find(frame)
         return self._found
 
     def _find(self, frame: str) -> Float64 | None:
@@ -44,11 +42,7 @@ class ImuMount:
             return np.eye(4)
         edges = self._frames.view(urdf=True, tf=True, moving_tf=False)
         try:
-            chain = build_chain(find_path(base, frame, edges), _no_joint)
+            chain = build_chain(find_path(base, frame, edges))
         except FrameError:
             return None
         return chain.at(np.zeros(1, np.int64))[0]
-
-
-def _no_joint(joint: Joint) -> JointReading:
-    raise FrameError(f"joint '{joint.name}' moves the imu")

@@ -13,7 +13,7 @@ from tccm_ros.errors import FrameError, suggest
 from tccm_ros.records import SelfShapes
 from tccm_ros.robot.chain import Chain, JointReading, Part
 from tccm_ros.robot.chain_finder import ChainFinder, MountKind
-from tccm_ros.robot.frames import FrameTree, plain_name
+from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.self_shapes import ShapeModel
 from tccm_ros.robot.tilt_angle import TiltReadout
@@ -121,7 +121,7 @@ class Mount:
             self._no_chain = None
             return chain
         try:
-            chain = self._finder.find(plain_name(frame), final=final)
+            chain = self._finder.find(frame, final=final)
             part = None
             if chain is not None and self._is_corrected(chain):
                 part = self._finder.tilt_part(chain)

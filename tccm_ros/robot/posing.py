@@ -89,46 +89,63 @@ class Posing:
             needs = self._needs(mount, chain)
         except FrameError:
             return "no way from base to sensor"
-        for reason, track in needs:
-            if track.brackets(start_ns, end_ns, self._max_gap_ns):
-                continue
-            hopeless = self._has_no_more(track, end_ns, now_ns or 0)
-            given_up = ended or (late and hopeless)
-            if not given_up:
-                sensor.awaited = track, track.heard
-                return None
-            if self._never_moved(track, needs, (start_ns, end_ns)):
-                continue
+        span = start_ns, end_ns
+        lacking = self._lacking(needs, span, now_ns or 0, late=late, ended=ended)
+        if lacking is not None and lacking[2]:
+            reason, track, _ = lacking
             mount.explain_missing(reason, track, chain, start_ns)
             return reason
-        is_level = sensor.stream.mount is MountKind.LEVEL
-        if is_level and self._awaits_gyro(record.stamp_ns, now_ns, late=late):
-            sensor.awaited = self._gyro.track, self._gyro.track.heard
-            return None
-        behind = None if late else self._track_of_roll_pitch(end_ns, now_ns)
-        if behind is not None:
-            sensor.awaited = behind, behind.heard
+        awaited = lacking[1] if lacking is not None else None
+        if lacking is None and not late:
+            awaited = self._track_behind(sensor, end_ns, now_ns or 0)
+        if awaited is not None:
+            sensor.awaited = awaited, awaited.heard
             return None
         posed = self._pose(sensor, chain, start_ns, end_ns)
         mount.note_posed()
         return sensor.stream.fault_of_pose(posed) or posed
 
-    def _awaits_gyro(self, stamp_ns: int, now_ns: int | None, *, late: bool) -> bool:
+    def _lacking(
+        self,
+        needs: list[tuple[str, Track]],
+        span: tuple[int, int],
+        now_ns: int,
+        *,
+        late: bool,
+        ended: bool,
+    ) -> tuple[str, Track, bool] | None:
+        """Return the first need without samples around a span, ns, and whether none will come.
+
+        A tf transform that never moved needs none.
+        """
+        for reason, track in needs:
+            if track.brackets(*span, self._max_gap_ns):
+                continue
+            hopeless = self._has_no_more(track, span[1], now_ns)
+            is_given_up = ended or (late and hopeless)
+            if not (is_given_up and self._never_moved(track, needs, span)):
+                return reason, track, is_given_up
+        return None
+
+    def _track_behind(self, sensor: Sensor, end_ns: int, now_ns: int) -> Track | None:
+        """Return a track of the IMU that a record still waits for; None without one."""
+        is_level = sensor.stream.mount is MountKind.LEVEL
+        if is_level and self._awaits_gyro(sensor.waiting[0].stamp_ns, now_ns):
+            return self._gyro.track
+        needed_ns, tracks = self._roll_pitch.awaited(end_ns)
+        for track in tracks:
+            if not self._has_no_more(track, needed_ns, now_ns):
+                return track
+        return None
+
+    def _awaits_gyro(self, stamp_ns: int, now_ns: int) -> bool:
         """Return whether the gyroscope's heading at a stamp may still arrive."""
         track = self._gyro.track
-        if late or track.latest_ns is None or self._gyro.brackets(stamp_ns):
+        if track.latest_ns is None or self._gyro.brackets(stamp_ns):
             return False
         if stamp_ns - track.latest_ns > self._timeout_ns:  # it has another clock, or is silent
             return False
-        return not self._has_no_more(track, stamp_ns, now_ns or 0)
-
-    def _track_of_roll_pitch(self, end_ns: int, now_ns: int | None) -> Track | None:
-        """Return a track that roll and pitch at a stamp still wait for; None without one."""
-        needed_ns, tracks = self._roll_pitch.awaited(end_ns)
-        for track in tracks:
-            if not self._has_no_more(track, needed_ns, now_ns or 0):
-                return track
-        return None
+        return not self._has_no_more(track, stamp_ns, now_ns)
 
     def _frame_of(self, sensor: Sensor) -> str:
         """Return the frame to which a record needs a chain: for one in map or odom, the base."""

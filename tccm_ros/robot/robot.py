@@ -36,7 +36,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain_finder import MountKind
-from tccm_ros.robot.frames import FrameTree, plain_name
+from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.joint_tracks import LATE, JointTracks
@@ -297,8 +297,8 @@ class Robot:
         if not self.frames.add_transform(sample):
             self._refuse("tf", LATE, 1)
         elif self._config.localisation.is_external:
-            edge = plain_name(sample.parent), plain_name(sample.child)
-            if edge == (self._config.frames.map_name, plain_name(self.motion.odom_frame)):
+            edge = sample.parent, sample.child
+            if edge == (self._config.frames.map_name, self.motion.odom_frame):
                 # Far odometry was moved near its origin; map -> odom must follow.
                 T_odom_near = inverse(self.motion.odometry.T_near_odom)
                 self._events.append(MapOdom(sample.stamp_ns, sample.T_parent_child @ T_odom_near))
@@ -315,7 +315,7 @@ class Robot:
     def _add_pose_covariance(self, record: PoseCovariance) -> None:
         if not self._config.localisation.is_external:
             return
-        if plain_name(record.frame_id) == self._config.frames.map_name:
+        if record.frame_id == self._config.frames.map_name:
             self._events.append(record)
         else:
             self._refuse("external_pose", "not in the map frame", 1)

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
 from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
+from tccm_ros.slam.occupancy import OccupancyGrid
 
 OBSTACLE_STEP_M = 0.05
 """Spacing of the points in a cuboid, m. Chosen: the cell of an ordinary costmap."""
@@ -189,38 +190,21 @@ def path_message(
     return types.make("nav_msgs/msg/Path", header=header, poses=poses)
 
 
-def grid_message(
-    types: MessageTypes,
-    stamp_ns: int,
-    frame_id: str,
-    cells: NDArray[np.int8],
-    resolution: float,
-    T_map_origin: Float64,
-) -> Any:
-    """Return a nav_msgs/OccupancyGrid.
-
-    Parameters
-    ----------
-    types, stamp_ns, frame_id
-        Message classes and header.
-    cells
-        int8 (height, width), row 0 at the lowest y: 0 (free) to 100 (occupied), -1 unknown.
-    resolution
-        Edge length of a cell, m.
-    T_map_origin
-        (4, 4), pose of the outer corner of cell (0, 0).
-    """
+def grid_message(types: MessageTypes, stamp_ns: int, frame_id: str, grid: OccupancyGrid) -> Any:
+    """Return a nav_msgs/OccupancyGrid of a grid in the frame `frame_id`."""
+    T_map_corner = np.eye(4)
+    T_map_corner[:2, 3] = grid.origin
     info = types.make(
         "nav_msgs/msg/MapMetaData",
         map_load_time=stamp_message(types, stamp_ns),
-        resolution=float(resolution),
-        width=int(cells.shape[1]),
-        height=int(cells.shape[0]),
-        origin=pose_message(types, T_map_origin),
+        resolution=float(grid.resolution),
+        width=int(grid.cells.shape[1]),
+        height=int(grid.cells.shape[0]),
+        origin=pose_message(types, T_map_corner),
     )
     return types.make(
         "nav_msgs/msg/OccupancyGrid",
         header=header_message(types, stamp_ns, frame_id),
         info=info,
-        data=types.array("i1", cells.ravel()),
+        data=types.array("i1", grid.cells.ravel()),
     )

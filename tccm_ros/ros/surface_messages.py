@@ -55,6 +55,17 @@ TRACKING, SEARCHING = 1, 2
 """Values of `Localisation.state`."""
 
 
+def message_of(types: MessageTypes, msgtype: str, record: Any, /, **others: Any) -> Any:
+    """Return a message with the record's numbers and texts of the same names, and other fields."""
+    common = {
+        name: getattr(record, name)
+        for name in types.field_names(msgtype)
+        if name not in others and hasattr(record, name)
+    }
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in common.items()}
+    return types.make(msgtype, **plain, **others)
+
+
 def surface_message(
     types: MessageTypes, stamp_ns: int, frame_id: str, surface: Surface, floor_z: float | None
 ) -> Any:
@@ -71,18 +82,16 @@ def surface_message(
     """
     T, size = surface_pose(surface)
     hidden_by = [NOTHING if e.hidden_by is None else e.hidden_by for e in surface.edges]
-    return types.make(
+    return message_of(
+        types,
         SURFACE,
+        surface,
         header=header_message(types, stamp_ns, frame_id),
-        id=surface.id,
         merged_ids=types.array("i4", surface.merged_ids),
-        label=surface.label,
-        confidence=float(surface.confidence),
         pose=pose_message(types, T),
         size_x=float(size[0]),
         size_y=float(size[1]),
         height=float(T[2, 3] - (floor_z or 0.0)),
-        height_std=float(surface.height_std),
         plane=types.make(
             PACKAGE + "PlaneWithCovariance",
             normal=_vector(types, surface.normal),
@@ -97,16 +106,12 @@ def surface_message(
         edge_sigmas=types.array("f8", [e.sigma for e in surface.edges]),
         hidden_by_objects=types.array("i4", [NOTHING] * len(surface.edges)),
         hidden_by_surfaces=types.array("i4", hidden_by),
-        area=float(surface.area),
-        area_seen=float(surface.area_seen),
-        points=surface.points,
         first_seen=stamp_message(types, surface.first_seen_ns),
         last_seen=stamp_message(types, surface.last_seen_ns),
         view_stamps=types.array("i8", [view.stamp_ns for view in surface.views]),
         view_keyframes=types.array("i4", [view.keyframe for view in surface.views]),
         view_points=types.array("u4", [view.points for view in surface.views]),
         near_signs=list(surface.near),
-        room=surface.room,
     )
 
 
@@ -134,17 +139,16 @@ def object_message(types: MessageTypes, stamp_ns: int, frame_id: str, item: Scen
     item
         Object in map.
     """
-    return types.make(
+    return message_of(
+        types,
         SURFACE_OBJECT,
+        item,
         header=header_message(types, stamp_ns, frame_id),
-        id=item.id,
         surface_id=item.surface,
         label=item.class_id,
         confidence=math.nan if item.label is None else float(item.label.score),
         pose=pose_message(types, object_pose(item)),
         size=_vector(types, item.size),
-        is_round=item.is_round,
-        points=item.points,
         first_seen=stamp_message(types, item.first_seen_ns),
         last_seen=stamp_message(types, item.last_seen_ns),
     )
@@ -294,20 +298,18 @@ def _free_areas(
 
 def compartment_message(types: MessageTypes, space: Compartment) -> Any:
     """Return a tccm_interfaces/Compartment."""
-    return types.make(
+    return message_of(
+        types,
         PACKAGE + "Compartment",
+        space,
         rack_id=space.rack,
         board_id=space.board,
         above_id=NOTHING if space.above is None else space.above,
         front=pose_message(types, space.T_map_front),
-        width=float(space.width),
-        depth=float(space.depth),
-        height=float(space.height),
         left=FACE_STATES[space.left],
         right=FACE_STATES[space.right],
         back=FACE_STATES[space.back],
         ceiling=FACE_STATES[space.ceiling],
-        front_seen=float(space.front_seen),
     )
 
 
@@ -336,29 +338,26 @@ def found_object_message(types: MessageTypes, item: Any, above: Access, front: A
 
 def _wall(types: MessageTypes, header: Any, wall: Wall) -> Any:
     ends = np.column_stack([wall.endpoints, np.zeros(2)])
-    return types.make(
+    return message_of(
+        types,
         PACKAGE + "Wall",
+        wall,
         header=header,
-        id=wall.id,
-        phi=float(wall.phi),
-        rho=float(wall.rho),
         covariance=np.ascontiguousarray(wall.covariance, np.float64).ravel(),
         endpoints=[
             types.make("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in ends.tolist()
         ],
-        observations=wall.observations,
         corner_ids=types.array("i4", wall.corners),
     )
 
 
 def _sign(types: MessageTypes, header: Any, sign: Sign) -> Any:
     x, y, z = map(float, sign.position)
-    return types.make(
+    return message_of(
+        types,
         PACKAGE + "Sign",
+        sign,
         header=header,
-        id=sign.id,
-        text=sign.text,
-        confidence=float(sign.confidence),
         position=types.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
         normal=_vector(types, sign.normal),
         covariance=np.ascontiguousarray(sign.covariance, np.float64).ravel(),

@@ -24,6 +24,10 @@ class MessageTypes(Protocol):
         """Return a message of a type such as ``std_msgs/msg/Header``; other fields are defaults."""
         ...
 
+    def field_names(self, msgtype: str) -> list[str]:
+        """Return the fields of a type, in order."""
+        ...
+
     def array(self, dtype: DTypeLike, values: ArrayLike) -> Any:
         """Return the value of a sequence field of numbers (``float32[]``, ``uint8[]``, ...)."""
         ...

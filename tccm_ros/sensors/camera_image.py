@@ -22,7 +22,7 @@ from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import undistort
 from tccm_ros.sensors.compressed_depth import MAX_PIXELS
 from tccm_ros.sensors.depth_image import RECTIFIED, camera_info_topic, join_camera
-from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER
+from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, image_rows
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
 """Supported encodings of raw pictures, and bytes per pixel."""
@@ -72,20 +72,9 @@ def camera_image_from_message(message: Any) -> CameraImage:
         raise MessageError(
             f"image has encoding '{encoding[:20]}', expected rgb8, bgr8, mono8 or a CompressedImage"
         )
-    width, height, step = int(message.width), int(message.height), int(message.step)
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise MessageError(f"image of {width} x {height} pixels, expected 1 to {MAX_PIXELS}")
-    data, used = np.frombuffer(message.data, np.uint8), width * CHANNELS[encoding]
-    if step < used or len(data) < step * (height - 1) + used:
-        raise MessageError(
-            f"image of {width} x {height} pixels has {len(data)} bytes in lines of {step}, "
-            f"expected {height} lines of {used}"
-        )
-    if step > used:
-        padded = np.zeros(step * height, np.uint8)
-        padded[: min(len(data), len(padded))] = data[: len(padded)]
-        data = padded.reshape(height, step)[:, :used].ravel()
-    return _camera_image(message.header, encoding, (width, height), data[: used * height])
+    rows = image_rows(message, CHANNELS[encoding], "image")
+    size = int(message.width), int(message.height)
+    return _camera_image(message.header, encoding, size, rows.ravel())
 
 
 def compressed_image_from_message(message: Any) -> CameraImage:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.arrays import Float32, UInt16
+from tccm_ros.arrays import Float32, UInt8, UInt16
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraInfo, DepthImage
@@ -25,6 +25,30 @@ MAX_COEFFICIENTS = 14
 """Number of distortion coefficients of the largest model."""
 
 
+def image_rows(message: Any, pixel_size: int, what: str) -> UInt8:
+    """Return the bytes of the pixels of a sensor_msgs/Image, (H, W * pixel_size), without padding.
+
+    They may use the memory of the message. `what` begins the message of an error.
+
+    Raises
+    ------
+    MessageError
+        For inconsistent sizes.
+    """
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise MessageError(f"{what} of {width} x {height} pixels, expected 1 to {MAX_PIXELS}")
+    data, used = np.frombuffer(message.data, np.uint8), width * pixel_size
+    if step < used or len(data) < step * (height - 1) + used:
+        raise MessageError(
+            f"{what} of {width} x {height} pixels has {len(data)} bytes in lines of {step}, "
+            f"expected {height} lines of {used}"
+        )
+    if step * height > len(data):  # the last line may lack its padding
+        data = np.concatenate([data, np.zeros(step * height - len(data), np.uint8)])
+    return np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :used])
+
+
 def depth_image_from_message(message: Any) -> DepthImage:
     """Return the depths of a sensor_msgs/Image; they may use the memory of the message.
 
@@ -38,21 +62,9 @@ def depth_image_from_message(message: Any) -> DepthImage:
         raise MessageError(
             f"image has encoding '{str(message.encoding)[:20]}', expected 16UC1 or 32FC1"
         )
-    width, height, step = int(message.width), int(message.height), int(message.step)
     dtype = np.dtype((">" if message.is_bigendian else "<") + kind)
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise MessageError(f"depth image of {width} x {height} pixels, expected 1 to {MAX_PIXELS}")
-    data = np.frombuffer(message.data, np.uint8)
-    used = width * dtype.itemsize
-    if step < used or len(data) < step * (height - 1) + used:
-        raise MessageError(
-            f"depth image of {width} x {height} pixels has {len(data)} bytes in lines of {step}, "
-            f"expected {height} lines of {used}"
-        )
-    if step * height > len(data):  # the last line may lack its padding
-        data = np.concatenate([data, np.zeros(step * height - len(data), np.uint8)])
-    lines = data[: step * height].reshape(height, step)[:, :used]
-    depth = np.ascontiguousarray(lines).view(dtype).astype(kind, copy=False)
+    rows = image_rows(message, dtype.itemsize, "depth image")
+    depth = rows.view(dtype).astype(kind, copy=False)
     if is_swapped(depth):
         return replace(_depth_image(message.header, depth.byteswap()), remark=SWAPPED)
     return _depth_image(message.header, depth)

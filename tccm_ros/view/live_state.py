@@ -16,6 +16,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.report import palette
+from tccm_ros.report.entities import rounded
 
 MAX_EVENTS = 100
 """Maximum number of events on a page, the queue depth of the topic."""
@@ -162,8 +163,3 @@ def path_entity(positions: Float64) -> dict[str, Any]:
     length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
     kept = np.concatenate([positions[::step], positions[-1:]])
     return {"length": round(length, 2), "xy": rounded(kept.ravel())}
-
-
-def rounded(values: Any, digits: int = 3) -> list[float]:
-    """Return numbers rounded to millimetres."""
-    return [round(float(value), digits) for value in np.asarray(values).ravel()]

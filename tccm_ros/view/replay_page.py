@@ -12,10 +12,11 @@ from tccm_ros.errors import RequestError
 from tccm_ros.geometry import planar
 from tccm_ros.replay.unfinished_maps import is_running, newest_map
 from tccm_ros.report.array_pack import PlainArrays
+from tccm_ros.report.entities import rounded
 from tccm_ros.report.scene import build_scene
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.view.live_page import LivePage
-from tccm_ros.view.live_state import Entities, LiveState, path_entity, rounded
+from tccm_ros.view.live_state import Entities, LiveState, path_entity
 
 POLL_S = 0.2
 """Period of the check for a newer map, s, as that of messages to the page."""

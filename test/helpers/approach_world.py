@@ -16,6 +16,7 @@ from numpy.random import Generator
 from shapely import Point, Polygon, affinity
 
 from tccm_ros.approach.footprint import Footprint
+from tccm_ros.approach.remembered import Remembered
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.approach.settings import Goal, Robot, Surroundings
 from tccm_ros.approach.speeds import Limits, Speeds
@@ -143,11 +144,10 @@ class Flat:
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         x, y = x * CELL_M + low[0], y * CELL_M + low[1]
         cells = np.where(shapely.contains_xy(self.room, x, y), 0, -1).astype(np.int8)
-        wall = shapely.distance(self.room.exterior, shapely.points(x, y)) < 0.6 * CELL_M
-        cells[wall] = 100
+        points = shapely.points(x, y)
+        cells[shapely.distance(self.room.exterior, points) < 0.6 * CELL_M] = 100
         for leg in (leg for p in [self.mapped, *self.mapped_others] for leg in p.legs):
-            near = shapely.distance(leg, shapely.points(x, y)) < 0.5 * CELL_M
-            cells[near] = 100
+            cells[shapely.distance(leg, points) < 0.5 * CELL_M] = 100
         return OccupancyGrid(cells, CELL_M, low)
 
     def solids(self, t: float) -> list[Polygon]:
@@ -175,6 +175,7 @@ class SimulatedBase:
         self._cycle: TopCycle | None = None
         self.window: deque = deque(maxlen=WINDOW_CYCLES)
         self.obstacles, self.obstacles_s = np.zeros((0, 3)), -np.inf
+        self._remembered = Remembered(CUBE_M)
         self.contacts = 0
         self.mute: set[str] = set()
         self._last: dict = {}
@@ -271,6 +272,10 @@ class SimulatedBase:
         points = np.concatenate(self.window)
         _, first = np.unique(np.floor(points / CUBE_M), axis=0, return_index=True)
         self.obstacles, self.obstacles_s = points[first], cycle.stamp_s
+        cuboids = self.obstacles.copy()
+        cuboids[:, :2] = (np.floor(cuboids[:, :2] / CUBE_M) + 0.5) * CUBE_M
+        self._remembered.look(cycle)
+        self._remembered.add(cuboids, self.odom[:2])
 
     def _looks_at(self, points: np.ndarray) -> np.ndarray:
         """Return which points (N, 3) in odom are within the beams of a tilt cycle from here."""
@@ -300,7 +305,7 @@ class SimulatedBase:
         now = {
             "odom": (self.odom.copy(), self.t),
             "scan": (transform2(self.odom, self.level_scan()), self.t, self.odom[:2].copy()),
-            "cycle": (self._cycle, self.obstacles, self.obstacles_s),
+            "cycle": (self._cycle, self._remembered.points, self.obstacles_s),
             "map": self.map_odom,
         }
         for name in now:
@@ -308,9 +313,7 @@ class SimulatedBase:
                 self._last[name] = now[name]
         map_odom = None if "map" in self.mute else self.map_odom
         (pose, pose_s), scan = self._last["odom"], self._last["scan"]
-        cycle, obstacles, cuboids_s = self._last["cycle"]
-        cuboids = obstacles.copy()
-        cuboids[:, :2] = (np.floor(cuboids[:, :2] / CUBE_M) + 0.5) * CUBE_M
+        cycle, cuboids, cuboids_s = self._last["cycle"]
         return Senses(
             self.t, pose, pose_s, map_odom, "it is lost", *scan, cuboids, cuboids_s, cycle, CUBE_M
         )  # fmt: skip

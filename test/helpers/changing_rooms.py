@@ -1,16 +1,13 @@
-"""The simulator's changing rooms: inputs of the SLAM processor, and the true events."""
+"""The simulator's changing rooms: their true events, and those of their map."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes
-from tccm_ros.replay.processors import Pipeline
 from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
 from tccm_ros.surfaces.planning_shapes import OBJECT_PREFIX, Box, Mesh
 from tccm_ros.surfaces.scene import Scene
@@ -19,7 +16,6 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.changing import CYCLE, WALL
 from tccm_sim.engine import EPOCH_NS, Simulation
 from tccm_sim.options import Options
-from tccm_sim.recording import simulate
 from tccm_sim.truth import map_from_world
 from tccm_sim.worlds import build_world
 
@@ -35,24 +31,6 @@ class TrueItem(NamedTuple):
     first: np.ndarray
     last: np.ndarray
     kinds: tuple[ChangeKind, ...]
-
-
-def slam_inputs(folder: Path, seed: int) -> list[object]:
-    """Simulate the rooms; return the inputs of the SLAM processor, in order."""
-    bag = simulate(WORLD, folder / f"{WORLD}_{seed}", seed=seed)
-    pipeline, inputs = Pipeline(Config(), expects_odometry=True), []
-    add = pipeline.slam.add
-
-    def note(event):
-        inputs.append(event)
-        return add(event)
-
-    pipeline.slam.add = note
-    with BagReader(bag) as reader:
-        for role, _, record in reader.records(DEFAULT_TOPICS):
-            pipeline.add(role, record)
-    pipeline.finish()
-    return inputs
 
 
 def true_items() -> list[TrueItem]:

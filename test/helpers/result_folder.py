@@ -37,6 +37,9 @@ from tccm_ros.results.models import (
     ScansUsedEntry,
     SessionEntry,
     SessionKind,
+    SignEntry,
+    SignsFile,
+    SignViewEntry,
     SummaryFile,
     SurfaceEntry,
     SurfacesFile,
@@ -46,7 +49,6 @@ from tccm_ros.results.models import (
     WallsFile,
 )
 from tccm_ros.results.numbers import key_of
-from tccm_ros.results.signs_file import SignEntry, SignsFile, SignViewEntry
 from tccm_ros.results.trajectory import Trajectory
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -13,7 +13,6 @@ from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records.building import pose_matrix
 from tccm_ros.ros.surface_messages import SURFACE_EVENT
 from tccm_ros.surfaces.changes import Change, ChangeKind
-from tccm_sim.recording import simulate
 
 pytestmark = [
     pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed"),
@@ -30,8 +29,8 @@ RESTART_S = 75.0
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_events_are_true_also_over_a_saved_map_and_a_restart(ros, tmp_path, seed):
-    bag = simulate(WORLD, tmp_path / WORLD, seed=seed)
+def test_events_are_true_also_over_a_saved_map_and_a_restart(ros, session_files, tmp_path, seed):
+    bag = session_files.simulated(WORLD, seed=seed)
     events = Listener(ros).listen(message_class(SURFACE_EVENT), "/surface_slam/events")
     asker = Asker(ros)
     tilt_node = tccm(ros, context=ros.context)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tccm_ros.nodes.latencies import lagging
+from tccm_ros.nodes.node_status import lagging
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from live_robot import START_NS, Listener, recording, slam, wait_until_done
 from processes import PATIENCE_S, play_until, settings, started, stop
 from std_srvs.srv import Trigger
 
-from tccm_ros.nodes.map_files import read_map
+from tccm_ros.results.map_file import load_map
 
 SECOND = 1_000_000_000
 
@@ -233,7 +233,7 @@ def test_kill_9_during_a_save_loses_nothing_that_was_saved(tmp_path):
                 pass
             os.kill(child, signal.SIGKILL)
             assert process.stdout.readline() == "gone\n"
-            saved = read_map(folder)
+            saved = load_map(folder / "map.mcap")
             assert saved.views
             surfaces = json.loads((folder / "surfaces.json").read_text())
             assert surfaces["surfaces"]

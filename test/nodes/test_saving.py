@@ -26,12 +26,11 @@ from std_srvs.srv import Trigger
 from tccm_ros.errors import OutputError
 from tccm_ros.nodes.ending import HASTE_S, SAME_S, Ending
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.solution_saver import MAX_PATIENCE_S, patience_s
 from tccm_ros.nodes.solution_saver import PATIENCE_S as PATIENCE_OF_SAVES_S
 from tccm_ros.nodes.solver.channel import Journal
 from tccm_ros.records import RollPitch, SurfaceCloud
-from tccm_ros.results.map_file import read_content
+from tccm_ros.results.map_file import load_map, read_content
 
 SECOND = 1_000_000_000
 LONG_S = 60.0
@@ -235,7 +234,7 @@ def test_two_terminals_a_saved_map_is_continued_and_two_presses_of_ctrl_c_save_i
                 os.killpg(terminal.pid, signal.SIGKILL)
     assert "[0, 0]" in output, output
     assert read_content(folder / "map.mcap").keyframes > saved
-    assert read_map(folder).walls
+    assert load_map(folder / "map.mcap").walls
 
 
 def test_a_terminal_that_is_gone_saves_the_map(ros, tmp_path):
@@ -470,7 +469,7 @@ def test_a_saved_map_names_its_solution(ros, tmp_path):
     newest = node.solver.newest
     assert f"solution {newest.number}, up to {newest.stamp_ns * 1e-9:.3f} s" in answer.message
     assert read_content(tmp_path / "map" / "map.mcap") == newest.content
-    assert read_map(tmp_path / "map").walls
+    assert load_map(tmp_path / "map" / "map.mcap").walls
 
 
 # --- in time ---

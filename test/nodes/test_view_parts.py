@@ -6,7 +6,7 @@ import pytest
 from empty_view import empty_view
 from live_robot import slam
 
-from tccm_ros.nodes.view_parts import PATIENCE_S, ViewParts
+from tccm_ros.nodes.solve_schedule import PATIENCE_S, ViewParts
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
@@ -41,7 +41,7 @@ def test_a_node_asks_for_no_solution_between_them(ros, monkeypatch):
 def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_scans_go_on(
     ros, monkeypatch
 ):
-    monkeypatch.setattr("tccm_ros.nodes.view_parts.PATIENCE_S", 0.0)
+    monkeypatch.setattr("tccm_ros.nodes.solve_schedule.PATIENCE_S", 0.0)
     monkeypatch.setattr("tccm_ros.nodes.solve_schedule.PERIOD_S", 0.0)
     node, asked = slam(ros), []
     monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)

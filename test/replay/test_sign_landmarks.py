@@ -8,8 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from tccm_ros.results.folder_reader import read_json
-from tccm_ros.results.models import GraphFile, WallsFile
-from tccm_ros.results.signs_file import SignsFile
+from tccm_ros.results.models import GraphFile, SignsFile, WallsFile
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "office_signs"
 MAX_ERROR = 0.05

@@ -182,18 +182,6 @@ def test_the_base_is_the_odometrys_child_where_the_model_has_it():
     assert kin.base == "footprint"
 
 
-def test_leading_slashes_of_old_recordings_do_not_matter():
-    kin = kinematics(
-        description(),
-        odometry_at(START, child="/base"),
-        transform_at(0, "/cradle", "/eye", (0.3, 0, 0, 0, 0, 0), is_static=True),
-        joints_at(START, tilt=0.0),
-    )
-    np.testing.assert_allclose(where(kin, (0, 0, 0), frame="/laser"), (0.15, 0, 1.02))
-    np.testing.assert_allclose(where(kin, (0, 0, 0), frame="/eye"), (0.4, 0, 1.0))
-    assert kin.base == "base"
-
-
 def test_the_base_may_be_below_the_laser():
     text = robot(
         [

@@ -13,6 +13,7 @@ from tccm_ros.ros.output_messages import (
     surface_map_message,
 )
 from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
+from tccm_ros.slam.occupancy import OccupancyGrid
 
 STAMP = 1_700_000_000_000_000_005
 
@@ -91,7 +92,9 @@ def test_a_path_has_the_stamps_and_poses(types):
 
 def test_an_occupancy_grid_has_its_cells_size_and_origin(types):
     cells = np.array([[0, 100, -1], [1, 2, 3]], np.int8)
-    message = grid_message(types, STAMP, "map", cells, 0.05, np.eye(4))
+    message = grid_message(types, STAMP, "map", OccupancyGrid(cells, 0.05, np.array([1.0, -2.0])))
     message = to_bag_message(types, "nav_msgs/msg/OccupancyGrid", message)
     assert (message.info.width, message.info.height) == (3, 2)
     assert message.data.tolist() == [0, 100, -1, 1, 2, 3]
+    corner = message.info.origin.position
+    assert (corner.x, corner.y) == (1.0, -2.0)

@@ -133,10 +133,10 @@ def test_a_found_object_tells_what_blocks_the_hand(name):
 
 
 def test_clients_read_compartments_and_found_objects_as_plain_objects():
-    from tccm_ros.nodes.map_records import compartments_of, found_objects_of
+    from tccm_ros.nodes.map_records import MapCompartment, MapFoundObject
 
     types = family("rosidl")
-    (read,) = compartments_of([compartment_message(types, space())])
+    read = MapCompartment.of(compartment_message(types, space()))
     np.testing.assert_allclose(read.T_map_front, space().T_map_front, atol=1e-12)
     assert (read.rack_id, read.board_id) == (2, 3)
     assert (read.width, read.depth, read.height) == (0.8, 0.3, 0.35)
@@ -144,5 +144,5 @@ def test_clients_read_compartments_and_found_objects_as_plain_objects():
     assert faces == ("measured", "open", "unknown", "measured")
     item = object_message(types, STAMP, "map", SceneObject(5, 1, np.ones(3), np.ones(3), 0.0))
     access = Access(AccessState.FREE), Access(AccessState.BLOCKED, (6,))
-    (found,) = found_objects_of([found_object_message(types, item, *access)])
+    found = MapFoundObject.of(found_object_message(types, item, *access))
     assert (found.item.id, found.above, found.front) == (5, "free", "blocked")

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.replay.replay import replay
 from tccm_ros.slam import wall_slam
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -19,18 +19,8 @@ MAX_M, MAX_RAD = 1e-3, np.radians(0.01)
 
 
 @pytest.fixture(scope="module")
-def events(tmp_path_factory):
-    """The events that a replay gives to the processor, in their order."""
-    events, add = [], SurfaceSlam.add
-
-    def record(slam, event):
-        events.append(event)
-        return add(slam, event)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SurfaceSlam, "add", record)
-        replay(BAG, tmp_path_factory.mktemp("flat") / "out", Config(), pictures=False)
-    return events
+def events():
+    return slam_inputs(BAG)
 
 
 def solutions(events):

@@ -2,16 +2,17 @@
 
 import pytest
 from changing_rooms import (
+    WORLD,
     assert_one_id_an_item,
     counted,
     index_at,
     is_at,
-    slam_inputs,
     solved,
     told,
     true_counts,
     true_presence,
 )
+from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
 from tccm_ros.results.map_file import load_map, save_map
@@ -26,8 +27,8 @@ RESTART_S = 75.0
 
 
 @pytest.fixture(scope="module", params=[1, 2])
-def inputs(request, tmp_path_factory):
-    return slam_inputs(tmp_path_factory.mktemp("changing"), request.param)
+def inputs(request, session_files):
+    return slam_inputs(session_files.simulated(WORLD, seed=request.param))
 
 
 @pytest.fixture(scope="module")

@@ -79,7 +79,9 @@ def _maps_at_once(monkeypatch):
     monkeypatch.setattr("tccm_ros.replay.unfinished_maps.MIN_PERIOD_S", 0.0)
 
 
-def test_a_page_shows_the_map_of_a_replay_grow_and_changes_none_of_its_results(tmp_path):
+def test_a_page_shows_the_map_of_a_replay_grow_and_changes_none_of_its_results(
+    session_files, tmp_path
+):
     out, urls = tmp_path / "out", []
     assert running_replay(out) is None
     with Replay(out, 1.0, 7.0, 17.0) as run, Browser(tmp_path / "profile", 1100, 900) as browser:
@@ -110,10 +112,10 @@ def test_a_page_shows_the_map_of_a_replay_grow_and_changes_none_of_its_results(t
         assert not complaints
     assert not is_running(maps)
     assert running_replay(out) is None
-    replay(BAG, tmp_path / "alone", Config(), pictures=False)
+    alone = session_files.replayed("walkthrough")
     for file in ("surfaces.json", "walls.json", "objects.json", "trajectory.tum"):
-        assert (out / file).read_bytes() == (tmp_path / "alone" / file).read_bytes()
-    assert {path.name for path in out.iterdir()} == {p.name for p in (tmp_path / "alone").iterdir()}
+        assert (out / file).read_bytes() == (alone / file).read_bytes()
+    assert {path.name for path in out.iterdir()} == {path.name for path in alone.iterdir()}
 
 
 def test_a_killed_replay_is_not_shown(tmp_path):

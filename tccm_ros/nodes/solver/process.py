@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import queue
-import signal
 import sys
 import tempfile
 import threading
@@ -26,6 +25,7 @@ import numpy as np
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.nodes.child_process import yield_to_node
 from tccm_ros.nodes.heap import trim_heap
 from tccm_ros.nodes.map_files import map_files, pack_files
 from tccm_ros.nodes.solver.channel import (
@@ -55,9 +55,6 @@ from tccm_ros.slam.occupancy import RESOLUTION_M, OccupancyGrid
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
-
-NICENESS = 5
-"""Priority below tracking, for machines with fewer cores than processes. Chosen."""
 
 
 class SolverProcess:
@@ -208,12 +205,8 @@ class SolverProcess:
         return self._grid_message(solution, mask)
 
     def _grid_message(self, solution: SurfaceSolution, grid: OccupancyGrid) -> Any:
-        origin = np.eye(4)
-        origin[:2, 3] = grid.origin
         frame = self._slam.config.frames.map_name
-        return grid_message(
-            self._types, solution.stamp_ns, frame, grid.cells, grid.resolution, origin
-        )
+        return grid_message(self._types, solution.stamp_ns, frame, grid)
 
 
 def _reason(error: Exception) -> str:
@@ -250,9 +243,7 @@ def listen(connection: Connection, commands: queue.SimpleQueue[Any]) -> None:
 
 def serve(connection: Connection) -> NoReturn:
     """Serve the node at the other end of a connection until it ends."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    os.nice(NICENESS)
+    yield_to_node()
     commands: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=listen, args=(connection, commands), daemon=True).start()
     solver = SolverProcess(connection)

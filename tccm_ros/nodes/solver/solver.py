@@ -6,19 +6,19 @@ import os
 import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing import Pipe, reduction
+from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError, one_line
+from tccm_ros.nodes.child_process import END_S, spawn
 from tccm_ros.nodes.solver.channel import (
     Began,
     Begin,
@@ -43,10 +43,6 @@ MAX_DEATHS = 3
 
 RETRY_S = 1.0
 """Time between attempts to start the process again, s. Chosen: memory may be free by then."""
-
-END_S = 0.5
-"""Time for the process to exit on its own, s. Chosen: it holds no data that could be lost."""
-
 
 Answer = Solved | Placed | Messages | Failed
 
@@ -279,7 +275,7 @@ class Solver:
         if prepared is not None:
             self._process, self._connection = prepared
         else:
-            self._process, self._connection = _spawned()
+            self._process, self._connection = spawn(PROCESS)
         self._send_begin(self._session)
 
     def _send(self, command: Begin | Feed | Solve | Show) -> None:
@@ -361,22 +357,6 @@ class Solver:
     def _forget(answer: Any) -> None:
         if isinstance(answer, Solved):
             os.close(answer.archive)
-
-
-def _spawned() -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start the process anew; return it and the connection to it."""
-    ours, theirs = Pipe()
-    # A process group of its own, because Ctrl-C in a terminal is for the node. It stays in the
-    # node's session: schedulers that group by session weigh its lower priority against the node.
-    process = subprocess.Popen(
-        [sys.executable, "-m", PROCESS, str(theirs.fileno())],
-        pass_fds=[theirs.fileno()],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        stdin=subprocess.DEVNULL,
-        process_group=0,
-    )
-    theirs.close()
-    return process, ours
 
 
 def _copied(path: Path) -> IO[bytes]:

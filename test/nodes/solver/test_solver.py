@@ -13,7 +13,6 @@ from written_map import write_map
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
-from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.map_folder import save_archive
 from tccm_ros.nodes.solver import process
 from tccm_ros.nodes.solver import solver as solver_module
@@ -31,6 +30,7 @@ from tccm_ros.nodes.solver.process import SolverProcess
 from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
+from tccm_ros.results.map_file import load_map
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 PATIENCE_S = 120.0
@@ -171,7 +171,7 @@ def test_what_killed_it_too_often_is_said_and_the_newest_solution_stays(drive, s
     solver.feed(events[-1])
     assert solver.wait(solver.solve(TOPICS), PATIENCE_S)
     save_archive(found.archive, tmp_path)
-    assert read_map(tmp_path).views
+    assert load_map(tmp_path / "map.mcap").views
 
 
 def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
@@ -186,7 +186,9 @@ def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
         with pytest.raises(MapError, match=path.name):
             solver.begin(path)
     assert solver.newest is before
-    expected = SurfaceSlam.from_saved(Config(), read_map(tmp_path)).walls.first_keyframe
+    expected = SurfaceSlam.from_saved(
+        Config(), load_map(tmp_path / "map.mcap")
+    ).walls.first_keyframe
     assert solver.begin(tmp_path / "map.mcap") == expected
     os.kill(solver.pid, signal.SIGKILL)
     (tmp_path / "map.mcap").unlink()
@@ -197,7 +199,9 @@ def test_a_map_that_is_loaded_at_the_start_is_answered_by_its_own_session(drive,
     """The process is asked for two sessions before it has answered the first."""
     slam = drive[1]
     write_map(tmp_path, slam, slam.solve())
-    expected = SurfaceSlam.from_saved(Config(), read_map(tmp_path)).walls.first_keyframe
+    expected = SurfaceSlam.from_saved(
+        Config(), load_map(tmp_path / "map.mcap")
+    ).walls.first_keyframe
     assert expected[0] > 0
     (tmp_path / "damaged.mcap").write_bytes((tmp_path / "map.mcap").read_bytes()[:-5000])
     solver = Solver(Config(), lambda answer: None)
@@ -221,7 +225,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
         ring.add(scan)
     write_map(tmp_path / "ring", ring, ring.solve())
     solver.begin(tmp_path / "ring" / "map.mcap")
-    slam = SurfaceSlam.from_saved(Config(), read_map(tmp_path / "ring"))
+    slam = SurfaceSlam.from_saved(Config(), load_map(tmp_path / "ring" / "map.mcap"))
     room, route = plan.box(0.0, 0.0, 7.0, 4.5), plan.route([(1, 1), (4, 1)])
     for scan in plan.drive(room, route, start_ns=2 * 10**18).scans:
         slam.add(scan)
@@ -285,15 +289,15 @@ def test_a_reset_starts_a_process_again_that_died_too_often(drive, solver):
 def test_a_process_that_cannot_be_started_again_is_started_later(drive, solver, monkeypatch):
     """As after the memory of the machine ran out."""
     events, _ = drive
-    plain, refused = solver_module._spawned, []
+    plain, refused = solver_module.spawn, []
 
-    def spawned():
+    def spawned(module):
         if not refused:
             refused.append(True)
             raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
-        return plain()
+        return plain(module)
 
-    monkeypatch.setattr(solver_module, "_spawned", spawned)
+    monkeypatch.setattr(solver_module, "spawn", spawned)
     os.kill(solver.pid, signal.SIGKILL)
     for event in events:
         solver.feed(event)

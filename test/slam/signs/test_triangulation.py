@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tccm_ros.slam.signs.triangulation import Rays, consensus, triangulate
+from tccm_ros.slam.signs.triangulation import Rays, consensus, parallax, triangulate
 
 SIGMA_ANGLE, SIGMA_POSITION = 0.004, 0.006
 
@@ -35,7 +35,7 @@ def test_two_rays_give_the_point_and_the_covariance_of_the_closed_form():
     w = 1.0 / (r2 * SIGMA_ANGLE**2)
     information = w * 2.0 * np.array([b * b / r2, a * a / r2, 1.0])
     assert np.allclose(found.covariance, np.diag(1.0 / information))
-    assert found.parallax == pytest.approx(2.0 * np.arctan2(a, b))
+    assert parallax(rays.directions) == pytest.approx(2.0 * np.arctan2(a, b))
 
 
 def test_errors_are_as_the_covariance_says():

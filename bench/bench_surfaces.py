@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tccm_ros.surfaces.contact import PatchClouds, box_pairs, connect, patch_clouds
+from tccm_ros.surfaces.contact import connect, near_pairs
 from tccm_ros.surfaces.patch_planes import PatchPlanes
 
 SURFACES, POINTS, DISTANCE, STEP = 1000, 2000, 0.05, 0.03
@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 
-def scene(size: float, seed: int = 0) -> PatchClouds:
+def scene(size: float, seed: int = 0) -> list[Float64]:
     """Boards of 1.2 x 0.8 m at three heights, strewn over `size` x `size` m."""
     rng = np.random.default_rng(seed)
     half = np.array([0.6, 0.4, 0.003])
@@ -29,33 +29,32 @@ def scene(size: float, seed: int = 0) -> PatchClouds:
     for _ in range(SURFACES):
         middle = np.array([*rng.uniform(0.0, size, 2), rng.choice([0.40, 0.75, 0.90])])
         parts.append(middle + rng.uniform(-half, half, (POINTS, 3)))
-    return patch_clouds(parts)
+    return parts
 
 
-def horizontal_planes(clouds: PatchClouds) -> PatchPlanes:
+def horizontal_planes(clouds: list[Float64]) -> PatchPlanes:
     """Return the planes of horizontal boards, each seen by a view of its own."""
-    middle = np.add.reduceat(clouds.points, clouds.offsets[:-1]) / POINTS
+    middle = np.array([cloud.mean(axis=0) for cloud in clouds])
     cov = np.tile(np.diag(np.square([0.005, 0.005, 0.005])), (len(middle), 1, 1))
     fit, none = np.tile(np.diag([0.001**2, 0.003**2, 0.003**2]), (len(middle), 1, 1)), 0.0 * cov
     return PatchPlanes(np.arange(len(middle)), middle, np.zeros((len(middle), 2)), fit, none, cov)
 
 
-def by_voxels(clouds: PatchClouds, planes: PatchPlanes) -> Int64:
+def by_grids(clouds: list[Float64], planes: PatchPlanes) -> Int64:
     """Merge as the surface map does, with the heights where surfaces meet."""
-    return connect(clouds, box_pairs(clouds.boxes, DISTANCE), DISTANCE, planes, STEP)
+    return connect(clouds, planes, DISTANCE, STEP)
 
 
-def by_trees(clouds: PatchClouds) -> Int64:
+def by_trees(clouds: list[Float64]) -> Int64:
     """Merge with a kd-tree for each surface and the same boxes and components."""
-    points, offsets = clouds.points, clouds.offsets
     trees: dict[int, cKDTree] = {}
-    root = np.arange(len(clouds.boxes))
-    for q, p in box_pairs(clouds.boxes, DISTANCE):
+    root = np.arange(len(clouds))
+    for q, p in near_pairs(clouds, DISTANCE):
         if root[q] == root[p]:
             continue
         for k in (q, p):
             if k not in trees:
-                trees[k] = cKDTree(points[offsets[k] : offsets[k + 1]])
+                trees[k] = cKDTree(clouds[k][:, :2])
         distances, _ = trees[q].query(trees[p].data, distance_upper_bound=DISTANCE * (1 + 1e-9))
         if np.any(distances <= DISTANCE):
             root[root == max(root[q], root[p])] = min(root[q], root[p])
@@ -77,8 +76,8 @@ def main() -> None:
     for size in (5.0, 30.0, 100.0):
         clouds = scene(size)
         planes = horizontal_planes(clouds)
-        ours, theirs = by_voxels(clouds, planes), by_trees(clouds)
-        a = median(lambda c=clouds, h=planes: by_voxels(c, h), 7)
+        ours, theirs = by_grids(clouds, planes), by_trees(clouds)
+        a = median(lambda c=clouds, h=planes: by_grids(c, h), 7)
         b = median(lambda c=clouds: by_trees(c), 3)
         same = bool(np.array_equal(ours, theirs))
         count = len(np.unique(ours))

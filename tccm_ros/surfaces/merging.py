@@ -14,7 +14,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.carving import UNUSED, Survivors
-from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
+from tccm_ros.surfaces.contact import connect
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.patch_planes import stack_planes
 from tccm_ros.surfaces.plane_errors import fit_covariance
@@ -162,11 +162,10 @@ def merge_coplanar(
     if not patches:
         return []
     limits = config.surfaces
-    clouds = patch_clouds(clouds_in_map(patches, T_map_view))
-    pairs = box_pairs(clouds.boxes, limits.merge_distance)
+    clouds = clouds_in_map(patches, T_map_view)
     view = np.array([p.view for p in patches])
     planes = stack_planes([p.patch for p in patches], view, T_map_view, cov_z_roll_pitch)
-    root = connect(clouds, pairs, limits.merge_distance, planes, limits.max_step)
+    root = connect(clouds, planes, limits.merge_distance, limits.max_step)
     return group_patches(patches, root)
 
 

@@ -1,14 +1,12 @@
 """Contact of patches against a brute-force search over all points."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
+from tccm_ros.surfaces.contact import connect, near_pairs
 from tccm_ros.surfaces.patch_planes import (
     GATE,
     PatchPlanes,
@@ -24,24 +22,19 @@ def clouds(seed, patches, max_points, size):
     middles = rng.uniform(0.0, size, (patches, 3)) * [1.0, 1.0, 0.05]
     counts = rng.integers(0, max_points + 1, patches)
     parts = [m + rng.uniform(-0.2, 0.2, (n, 3)) * [1, 1, 0.05] for m, n in zip(middles, counts)]
-    return patch_clouds(parts)
-
-
-def parts_of(clouds):
-    """Return the points of each patch."""
-    return [clouds.points[a:b] for a, b in pairwise(clouds.offsets)]
+    return parts
 
 
 def planes_of(clouds, seed=None):
     """Return planes of patches: horizontal and unknown, or tilted at random."""
-    count = len(clouds.boxes)
+    count = len(clouds)
     if seed is None:
         cov = np.tile(np.eye(3), (count, 1, 1))
         return PatchPlanes(
             np.arange(count), np.zeros((count, 3)), np.zeros((count, 2)), cov, 0.0 * cov, cov
         )
     rng = np.random.default_rng(seed)
-    middles = [part.mean(axis=0) if len(part) else np.zeros(3) for part in parts_of(clouds)]
+    middles = [part.mean(axis=0) if len(part) else np.zeros(3) for part in clouds]
     tilt = np.diag(np.square([0.005, 0.005, 0.005]))
     return PatchPlanes(
         rng.integers(0, 3, count),
@@ -76,27 +69,27 @@ def have_common_height(a, b, meeting, planes, q, p):
 
 def connect_by_brute_force(clouds, distance, planes=None):
     """Return connected components from all distances, patch by patch."""
-    parts = parts_of(clouds)
-    count = len(parts)
+    count = len(clouds)
     root = np.arange(count)
+    pairs = set(map(tuple, near_pairs(clouds, distance).tolist()))
     for p in range(count):
-        touched = set()
+        met = set()
         for q in range(p):
-            a, b = parts[q], parts[p]
-            touch = cdist(a, b, "sqeuclidean") <= distance**2
+            a, b = clouds[q], clouds[p]
             meeting = cdist(a[:, :2], b[:, :2], "sqeuclidean") <= distance**2
-            if touch.any() and (planes is None or have_common_height(a, b, meeting, planes, q, p)):
-                touched.add(root[q])
-        if touched:
-            first = min(touched)
-            root[np.isin(root, list(touched))] = first
+            if not meeting.any() or (q, p) not in pairs:
+                continue
+            if planes is None or have_common_height(a, b, meeting, planes, q, p):
+                met.add(root[q])
+        if met:
+            first = min(met)
+            root[np.isin(root, list(met))] = first
             root[p] = first
     return root
 
 
 def connected(clouds, distance, planes=None, step=np.inf):
-    planes = planes_of(clouds) if planes is None else planes
-    return connect(clouds, box_pairs(clouds.boxes, distance), distance, planes, step)
+    return connect(clouds, planes_of(clouds) if planes is None else planes, distance, step)
 
 
 @settings(max_examples=60, deadline=None)
@@ -119,28 +112,30 @@ def test_components_of_patches_with_heights_equal_those_by_brute_force(
     np.testing.assert_array_equal(root, connect_by_brute_force(some, 0.05, planes))
 
 
-def test_points_at_exactly_the_distance_touch():
+def test_points_at_exactly_the_distance_meet():
     distance = 0.0625  # exact in binary, so that the squared distance is exact too
     near = np.array([[0.0, 0.0, 0.0], [distance, 0.0, 0.0]])
     far = np.array([[0.0, 0.0, 0.0], [np.nextafter(distance, 1.0), 0.0, 0.0]])
-    assert connected(patch_clouds(np.split(near, 2)), distance).tolist() == [0, 0]
-    assert connected(patch_clouds(np.split(far, 2)), distance).tolist() == [0, 1]
+    assert connected(np.split(near, 2), distance).tolist() == [0, 0]
+    assert connected(np.split(far, 2), distance).tolist() == [0, 1]
 
 
-def test_only_patches_of_a_candidate_pair_are_connected():
-    some = patch_clouds([np.zeros((1, 3))] * 3)
-    root = connect(some, np.array([[0, 2]]), 0.05, planes_of(some), np.inf)
-    assert root.tolist() == [0, 1, 0]
+def test_pairs_are_those_whose_boxes_are_within_the_distance_along_all_axes():
+    rng = np.random.default_rng(3)
+    low = rng.uniform(0.0, 1.0, (40, 3))
+    some = [np.stack([a, a + size]) for a, size in zip(low, rng.uniform(0.0, 0.3, (40, 3)))]
+    some[7] = np.zeros((0, 3))
+    full = [k for k in range(40) if k != 7]
 
+    def gap(q, p):
+        (low_q, high_q), (low_p, high_p) = some[q], some[p]
+        return np.maximum(low_q - high_p, low_p - high_q).max()
 
-def test_all_pairs_are_found_of_many_boxes_at_one_place():
-    """Of 40 boxes there are 780, more than there is memory for at first."""
-    boxes = np.tile([[0.0, 0.0, 0.0], [1.0, 1.0, 0.1]], (40, 1, 1))
-    expected = [(q, p) for p in range(40) for q in range(p)]
-    np.testing.assert_array_equal(box_pairs(boxes, 0.05), expected)
+    expected = [(q, p) for p in full for q in full if q < p and gap(q, p) <= 0.05]
+    assert len(expected) > 20
+    np.testing.assert_array_equal(near_pairs(some, 0.05), expected)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_a_single_patch_or_none_has_no_pairs(count):
-    some = patch_clouds([np.zeros((1, 3))] * count)
-    assert connected(some, 0.05).tolist() == list(range(count))
+    assert connected([np.zeros((1, 3))] * count, 0.05).tolist() == list(range(count))

@@ -96,9 +96,9 @@ def _keyframes(views: Sequence[View], T_map_view: Float64, floor_z: float) -> li
     keyframes: list[GraphKeyframe] = []
     for view, T in zip(views, T_map_view):
         cells, size = _open_cells(view, floor_z - T[2, 3]), view.free.cell_size
-        frontier = (_frontier(cells, size) + 0.5) * size if len(cells) else np.zeros((0, 2))
+        frontier = _frontier(cells, size) if len(cells) else cells
         if len(frontier):
-            scan, number = _level_scan(frontier, size), len(keyframes)
+            scan, number = _level_scan((frontier + 0.5) * size, size), len(keyframes)
             keyframes.append(GraphKeyframe(number, scan, planar(T), np.zeros(3), np.zeros((3, 3))))
     return keyframes
 

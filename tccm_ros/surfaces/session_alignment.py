@@ -98,7 +98,8 @@ def _keyframes(views: Sequence[View], T_map_view: Float64, floor_z: float) -> li
         cells, size = _open_cells(view, floor_z - T[2, 3]), view.free.cell_size
         frontier = _frontier(cells, size) if len(cells) else cells
         if len(frontier):
-            scan, number = _level_scan((frontier + 0.5) * size, size), len(keyframes)
+            middles = np.asarray((frontier + 0.5) * size, np.float64)
+            scan, number = _level_scan(middles, size), len(keyframes)
             keyframes.append(GraphKeyframe(number, scan, planar(T), np.zeros(3), np.zeros((3, 3))))
     return keyframes
 

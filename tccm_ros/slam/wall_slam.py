@@ -565,8 +565,10 @@ class WallSlam:
             self._odometry,
             self.config.odometry,
         )
-        rows = zip(*relative, map(tuple, self._attitudes.at(stamps_ns).tolist()))
-        return [AnchoredPose(int(k), pose, cov, attitude=at) for k, pose, cov, at in rows]
+        rows = zip(*relative, self._attitudes.at(stamps_ns).tolist())
+        return [
+            AnchoredPose(int(k), pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows
+        ]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
         """Return the anchored poses of views, including roll and pitch of the base by its IMU."""

@@ -266,6 +266,17 @@ class WallSlam:
         start, end = self._odometry.at(first_ns), self._odometry.at(last_ns)
         return None if start is None or end is None else between(start, end)
 
+    def pose_at(self, stamp_ns: int) -> Float64 | None:
+        """Return the live estimate (3,) of the base at a stamp, in the front end's own map.
+
+        None where neither scans nor odometry give it.
+        """
+        if self._front.tracked:
+            anchored = self._anchor([stamp_ns])[0]
+            return compose(self._chain.keyframes[anchored.keyframe].pose, anchored.pose)
+        odom = self._odometry.at(stamp_ns) if len(self._odometry) else None
+        return None if odom is None else self._start(odom)
+
     def current_pose(self) -> LivePose:
         """Return the live estimate."""
         return self._live

@@ -576,19 +576,16 @@ class WallSlam:
             self._odometry,
             self.config.odometry,
         )
-        attitudes = self._attitudes.at(stamps_ns).tolist()
+        rows = zip(*relative, self._attitudes.at(stamps_ns).tolist())
         return [
-            AnchoredPose(int(k), pose, cov, roll_pitch=(roll, pitch), z=z)
-            for k, pose, cov, (z, roll, pitch) in zip(*relative, attitudes)
+            AnchoredPose(int(k), pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows
         ]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
         """Return the anchored poses of views, including roll and pitch of the base by its IMU."""
         by_imu = self._roll_pitch.at(stamps_ns).tolist()
-        return [
-            replace(on, roll_pitch=(on.roll_pitch[0] + roll, on.roll_pitch[1] + pitch))
-            for on, (roll, pitch) in zip(self._anchor(stamps_ns), by_imu)
-        ]
+        rows = [(*x.attitude, *by, x) for x, by in zip(self._anchor(stamps_ns), by_imu)]
+        return [replace(x, attitude=(z, a + roll, b + pitch)) for z, a, b, roll, pitch, x in rows]
 
     def _anchor_observations(
         self, seen: Sequence[LandmarkObservation]

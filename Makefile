@@ -12,7 +12,9 @@ OUT     ?= out/demo
 DEMO    ?= bags/flat
 # Workers of the tests: one more than processors, since tests over DDS wait at times.
 JOBS    ?= $(shell echo $$(($$(nproc) + 1)))
-PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check
+# An environment for one run of a few tests is not compiled as a whole: Python compiles what it imports.
+COMPILE := $(if $(filter-out jazzy,$(DISTRO)),--no-compile)
+PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check $(COMPILE)
 STAMP   := $(VENV)/.installed
 TOOLS   := $(VENV)/.installed-tools
 TESTING := $(VENV)/.installed-for-tests
@@ -49,14 +51,14 @@ test-fast: $(TESTING)
 	@$(BIN)/python $(PYTEST) -m "not slow" test
 
 # Each node once: make test-distro DISTRO=kilted.
-test-distro: $(TOOLS)
-	@$(BIN)/python $(PYTEST) -m every_distro test/nodes test/interfaces
+test-distro: $(VENV)/.installed-pytest
+	@$(BIN)/python $(PYTEST) -m every_distro $$(grep -rl every_distro test/nodes test/interfaces --include='*.py')
 
 # The lowest versions that setup.py allows, in an environment of their own.
 test-lowest: $(VENV)/.wheels
 	@$(BIN)/python tools/lowest_versions.py > $(VENV)/lowest.txt
 	@$(BIN)/python -m venv --clear $(VENV)-lowest
-	@$(VENV)-lowest/bin/python -m pip install -qq --disable-pip-version-check . -c $(VENV)/lowest.txt
+	@$(VENV)-lowest/bin/python -m pip install -qq --no-compile --disable-pip-version-check . -c $(VENV)/lowest.txt
 	@$(VENV)-lowest/bin/tccm demo --no-browser --out out/lowest
 
 bench: $(TOOLS)
@@ -83,6 +85,12 @@ $(TOOLS): $(STAMP) requirements-test.txt
 	@echo "installing tests and tools into $(VENV) (once)"
 	@$(PIP) -r requirements-test.txt
 	@touch $(TOOLS)
+
+# These tests need pytest and the pages of the nodes, no other tool.
+$(VENV)/.installed-pytest: $(STAMP) requirements-test.txt
+	@grep -E '^(pytest|hypothesis)' requirements-test.txt > $(VENV)/pytest.txt
+	@$(PIP) -r $(VENV)/pytest.txt -e '.[view]'
+	@touch $@
 
 # The library that reads door signs, and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions

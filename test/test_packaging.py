@@ -35,8 +35,9 @@ def installed(tmp_path_factory):
     run("git", "clone", "-q", ROOT, source, folder=folder)
     run(*pip, "wheel", "-q", "--no-deps", "-w", folder, source, folder=folder)
     [wheel] = folder.glob("tccm_ros-*.whl")
-    run(sys.executable, "-m", "venv", folder / "venv", folder=folder)
-    run(folder / "venv/bin/pip", "install", "-q", "--no-compile", wheel, folder=folder)
+    venv = folder / "venv"
+    run(sys.executable, "-m", "venv", "--without-pip", venv, folder=folder)
+    run(*pip, "--python", venv, "install", "-q", "--no-compile", wheel, folder=folder)
     return folder
 
 

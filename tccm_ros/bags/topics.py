@@ -18,6 +18,7 @@ from tccm_ros.bags.depth_topics import (
     first_message,
     first_messages,
 )
+from tccm_ros.bags.offered_qos import LATCHED
 from tccm_ros.bags.reader import CDR, DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
@@ -51,9 +52,6 @@ ROBOT_ROLES = ("odom", "joint_states")
 
 OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
 """Roles that define frames: without any of them, a level laser or a lidar is the base."""
-
-LATCHED = ("robot_description", "tf_static")
-"""Roles whose records hold at any time."""
 
 LASER = READERS["scan"].message_type
 

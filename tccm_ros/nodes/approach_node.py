@@ -57,7 +57,8 @@ from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.run import run
-from tccm_ros.ros.types import pose_message
+from tccm_ros.records.building import frame_name
+from tccm_ros.ros.types import header_message, pose_message
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 ZEROS = 2
@@ -310,13 +311,9 @@ class ApproachNode(Node):
         if detection.pose is None or detection.stamp_s <= drive.told_s:
             return
         drive.told_s = detection.stamp_s
-        message = PoseStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
-            round(detection.stamp_s * 1e9), 1_000_000_000
-        )
-        message.header.frame_id = self.senses.odom_frame
-        message.pose = pose_message(self._types, spatial(self.senses.in_odom(detection.pose)))
-        self._dock_poses.publish(message)
+        header = header_message(self._types, round(detection.stamp_s * 1e9), self.senses.odom_frame)
+        pose = pose_message(self._types, spatial(self.senses.in_odom(detection.pose)))
+        self._dock_poses.publish(PoseStamped(header=header, pose=pose))
 
     def _send(self, speeds: Speeds) -> None:
         twist = Twist()
@@ -349,7 +346,7 @@ class ApproachNode(Node):
         xy = np.array([stamped.point.x, stamped.point.y])
         if not np.isfinite(xy).all():
             raise MotionError("the spot is not finite")
-        frame = stamped.header.frame_id.lstrip("/")
+        frame = frame_name(stamped.header.frame_id)
         if frame == self.config.frames.map_name:
             return xy
         known = self._client.localisation

@@ -16,6 +16,7 @@ from tccm_ros.geometry import planar, pose_from_quaternion
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import PoseGuess
+from tccm_ros.records.building import frame_name, stamp_ns_from_message
 from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes, header_message, stamp_message
 from tccm_ros.slam.tracking import LocalisationState, Tracker
@@ -218,7 +219,7 @@ def guess_of(message: Any, map_frame: str) -> PoseGuess:
     FrameError
         If it is not in the map's frame, or not a valid pose.
     """
-    frame = str(message.header.frame_id).lstrip("/")
+    frame = frame_name(message.header.frame_id)
     if frame not in ("", map_frame):
         raise FrameError(f"a pose in frame '{frame}' is not taken; give it in '{map_frame}'")
     p, q = message.pose.pose.position, message.pose.pose.orientation
@@ -228,6 +229,5 @@ def guess_of(message: Any, map_frame: str) -> PoseGuess:
     cov = np.array(message.pose.covariance, float).reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
     if not np.isfinite(cov).all() or not (np.diag(cov) > 0.0).all():
         cov = ROUGH_GUESS
-    stamp = message.header.stamp
-    stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
     return PoseGuess(stamp_ns, planar(pose_from_quaternion(numbers[:3], numbers[3:])), cov)

@@ -7,6 +7,7 @@ points, and rosidl's classes would make an object of each.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -16,6 +17,30 @@ from rclpy.qos import QoSProfile
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.topic_messages import TopicMessage
+
+
+def _create_publishers(
+    node: Node,
+    topics: Mapping[str, str],
+    profile_of: Callable[[str], QoSProfile],
+    on_listener: Callable[[str], object],
+    shared: Iterable[str] = (),
+) -> dict[str, Any]:
+    """Return a publisher for each topic; `on_listener` is called with the topic of a new one."""
+
+    def matched(name: str, info: Any) -> None:
+        if info.current_count:
+            on_listener(name)
+
+    return {
+        name: node.create_publisher(
+            message_class(kind),
+            name if name in shared else f"~/{name}",
+            profile_of(name),
+            event_callbacks=PublisherEventCallbacks(matched=partial(matched, name)),
+        )
+        for name, kind in topics.items()
+    }
 
 
 class Outputs:
@@ -30,15 +55,13 @@ class Outputs:
     types
         Message classes.
     topics
-        Message types by topic name; a name is private to the node unless it is in `shared`.
+        Message types by topic name, which is private to the node.
     profiles
         QoS by topic name.
     post
         Queues a job for the worker.
     always
         Topics whose messages are all built and published, with or without subscribers.
-    shared
-        Topics in the node's namespace.
 
     Attributes
     ----------
@@ -54,23 +77,15 @@ class Outputs:
         profiles: Mapping[str, QoSProfile],
         post: Callable[[Callable[[], None]], object],
         always: Iterable[str] = (),
-        shared: Iterable[str] = (),
     ):
         self._context = node.context
         self._types = types
         self._always = frozenset(always)
-        self._post = post
         self._newest: dict[str, TopicMessage] = {}
         self.built = 0
-        self._publishers = {
-            name: node.create_publisher(
-                message_class(kind),
-                name if name in shared else f"~/{name}",
-                profiles[name],
-                event_callbacks=PublisherEventCallbacks(matched=self._on_match(name)),
-            )
-            for name, kind in topics.items()
-        }
+        self._publishers = _create_publishers(
+            node, topics, profiles.__getitem__, lambda name: post(lambda: self._send(name))
+        )
 
     def publish(self, messages: Iterable[TopicMessage]) -> None:
         """Publish topics with subscribers; keep the others for later (in the worker)."""
@@ -90,13 +105,6 @@ class Outputs:
             self.built += 1
             newest = self._newest.pop(name)
             publisher.publish(bytes(self._types.serialize(newest.msgtype, newest.build())))
-
-    def _on_match(self, name: str) -> Any:
-        def matched(info: Any) -> None:
-            if info.current_count:
-                self._post(lambda: self._send(name))
-
-        return matched
 
 
 class SolutionOutputs:
@@ -129,20 +137,9 @@ class SolutionOutputs:
     ):
         self._context, self._ask = node.context, ask
         self._unsent: set[str] = set()
-
-        def matched(info: Any) -> None:
-            if info.current_count:
-                post(self._ask_for_unsent)
-
-        self._publishers = {
-            name: node.create_publisher(
-                message_class(kind),
-                name if name in shared else f"~/{name}",
-                profile,
-                event_callbacks=PublisherEventCallbacks(matched=matched),
-            )
-            for name, kind in topics.items()
-        }
+        self._publishers = _create_publishers(
+            node, topics, lambda _: profile, lambda _: post(self._ask_for_unsent), shared
+        )
 
     @property
     def listened(self) -> frozenset[str]:

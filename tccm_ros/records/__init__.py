@@ -27,7 +27,6 @@ from tccm_ros.records.events import (
     StreamComplete,
     TiltAngle,
 )
-from tccm_ros.records.rooms import Room
 from tccm_ros.records.sensors import (
     CameraImage,
     CameraInfo,
@@ -51,6 +50,7 @@ from tccm_ros.records.solution import (
     Loop,
     PoseGuess,
     PreviousPose,
+    Room,
     ScanPose,
     Surface,
     SurfaceEdge,

@@ -1,4 +1,4 @@
-"""Poses, loop closures, walls, landmarks and surfaces, all in the map frame."""
+"""Poses, loop closures, walls, landmarks, surfaces and rooms, all in the map frame."""
 
 from __future__ import annotations
 
@@ -347,3 +347,28 @@ class Surface:
     placed_ns: int = 0
     previous_pose: PreviousPose | None = None
     cov_plane: Float64 = field(default_factory=lambda: np.full((3, 3), np.nan))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """A room: an area that walls enclose when doors are closed.
+
+    Attributes
+    ----------
+    id
+        Number, in the order of decreasing area.
+    name
+        Number on the door sign; empty where none was read.
+    boundary
+        float64 (N, 2), open ring in map, counter-clockwise, m.
+    area
+        Area, m2.
+    signs
+        Ids of the door signs that name it, ascending.
+    """
+
+    id: int
+    name: str
+    boundary: Float64
+    area: float
+    signs: tuple[int, ...] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from typing import Any
@@ -16,7 +16,12 @@ from tccm_ros.results.models import SummaryFile, TimingFile
 from tccm_ros.results.surface_counts import count_surfaces
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
+def table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    numbers: Sequence[int] = (),
+    changed: Collection[int] = (),
+) -> str:
     """Return an HTML table.
 
     Parameters
@@ -27,13 +32,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[
         Cells: text is escaped, `Markup` is not.
     numbers
         Indices of right-aligned columns.
+    changed
+        Indices of highlighted rows.
     """
     kind = [' class="number"' if i in numbers else "" for i in range(len(head))]
     titles = "".join(f"<th{k}>{escape(title)}</th>" for k, title in zip(kind, head, strict=True))
     lines = [f"<table><thead><tr>{titles}</tr></thead><tbody>"]
-    for row in rows:
+    for i, row in enumerate(rows):
         cells = "".join(f"<td{k}>{_cell(cell)}</td>" for k, cell in zip(kind, row, strict=True))
-        lines.append(f"<tr>{cells}</tr>")
+        lines.append(f'<tr class="changed">{cells}</tr>' if i in changed else f"<tr>{cells}</tr>")
     return "\n".join([*lines, "</tbody></table>"])
 
 
@@ -179,18 +186,16 @@ def timing_table(timing: TimingFile) -> str:
 
 def configuration_table(summary: SummaryFile) -> str:
     """Return the configuration, with values marked that differ from the defaults."""
-    found = dict(flatten(summary.config, joiner="."))
     known = {p.name: p for p in parameters()}
-    lines = ["<table><thead><tr><th>parameter</th><th>value</th><th>unit</th><th>meaning</th>"]
-    lines.append("</tr></thead><tbody>")
-    for name, value in found.items():
+    rows: list[tuple[str, ...]] = []
+    changed: set[int] = set()
+    for name, value in flatten(summary.config, joiner="."):
         parameter = known.get(name)
-        default = _plain(parameter.default) if parameter else value
-        mark = "" if _plain(value) == default else ' class="changed"'
+        if parameter and _plain(value) != _plain(parameter.default):
+            changed.add(len(rows))
         unit, meaning = (parameter.unit, parameter.meaning) if parameter else ("", "")
-        cells = "".join(f"<td>{_cell(c)}</td>" for c in (name, _value(value), unit, meaning))
-        lines.append(f"<tr{mark}>{cells}</tr>")
-    return "\n".join([*lines, "</tbody></table>"])
+        rows.append((name, _value(value), unit, meaning))
+    return table(("parameter", "value", "unit", "meaning"), rows, changed=changed)
 
 
 def _plain(value: Any) -> Any:

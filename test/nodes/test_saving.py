@@ -11,7 +11,7 @@ import tempfile
 import termios
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 
 import numpy as np
@@ -33,6 +33,7 @@ from tccm_ros.records import RollPitch, SurfaceCloud
 from tccm_ros.results.map_file import load_map, read_content
 
 SECOND = 1_000_000_000
+POLL_S = 0.01
 LONG_S = 60.0
 """An executor that sleeps so long wakes up for an answer alone."""
 
@@ -98,7 +99,14 @@ def wait_until(predicate, what, process):
     while not predicate():
         assert time.monotonic() < end, what
         assert process.poll() is None, process.communicate()
-        os.sched_yield()
+        time.sleep(POLL_S)
+
+
+def goes_on(process, seconds):
+    """Wait for some seconds or the end of a process; return whether it still runs."""
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(seconds)
+    return process.poll() is None
 
 
 # --- told to stop ---
@@ -108,9 +116,7 @@ def wait_until(predicate, what, process):
 def test_a_second_sigint_neither_aborts_nor_loses_the_map(ros, tmp_path, delay_s):
     with mapping_node(ros, tmp_path / "map") as (node, _):
         node.send_signal(signal.SIGINT)
-        end = time.monotonic() + delay_s
-        while time.monotonic() < end:
-            os.sched_yield()
+        goes_on(node, delay_s)
         node.send_signal(signal.SIGINT)
         output, _ = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 0, output
@@ -124,9 +130,7 @@ def test_the_newest_solution_is_saved_at_once_and_a_late_signal_ends_the_wait(ro
         start = time.monotonic()
         node.send_signal(signal.SIGINT)
         wait_until((tmp_path / "map" / "map.mcap").exists, "the newest solution", node)
-        while time.monotonic() < start + HASTE_S + 0.5:
-            os.sched_yield()
-        assert node.poll() is None
+        assert goes_on(node, start + HASTE_S + 0.5 - time.monotonic())
         node.send_signal(signal.SIGTERM)
         os.kill(child, signal.SIGCONT)
         output, _ = node.communicate(timeout=PATIENCE_S)
@@ -135,7 +139,7 @@ def test_the_newest_solution_is_saved_at_once_and_a_late_signal_ends_the_wait(ro
 
 
 SAVES_SLOWLY = """
-import os
+import os, time
 from tccm_ros.nodes import map_folder
 
 plain = map_folder.save_archive
@@ -144,7 +148,7 @@ def save_when_told(archive, folder):
     if os.path.exists({wait!r}):
         open({begun!r}, "w").close()
         while os.path.exists({wait!r}):
-            os.sched_yield()
+            time.sleep(0.01)
     plain(archive, folder)
 
 map_folder.save_archive = save_when_told
@@ -163,13 +167,10 @@ def test_two_presses_of_ctrl_c_under_launch_lose_nothing(ros, tmp_path):
         node.send_signal(signal.SIGINT)
         wait_until(begun.exists, "the newest solution", node)
         for _ in range(2):
-            end = time.monotonic() + 2.0 * SAME_S
-            while time.monotonic() < end:
-                os.sched_yield()
+            assert goes_on(node, 2.0 * SAME_S)
             os.killpg(node.pid, signal.SIGINT)
             assert node.poll() is None
-        while time.monotonic() < end + SAME_S and node.poll() is None:
-            os.sched_yield()
+        goes_on(node, SAME_S)
         wait.unlink()
         output, _ = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 0, output
@@ -225,9 +226,7 @@ def test_two_terminals_a_saved_map_is_continued_and_two_presses_of_ctrl_c_save_i
             shutil.rmtree(folder)
             for _ in range(2):
                 os.killpg(terminal.pid, signal.SIGINT)
-                end = time.monotonic() + 2.0 * SAME_S
-                while time.monotonic() < end:
-                    os.sched_yield()
+                time.sleep(2.0 * SAME_S)  # between two presses
             output, _ = terminal.communicate(timeout=PATIENCE_S)
         finally:
             if terminal.poll() is None:

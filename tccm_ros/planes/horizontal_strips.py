@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.geometry import wrap_angle
 from tccm_ros.kernels import kernel
 from tccm_ros.union_find import find_root, merge_sets
 
@@ -123,9 +122,7 @@ def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: 
     chosen = np.flatnonzero(points[:, 2] < viewpoint[2])
     scan = lines[chosen]
     seen = points[chosen] - viewpoint
-    # From the middle of the view, so that no line in it is cut at 180 deg.
-    x, y = seen[:, :2].sum(axis=0)
-    azimuth = wrap_angle(np.arctan2(seen[:, 1], seen[:, 0]) - np.arctan2(y, x))
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     order = np.lexsort((azimuth, scan))
     chosen, scan, seen, azimuth = chosen[order], scan[order], seen[order], azimuth[order]
     step = _beam_step(scan, azimuth)

@@ -22,7 +22,7 @@ DOCS    := $(VENV)/.installed-docs
 # rclpy finds its plugins through the ament index, which the wheels put into the environment.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export MPLBACKEND := Agg
-# Tests start hundreds of interpreters: bytecode is kept also where the environment forbids it.
+# Bytecode is kept also where the environment forbids it.
 export PYTHONDONTWRITEBYTECODE :=
 
 # The newest supported interpreter that really starts.

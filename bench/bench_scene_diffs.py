@@ -4,8 +4,8 @@
 
 `all_in_one` maps the recording, played at its own rate by player_node. Printed are the times at
 which messages were sent (the stamps of DDS), relative to the message that caused them: a change of
-the planning scene after the solution with its stamp, and a solution after the objects of a tilt
-cycle that it contains.
+the planning scene after the solution with its stamp; after the objects of the tilt cycle with its
+stamp; and a solution after the objects of a tilt cycle that it contains.
 """
 
 from __future__ import annotations
@@ -115,6 +115,7 @@ def main() -> None:
                     rclpy.spin_once(node, timeout_sec=0.1)
     rclpy.shutdown()
     changes = [heard.changes[k] - heard.solutions[k] for k in heard.changes if k in heard.solutions]
+    seen = [heard.changes[k] - heard.cycles[k] for k in heard.changes if k in heard.cycles]
     cycles = [
         min(sent for stamp, sent in heard.solutions.items() if stamp >= cycle) - at
         for cycle, at in heard.cycles.items()
@@ -124,6 +125,7 @@ def main() -> None:
     print("| delay, ms | count | median | 90 % | largest |")
     print("|---|---|---|---|---|")
     print(row("change of the scene after its solution", changes))
+    print(row("change of the scene after the objects of its cycle", seen))
     print(row("solution after the objects of a cycle", cycles))
 
 

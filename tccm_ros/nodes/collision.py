@@ -1,7 +1,8 @@
 """planning_scene and collision_object: the map for MoveIt, if moveit_msgs is installed.
 
 MoveIt's planning scene monitor subscribes to both topics. planning_scene has the changes of each
-solution, collision_object all its shapes. ~/set_scene_object takes objects out of both.
+solution and of the objects of newer tilt cycles, collision_object all shapes. ~/set_scene_object
+takes objects out of both.
 """
 
 from __future__ import annotations
@@ -62,6 +63,12 @@ class CollisionObjects:
             if has_interfaces():
                 kind = service_class("SetSceneObject")
                 node.create_service(kind, "~/set_scene_object", self._set_state)
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody subscribes to the planning scene or to collision objects."""
+        publishers = self._objects, self._changes
+        return any(p is not None and p.get_subscription_count() for p in publishers)
 
     def publish(self, scene: Scene) -> None:
         """Publish all surfaces except the floor and all objects, unless the node is ending."""

@@ -21,7 +21,7 @@ from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.solution_saver import Session, Wanted
 from tccm_ros.nodes.solve_schedule import SolveSchedule
-from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Seen, Solved
 from tccm_ros.nodes.solver.solver import Solver
 from tccm_ros.records import (
     LabelCorrection,
@@ -118,13 +118,15 @@ class MapSession:
 
     def add(self, event: Any) -> None:
         """Give an event to the solver alone."""
-        self._schedule.note(event, time.monotonic())
+        completes_view = self._schedule.note(event, time.monotonic())
         if type(event) is not Odometry:
             self._complete_from = self._solver.next_number
         self._solver.feed(event)
         is_scan = isinstance(event, PosedScan)
         if is_scan and (self._is_pose_given or not self.tracker.is_localised):
             self._solver.flush()  # each scan may tell where the robot is
+        if completes_view and self._client_api.has_scene_listeners:
+            self._solver.look()
 
     def add_tilt_scan(self, stamp_ns: int) -> None:
         """Extend the trajectory to the stamp of a scan, ns, where there is no level laser."""
@@ -185,6 +187,11 @@ class MapSession:
             self._outputs.publish_solution(solved.messages)
             self._client_api.show(solved.number)
 
+    def take_seen(self, seen: Seen) -> None:
+        """Publish the objects after a view, unless they are from before a reset."""
+        if self._is_current(seen):
+            self._client_api.show_objects(seen.objects, seen.stamp_ns)
+
     def take_placed(self, placed: Placed) -> None:
         """Take over the pose found by a search, or the reason why it goes on."""
         if not self._is_current(placed):
@@ -202,7 +209,7 @@ class MapSession:
         if not self._waits_for_scan and not self._solver.is_solving and self._is_running():
             self.ask_solution(is_final=is_final)
 
-    def _is_current(self, answer: Solved | Placed) -> bool:
+    def _is_current(self, answer: Solved | Placed | Seen) -> bool:
         resets = self.tracker.counts["resets"]
         return self._solver.is_of_session(answer) and answer.resets == resets
 

@@ -26,7 +26,7 @@ from tccm_ros.replay.outcome import Outcome
 from tccm_ros.replay.run import run_bag
 from tccm_ros.replay.unfinished_maps import UnfinishedMaps
 from tccm_ros.results.cycles_file import CycleParts, save_cycles
-from tccm_ros.results.exports import write_results, write_summary, write_timing
+from tccm_ros.results.exports import write_model, write_results
 from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
     CountsEntry,
@@ -214,7 +214,7 @@ def replay(
 def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
     seconds = {name: round(value, 6) for name, value in clock.seconds.items()}
     timing = TimingFile(seconds, round(factor, 3))
-    write_timing(folder, timing)
+    write_model(folder, "timing.json", timing)
     return timing
 
 
@@ -238,7 +238,7 @@ def _write_page(results: Results, drawn: Pictures, folder: Path, clock: Stopwatc
 
 def _write_summary(folder: Path, outcome: Outcome) -> SummaryFile:
     content = _summary(outcome, len(outcome.solution.objects))
-    write_summary(folder, content)
+    write_model(folder, "summary.json", content)
     return content
 
 

@@ -147,14 +147,9 @@ def _placement_request(solution: SurfaceSolution) -> PlacementRequest:
     return PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
 
 
-def write_summary(folder: Path, summary: SummaryFile) -> None:
-    """Write summary.json (see `write_results`)."""
-    _write(folder, _encoded({"summary.json": summary}))
-
-
-def write_timing(folder: Path, timing: TimingFile) -> None:
-    """Write timing.json (see `write_results`)."""
-    _write(folder, _encoded({"timing.json": timing}))
+def write_model(folder: Path, name: str, model: SummaryFile | TimingFile) -> None:
+    """Write summary.json or timing.json; errors as of `write_results`."""
+    _write(folder, _encoded({name: model}))
 
 
 def _encoded(models: Mapping[str, Any]) -> dict[str, bytes]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
-from tccm_ros.slam.base_attitude import Attitude
+from tccm_ros.slam.base_attitude import LEVEL, Attitude
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, keyframe_key
 from tccm_ros.slam.factors.noise import rotate_frame
@@ -41,23 +41,15 @@ class AnchoredPose:
         float64 (3, 3) of (x, y, yaw) in the frame of `pose`.
     sigma_z_roll_pitch
         Standard deviations of z (m), roll and pitch (rad) relative to the keyframe, whose are zero.
-    roll_pitch
-        Roll and pitch by an IMU or odometry, rad.
-    z
-        Height by odometry, m.
+    attitude
+        Height by odometry, m, and roll and pitch by an IMU or odometry, rad.
     """
 
     keyframe: int
     pose: Float64
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
-    roll_pitch: tuple[float, float] = (0.0, 0.0)
-    z: float = 0.0
-
-    @property
-    def attitude(self) -> Attitude:
-        """Height, roll and pitch of the base."""
-        return self.z, *self.roll_pitch
+    attitude: Attitude = LEVEL
 
 
 def yaw_offset_for(phi: Float64) -> float:
@@ -159,9 +151,9 @@ class Chain:
         factors: list[Factor] = []
         for key, on in anchored.items():
             starts[key] = spatial(compose(np.asarray(poses[on.keyframe]), on.pose))
-            starts[key][2, 3] = on.z
+            starts[key][2, 3] = on.attitude[0]
             keys, sigmas = (self.keys[on.keyframe], key), on.sigma_z_roll_pitch
-            factors.append(KeyframeView(*keys, on.pose, on.cov, sigmas, on.roll_pitch, on.z))
+            factors.append(KeyframeView(*keys, on.pose, on.cov, sigmas, on.attitude))
         return starts, factors
 
 

@@ -69,10 +69,6 @@ def median_pose(loops: Sequence[Proposal], one: Float64, other: Float64) -> Floa
     poses = np.array(
         [compose2(compose2(one[p.a], p.delta), inverse2(other[p.b])) for p in loops]
     ).reshape(-1, 3)
-    distances = [_distances(pose, poses).sum() for pose in poses]
-    return np.asarray(poses[int(np.argmin(distances))])
-
-
-def _distances(one: Float64, others: Float64) -> Float64:
-    error = between2(one, others)
-    return np.asarray(np.hypot(error[:, 0], error[:, 1]) + YAW_WEIGHT * np.abs(error[:, 2]))
+    x, y, yaw = np.moveaxis(between2(poses[:, None], poses), 2, 0)
+    distances = np.hypot(x, y) + YAW_WEIGHT * np.abs(yaw)
+    return np.asarray(poses[int(np.argmin(distances.sum(axis=1)))])

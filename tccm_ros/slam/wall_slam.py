@@ -266,6 +266,17 @@ class WallSlam:
         start, end = self._odometry.at(first_ns), self._odometry.at(last_ns)
         return None if start is None or end is None else between(start, end)
 
+    def pose_at(self, stamp_ns: int) -> Float64 | None:
+        """Return the live estimate (3,) of the base at a stamp, in the front end's own map.
+
+        None where neither scans nor odometry give it.
+        """
+        if self._front.tracked:
+            anchored = self._anchor([stamp_ns])[0]
+            return compose(self._chain.keyframes[anchored.keyframe].pose, anchored.pose)
+        odom = self._odometry.at(stamp_ns) if len(self._odometry) else None
+        return None if odom is None else self._start(odom)
+
     def current_pose(self) -> LivePose:
         """Return the live estimate."""
         return self._live
@@ -565,19 +576,16 @@ class WallSlam:
             self._odometry,
             self.config.odometry,
         )
-        attitudes = self._attitudes.at(stamps_ns).tolist()
+        rows = zip(*relative, self._attitudes.at(stamps_ns).tolist())
         return [
-            AnchoredPose(int(k), pose, cov, roll_pitch=(roll, pitch), z=z)
-            for k, pose, cov, (z, roll, pitch) in zip(*relative, attitudes)
+            AnchoredPose(int(k), pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows
         ]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
         """Return the anchored poses of views, including roll and pitch of the base by its IMU."""
         by_imu = self._roll_pitch.at(stamps_ns).tolist()
-        return [
-            replace(on, roll_pitch=(on.roll_pitch[0] + roll, on.roll_pitch[1] + pitch))
-            for on, (roll, pitch) in zip(self._anchor(stamps_ns), by_imu)
-        ]
+        rows = [(*x.attitude, *by, x) for x, by in zip(self._anchor(stamps_ns), by_imu)]
+        return [replace(x, attitude=(z, a + roll, b + pitch)) for z, a, b, roll, pitch, x in rows]
 
     def _anchor_observations(
         self, seen: Sequence[LandmarkObservation]

@@ -1,25 +1,28 @@
 """Alignment of a new session with a saved map, without a level laser.
 
-The free space of views ends at walls and furniture. The first columns behind free space, its
-*frontier*, are matched with those of the saved map over all yaws and translations in the plane. The
-floor gives z, roll and pitch. Ambiguous matches are rejected, as a session at a wrong pose would
-corrupt the map permanently.
+The free space of views ends at walls and furniture. The first columns behind free space, the
+*frontier* of a view, are a level scan: the views of the session are matched with those of the map
+over all yaws and translations in the plane, as a keyframe with a submap, and must pass the gates of
+a loop closure (`loops.matching.propose`). The floor gives z, roll and pitch. Ambiguous matches are
+rejected, as a session at a wrong pose would corrupt the map permanently.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP
-from tccm_ros.geometry import compose2, planar, pose, spatial, transform, transform2
+from tccm_ros.geometry import compose2, inverse2, planar, pose, spatial, transform
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.loops.matching import Window, propose
+from tccm_ros.slam.loops.submaps import make_patch, make_submap
+from tccm_ros.slam.matching.level_scan import LevelScan, thin_with_normals
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.views import View
 
@@ -29,44 +32,8 @@ BAND = (0.3, 1.6)
 MIN_FREE_FRACTION = 0.5
 """Min fraction of the band that is free in an open column; chosen."""
 
-CELL = 0.1
-"""Edge of a cell of the search, m; chosen: a column of a view by default."""
-
-YAWS = 360
-"""Number of yaws of the search: steps of one degree; chosen."""
-
-SAME_POSE = (0.4, np.radians(10.0))
-"""Max difference (m, rad) of two poses that count as the same; chosen."""
-
-CONTRADICTION = 0.5
-"""Penalty of a frontier cell in an open column of the map, as a fraction of the score of a match;
-chosen."""
-
-MAX_BLUR = 0.03
-"""Max value of the blurred frontier in a cell that counts as open; chosen."""
-
-BLUR = 0.7
-"""Standard deviation of the blur of the frontier, cells; chosen."""
-
-FULL_MATCH = 0.45
-"""Value of the blurred frontier at which a cell matches fully; chosen."""
-
-MIN_SCORE = 0.12
-"""Min score of a match: fraction of the session's frontier cells that match, minus penalties;
-chosen."""
-
-AMBIGUOUS = 0.72
-"""Max ratio of the second-best to the best score of an unambiguous match; chosen."""
-
 MIN_FRONTIER = 30
-"""Min number of frontier cells for a match; chosen."""
-
-MATCH_DISTANCES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)
-"""Distances, m, beyond which a frontier cell is an outlier in each iteration of the refinement;
-chosen."""
-
-MIN_WEIGHT = 3.0
-"""Min sum of weights in an iteration of the refinement; chosen."""
+"""Min number of frontier columns for a match; chosen."""
 
 
 class AlignmentResult(StrEnum):
@@ -99,30 +66,6 @@ class SessionAlignment:
         return self.result is AlignmentResult.FOUND
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _FreeSpace:
-    """The free space of views in the plane: centres of columns, m.
-
-    `frontier` float64 (N, 2) are the first columns behind open ones, `open` float64 (M, 2) the open
-    columns.
-    """
-
-    frontier: Float64
-    open: Float64
-
-
-def _free_space(views: list[View], T_map_view: Float64, floor_z: float) -> _FreeSpace:
-    """Return the free space of views in their common frame."""
-    frontier, open_ = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for view, T in zip(views, T_map_view):
-        cells = _open_cells(view, floor_z - T[2, 3])
-        if len(cells):
-            size = view.free.cell_size
-            open_.append(transform2(planar(T), (cells + 0.5) * size))
-            frontier.append(transform2(planar(T), (_frontier(cells, size) + 0.5) * size))
-    return _FreeSpace(np.concatenate(frontier), np.concatenate(open_))
-
-
 def _open_cells(view: View, floor_z: float) -> Int64:
     """Return the open columns (N, 2): free in at least `MIN_FREE_FRACTION` of the band."""
     low, high = floor_z + BAND[0], floor_z + BAND[1]
@@ -148,6 +91,27 @@ def _frontier(cells: Int64, size: float) -> Int64:
     return np.array([c for c in behind.tolist() if tuple(c) not in known], np.int64).reshape(-1, 2)
 
 
+def _keyframes(views: Sequence[View], T_map_view: Float64, floor_z: float) -> list[GraphKeyframe]:
+    """Return the views with free space as keyframes, whose scans are their frontiers."""
+    keyframes: list[GraphKeyframe] = []
+    for view, T in zip(views, T_map_view):
+        cells, size = _open_cells(view, floor_z - T[2, 3]), view.free.cell_size
+        frontier = _frontier(cells, size) if len(cells) else cells
+        if len(frontier):
+            middles = np.asarray((frontier + 0.5) * size, np.float64)
+            scan, number = _level_scan(middles, size), len(keyframes)
+            keyframes.append(GraphKeyframe(number, scan, planar(T), np.zeros(3), np.zeros((3, 3))))
+    return keyframes
+
+
+def _level_scan(frontier: Float64, size: float) -> LevelScan:
+    """Return the middles of frontier columns (N, 2) of an edge (m) as a scan from the base."""
+    beams = frontier[np.argsort(np.arctan2(frontier[:, 1], frontier[:, 0]), kind="stable")]
+    step = size / float(np.median(np.hypot(beams[:, 0], beams[:, 1])))
+    base = np.zeros(2)
+    return LevelScan(0, np.zeros(3), beams, base, *thin_with_normals(beams, base, step))
+
+
 def align_session(
     old: list[View], T_map_old: Float64, new: list[View], T_session_new: Float64, config: Config
 ) -> SessionAlignment:
@@ -160,86 +124,30 @@ def align_session(
     T_map_old, T_session_new
         float64 (V, 4, 4), poses of these views.
     config
-        Uses the group ``surfaces``.
+        Groups ``loops``, ``matching`` and ``surfaces``.
     """
     floors = _floor_frame(old, T_map_old, config), _floor_frame(new, T_session_new, config)
     heights = [0.0 if floor is None else float(floor[2, 3]) for floor in floors]
-    in_map = _free_space(old, T_map_old, heights[0])
-    in_session = _free_space(new, T_session_new, heights[1])
-    if min(len(in_map.frontier), len(in_session.frontier)) < MIN_FRONTIER:
+    in_map = _keyframes(old, T_map_old, heights[0])
+    in_session = _keyframes(new, T_session_new, heights[1])
+    if min(sum(len(k.scan.beams) for k in x) for x in (in_map, in_session)) < MIN_FRONTIER:
         return SessionAlignment(AlignmentResult.TOO_FEW_ENDS, np.eye(4))
-    best, score, second = _search(in_map, in_session)
-    if score < MIN_SCORE:
-        return SessionAlignment(AlignmentResult.NO_MATCH, np.eye(4))
-    if second > AMBIGUOUS * score:
-        return SessionAlignment(AlignmentResult.AMBIGUOUS, np.eye(4))
-    T = spatial(_refine(in_map, in_session, best))
+    submap = make_submap(in_map, len(in_map) // 2, len(in_map))
+    patch = make_patch(in_session, len(in_session) // 2, len(in_session))
+    low, high = submap.lines.points.min(axis=0), submap.lines.points.max(axis=0)
+    # The centre of the session may be beside the map, by the range of its views.
+    far = float(np.hypot(*patch.points.T).max()) + 0.5 * float((high - low).max())
+    window = Window(np.array([*(0.5 * (low + high)), 0.0]), far, np.pi)
+    found = propose(submap, patch, window, config)
+    if found is None or found.reason:
+        is_ambiguous = found is not None and found.is_ambiguous
+        result = AlignmentResult.AMBIGUOUS if is_ambiguous else AlignmentResult.NO_MATCH
+        return SessionAlignment(result, np.eye(4))
+    placed = compose2(in_map[found.a].pose, found.delta)
+    T = spatial(compose2(placed, inverse2(in_session[found.b].pose)))
     if floors[0] is not None and floors[1] is not None:
         T = _align_floors(floors[0], floors[1], T)
     return SessionAlignment(AlignmentResult.FOUND, T)
-
-
-def _search(in_map: _FreeSpace, in_session: _FreeSpace) -> tuple[Float64, float, float]:
-    """Return the best planar pose (3,) of the session, its score, and the second-best score.
-
-    The scores of all translations at one yaw are a cross-correlation of rasters.
-    """
-    origin = in_map.open.min(axis=0) - 1.0
-    farthest = max(np.abs(in_session.frontier).max(), np.abs(in_session.open).max())
-    radius = farthest * np.sqrt(2.0) + 1.0
-    extent = np.ceil((in_map.open.max(axis=0) + 1.0 - origin + 2.0 * radius) / CELL).astype(int)
-    shape = tuple(next_fast_len(int(n), real=True) for n in extent)
-    near = gaussian_filter(_raster(in_map.frontier, origin, shape).clip(max=1.0), BLUR)
-    inside = _raster(in_map.open, origin, shape).clip(max=1.0) * (near < MAX_BLUR)
-    gain = np.minimum(near / FULL_MATCH, 1.0) - CONTRADICTION * inside
-    gains = rfft2(gain)
-    corner = np.array([-radius, -radius])
-    scores, poses = np.empty(YAWS), np.empty((YAWS, 3))
-    for k, yaw in enumerate(np.arange(YAWS) * (2.0 * np.pi / YAWS)):
-        rotated = transform2(np.array([0.0, 0.0, yaw]), in_session.frontier)
-        frontier = rfft2(_raster(rotated, corner, shape).clip(max=1.0))
-        matches = irfft2(gains * frontier.conj(), shape) / len(in_session.frontier)
-        cell = np.array(np.unravel_index(int(np.argmax(matches)), shape))
-        scores[k] = matches[tuple(cell)]
-        cell -= np.array(shape) * (cell > np.array(shape) // 2)
-        poses[k] = (*(origin + cell * CELL + radius), yaw)
-    k = int(np.argmax(scores))  # of equal scores the first: the smallest yaw
-    moved = poses - poses[k]
-    yaw = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-    elsewhere = (np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]) | (yaw > SAME_POSE[1])
-    return poses[k], float(scores[k]), float(scores[elsewhere].max(initial=0.0))
-
-
-def _raster(points: Float64, origin: Float64, shape: tuple[int, int]) -> Float64:
-    """Count points in cells of CELL."""
-    grid = np.zeros(shape)
-    cells = np.floor((points - origin) / CELL).astype(np.int64)
-    inside = np.all((cells >= 0) & (cells < np.array(shape)), axis=1)
-    np.add.at(grid, (cells[inside, 0], cells[inside, 1]), 1.0)
-    return grid
-
-
-def _refine(in_map: _FreeSpace, in_session: _FreeSpace, start: Float64) -> Float64:
-    """Refine the pose by point-to-point registration of the frontiers, robust to outliers."""
-    tree, refined = cKDTree(in_map.frontier), start
-    for max_distance in MATCH_DISTANCES:
-        moved = transform2(refined, in_session.frontier)
-        distance, near = tree.query(moved)
-        weight = np.clip(1.0 - (distance / max_distance) ** 2, 0.0, None) ** 2
-        if weight.sum() < MIN_WEIGHT:
-            break
-        refined = compose2(_fit(moved, in_map.frontier[near], weight), refined)
-    return refined
-
-
-def _fit(source: Float64, target: Float64, weight: Float64) -> Float64:
-    """Return the weighted least-squares planar transform of source points (N, 2) to targets."""
-    w = weight / weight.sum()
-    a, b = w @ source, w @ target
-    s, t = source - a, target - b
-    yaw = np.arctan2(w @ (s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0]), w @ np.sum(s * t, axis=1))
-    rotated = transform2(np.array([0.0, 0.0, yaw]), a[None])[0]
-    return np.array([*(b - rotated), yaw])
 
 
 def _floor_frame(views: list[View], T_map_view: Float64, config: Config) -> Float64 | None:

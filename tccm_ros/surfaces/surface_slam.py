@@ -406,6 +406,38 @@ class SurfaceSlam:
             saved_walls,
         )
 
+    def objects_now(
+        self, solution: SurfaceSolution, T_map_front: Float64
+    ) -> tuple[SceneObject, ...] | None:
+        """Return the objects after the newest view, on the surfaces of the newest solution.
+
+        They are tracked as in `solve`. A view that is newer than the solution has the live pose.
+
+        Parameters
+        ----------
+        solution, T_map_front
+            The newest solution, and float64 (3,) of its `solved_map`.
+
+        Returns
+        -------
+        The objects in map; None where the session is not localised, or a view has no live pose
+        """
+        if self._is_lost or not self.is_aligned(solution):
+            return None
+        keys = [saved.view.key for saved in self.saved_views]
+        keys += [(self.session, stamp) for stamp in solution.view_stamps_ns.tolist()]
+        poses = dict(zip(keys, solution.view_poses.T_map_view))
+        for view in self.map.views:
+            if view.key not in poses:
+                pose = self.walls.pose_at(view.stamp_ns)
+                if pose is None:
+                    return None
+                poses[view.key] = spatial(compose2(T_map_front, pose))
+        T_map_view = np.array([poses[view.key] for view in self.map.views]).reshape(-1, 4, 4)
+        return scene_objects(
+            solution.surfaces, track_objects(self.map.views, T_map_view, self.config).tracks
+        )
+
     def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
         """Return the rooms between the walls; none without a level laser, or while it is lost."""
         if self._is_lost or grid is None:

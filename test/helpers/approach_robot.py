@@ -11,7 +11,6 @@ from approach_world import CELL_M, Flat, SimulatedBase, mapped_target
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Twist
 from nav_msgs.msg import OccupancyGrid
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from tccm_interfaces.msg import Localisation, Surface, SurfaceMap
@@ -69,8 +68,8 @@ class ApproachRobot:
         self.ros, self.flat = ros, flat
         self.base = SimulatedBase(flat, np.random.default_rng(seed))
         self.types = RosidlMessages()
-        self.map_node = ros.add(Node("surface_slam", context=ros.another_context()))
-        self.node = ros.add(Node("bot", context=ros.another_context()))
+        self.map_node = ros.node("surface_slam")
+        self.node = ros.node("bot")
         self.commands: list[Speeds] = []
         self.nav2 = None
         self.other_commands: list[list[list[Speeds]]] = []

@@ -10,7 +10,6 @@ from functools import partial
 from itertools import islice
 
 import numpy as np
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from solver_forks import fork_solver
@@ -130,7 +129,7 @@ class Robot:
     def __init__(self, ros, *, namespace="", prefix="", reliable=True, described=True, name="bot"):
         self.ros, self.prefix = ros, prefix
         self.types = RosidlMessages()
-        self.node = ros.add(Node(name, namespace=namespace, context=ros.another_context()))
+        self.node = ros.node(name, namespace=namespace)
         self.sent: dict[str, int] = {}
         self._qos = QoSProfile(
             depth=200,
@@ -311,7 +310,7 @@ class Listener:
 
     def __init__(self, ros, name="listener"):
         self.ros = ros
-        self.node = ros.add(Node(name, context=ros.another_context()))
+        self.node = ros.node(name)
 
     def listen(self, kind, topic, *, latched=False, depth=100) -> list:
         """Subscribe to a topic; return the list to which its messages are appended."""

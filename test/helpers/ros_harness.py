@@ -13,6 +13,7 @@ from live_robot import CYCLE_SCANS, START_NS, STEP_NS, Robot, is_connected, topi
 from processes import PATIENCE_S
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
 DOMAINS = range(1, 100)
 """Domains with ports below the ephemeral ones."""
@@ -78,6 +79,14 @@ class Ros:
         self.executor.add_node(node)
         self._nodes.append(node)
         return node
+
+    def node(self, name: str, **options) -> Node:
+        """Add a node of the test, in a participant of its own, without parameter services and log.
+
+        Each wait of the executor looks at all services of all its nodes.
+        """
+        options = {"start_parameter_services": False, "enable_rosout": False, **options}
+        return self.add(Node(name, context=self.another_context(), **options))
 
     def remove(self, node) -> None:
         """Destroy a node, as if its process had ended; return when no other node lists it.

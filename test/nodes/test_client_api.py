@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from outlined_surfaces import surface
 from shapely.geometry import box
@@ -16,6 +17,7 @@ from tccm_ros.nodes.interfaces import MISSING, has_interfaces, service_class
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
 from tccm_ros.surfaces.scene import KnownSurface, Scene
+from tccm_ros.surfaces.scene_objects import SceneObject
 
 TABLE = surface(box(0.0, 0.0, 1.2, 0.8), number=4)
 DESK = surface(box(2.0, 0.0, 3.0, 0.8), number=7)
@@ -118,6 +120,22 @@ def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(of
         offering.client_api.show(number)
         assert offering.published["~/events"] == events
     assert list(offering.client_api.problems()) == []
+
+
+def test_objects_of_a_view_are_shown_on_the_surfaces_of_the_solution_before_it(offering):
+    shown, cup = [], SceneObject(3, 4, np.zeros(3), np.ones(3), 0.0)
+    offering.client_api._boxes = SimpleNamespace(publish=shown.append)
+    offering.client_api.show_objects((cup,), 5)
+    assert shown == []
+    solution = offering.receive(4, TABLE)
+    offering.client_api.show(4)
+    offering.client_api.show_objects((cup,), 4)
+    assert shown == [solution], "it has that view"
+    offering.client_api.show_objects((cup,), 5)
+    assert shown[1:] == [solution._replace(objects=(cup,), stamp_ns=5)]
+    offering.client_api.forget(is_map_loaded=False)
+    offering.client_api.show_objects((cup,), 6)
+    assert len(shown) == 2
 
 
 def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):

@@ -196,7 +196,7 @@ def test_the_joint_reverses_at_the_first_end_or_stands_there(now, first):
 
 
 def test_without_control_msgs_the_action_is_not_offered_and_a_line_says_so(ros, monkeypatch):
-    monkeypatch.setitem(sys.modules, "control_msgs.action", None)
+    monkeypatch.setitem(sys.modules, "control_msgs", None)
     log = Listener(ros, "log").listen(Log, "/rosout", latched=True, depth=1000)
     node = slam(ros)
     services = [service for service, _ in node.get_service_names_and_types()]

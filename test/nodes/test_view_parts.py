@@ -6,6 +6,7 @@ import pytest
 from empty_view import empty_view
 from live_robot import slam
 
+from tccm_ros.nodes.client_api import ClientApi
 from tccm_ros.nodes.solve_schedule import PATIENCE_S, ViewParts
 
 
@@ -48,3 +49,17 @@ def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_sca
     for number, part in enumerate(empty_view(1_700_000_000_000_000_000), start=1):
         node.worker.wait(lambda p=part: node.feed(p))
         assert len(asked) == number
+
+
+def test_a_node_asks_for_the_objects_once_a_view_is_whole_if_anybody_listens(ros, monkeypatch):
+    node, asked = slam(ros), []
+    monkeypatch.setattr(node.solver, "look", lambda: asked.append(True))
+    for stamp_ns, has_listeners in (
+        (1_700_000_000_000_000_000, False),
+        (1_700_000_005_000_000_000, True),
+    ):
+        monkeypatch.setattr(ClientApi, "has_scene_listeners", has_listeners)
+        for part in empty_view(stamp_ns):
+            assert not asked
+            node.worker.wait(lambda p=part: node.feed(p))
+    assert asked == [True]

@@ -13,7 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Wall
-from tccm_ros.results.exports import MAX_PLACEMENTS, PLACED_HEIGHT_M, write_results, write_summary
+from tccm_ros.results.exports import MAX_PLACEMENTS, PLACED_HEIGHT_M, write_model, write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import grid_files
@@ -54,7 +54,7 @@ def folder(solution, tmp_path):
 def write(folder, solution):
     no_cuboids = IntegrationMap(Config()).cuboids()
     write_results(folder, solution, [], no_cuboids, Config())
-    write_summary(folder, summary(cycles=0))
+    write_model(folder, "summary.json", summary(cycles=0))
     return folder
 
 

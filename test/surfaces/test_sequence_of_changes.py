@@ -1,5 +1,6 @@
 """Two simulated rooms that change: each true event is told once, with its id, and no other."""
 
+import numpy as np
 import pytest
 from changing_rooms import (
     WORLD,
@@ -15,12 +16,19 @@ from changing_rooms import (
 from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
+from tccm_ros.records import ObjectBoxes
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.surfaces.changes import MapChanges
 from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.told_scene import ToldScene
+
+OBJECTS_S = 60.0
+"""The robot has made some tilt cycles in the first room."""
+
+LIVE_M = 0.01
+"""Maximum error of the live pose before a view is in the graph, m."""
 
 RESTART_S = 75.0
 """The robot has seen the first changes of the first room, and is on its way to the second."""
@@ -55,6 +63,20 @@ def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
     found += told(solved(inputs[half:], loaded), changes)
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)
+
+
+def test_objects_between_solutions_are_where_the_next_solution_has_them(inputs):
+    slam, last, moved = SurfaceSlam(Config()), None, []
+    for event in inputs[: index_at(inputs, OBJECTS_S)]:
+        slam.add(event)
+        if isinstance(event, ObjectBoxes):
+            objects = () if last is None else slam.objects_now(*last) or ()
+            solution = slam.solve(with_racks=False)
+            known = {item.id: item.center for item in objects}
+            moved += [o.center - known[o.id] for o in solution.objects if o.id in known]
+            last = solution, slam.solved_map(solution).T_map_front
+    assert len(moved) > 10
+    assert np.abs(moved).max() < LIVE_M
 
 
 def test_the_planning_scene_of_a_listener_follows_what_is_moved_taken_and_put(scenes):

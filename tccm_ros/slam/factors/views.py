@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import pose_from_roll_pitch, spatial
+from tccm_ros.slam.base_attitude import LEVEL, Attitude, with_attitude
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
@@ -33,8 +33,8 @@ class KeyframeView(NoLandmark):
     sigma_z_roll_pitch
         Standard deviations of the view's z (m), roll and pitch (rad) relative to the keyframe,
         whose are zero.
-    roll_pitch, z
-        Roll, pitch (rad) and z (m) of the view; 0 where unknown.
+    attitude
+        z (m), roll and pitch (rad) of the view; 0 where unknown.
     """
 
     keyframe: Key
@@ -42,15 +42,13 @@ class KeyframeView(NoLandmark):
     delta: Float64
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
-    roll_pitch: tuple[float, float] = (0.0, 0.0)
-    z: float = 0.0
+    attitude: Attitude = LEVEL
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor in all six degrees of freedom."""
         noise = gaussian(planar_covariance(np.asarray(self.cov), self.sigma_z_roll_pitch))
-        planar = rotation_z(-self.keyframe.yaw_offset) @ spatial(self.delta)
-        planar[2, 3] = self.z
-        delta = gtsam.Pose3(planar @ pose_from_roll_pitch(self.roll_pitch))
+        T = with_attitude(self.delta, self.attitude)
+        delta = gtsam.Pose3(rotation_z(-self.keyframe.yaw_offset) @ T)
         keys = self.keyframe.symbol, self.view.symbol
         graph.add(gtsam.BetweenFactorPose3(*keys, delta, noise))
 

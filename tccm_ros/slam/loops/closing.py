@@ -333,7 +333,9 @@ class LoopCloser:
         factors = by_variables(f for k in self._waiting for f in self._chain.factors_of(k))
         # Loop closures of a trajectory that is not joined stay pending.
         fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == MAP]
-        seen = landmark_factors(self._take_usable(), first=self._observers)
+        usable = [s for s in self._unused if self._root(s.anchored.keyframe) == MAP]
+        self._unused = [s for s in self._unused if self._root(s.anchored.keyframe) != MAP]
+        seen = landmark_factors(usable, first=self._observers)
         anchored, anchors = self._chain.anchor(seen.anchored, self.poses)
         starts = {**{keys[k]: self.poses[k].copy() for k in self._waiting}, **anchored}
         factors |= {p: p.factor(keys) for p in fresh}
@@ -343,12 +345,6 @@ class LoopCloser:
         self._observers += len(seen.anchored)
         if seen.factors:
             self._read_back()
-
-    def _take_usable(self) -> list[AnchoredObservation]:
-        """Remove and return the observations of sessions in the map's frame."""
-        usable = [s for s in self._unused if self._root(s.anchored.keyframe) == MAP]
-        self._unused = [s for s in self._unused if self._root(s.anchored.keyframe) != MAP]
-        return usable
 
     def _close(self, k: int) -> None:
         """Search for loop closures of keyframe k; accept those with enough confirmations."""
@@ -473,7 +469,9 @@ class LoopCloser:
         is_joined = self._root(last.a) != self._root(last.b)
         if is_joined:
             self._join(last)
-        error = np.array([between(p.delta, self._step(p)) for p in fresh])
+        error = np.array(
+            [between(p.delta, between(self.poses[p.a], self.poses[p.b])) for p in fresh]
+        )
         self.accepted.extend(fresh)
         self._lengths.add_loops(fresh, self._config.loops.drift)
         self._fresh.extend(fresh)
@@ -483,9 +481,6 @@ class LoopCloser:
         if is_joined or far or np.abs(error[:, 2]).max() > UPDATE_THRESHOLD_RAD:
             self._update()
             self._read_back()
-
-    def _step(self, proposal: Proposal) -> Float64:
-        return between(self.poses[proposal.a], self.poses[proposal.b])
 
     def _join(self, loop: Proposal) -> None:
         """Move the trajectory of a loop closure's second keyframe to that of its first."""

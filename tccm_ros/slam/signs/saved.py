@@ -65,10 +65,7 @@ def unpack_anchored(
         raise ValueError(f"a {prefix} was seen from a keyframe that the map does not have")
     attitudes = s.get(f"{prefix}_attitude", np.zeros((len(on), 3))).tolist()
     rows = zip(on, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
-    return [
-        AnchoredPose(k, pose, cov, roll_pitch=(roll, pitch), z=z)
-        for k, pose, cov, (z, roll, pitch) in rows
-    ]
+    return [AnchoredPose(k, pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows]
 
 
 def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:

@@ -51,7 +51,7 @@ def connect(
 
     @cache
     def grid_of(patch: int) -> _Grid:
-        return _Grid.of(clouds[patch][:, :2], distance * SLACK)
+        return _grid_of(clouds[patch], distance * SLACK)
 
     def meeting(a: int, b: int) -> Float64:
         """Return the points of patch `a` that meet patch `b`."""
@@ -120,15 +120,26 @@ class _Grid(NamedTuple):
     shape: tuple[int, int]
     edge: float
 
-    @classmethod
-    def of(cls, xy: Float64, edge: float) -> _Grid:
-        """Return the grid of points (N, 2)."""
-        low = np.array([axis.min() for axis in xy.T])
-        x, y = (((axis - start) / edge).astype(np.int64) for axis, start in zip(xy.T, low))
-        nx, ny = int(x.max()) + 1, int(y.max()) + 1
-        keys = x * ny + y
-        starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=nx * ny))])
-        return cls(xy[np.argsort(keys, kind="stable")], starts, low, (nx, ny), edge)
+
+@kernel
+def _grid_of(cloud: Float64, edge: float) -> _Grid:
+    """Return the grid of points (N, 3), N > 0, by counting sort."""
+    low, high = cloud[0, :2].copy(), cloud[0, :2].copy()
+    for i in range(len(cloud)):
+        for k in range(2):
+            low[k], high[k] = min(low[k], cloud[i, k]), max(high[k], cloud[i, k])
+    nx, ny = int((high[0] - low[0]) / edge) + 1, int((high[1] - low[1]) / edge) + 1
+    cells, starts = np.empty(len(cloud), np.int64), np.zeros(nx * ny + 1, np.int64)
+    for i in range(len(cloud)):
+        x, y = int((cloud[i, 0] - low[0]) / edge), int((cloud[i, 1] - low[1]) / edge)
+        cells[i] = x * ny + y
+        starts[cells[i] + 1] += 1
+    starts = np.cumsum(starts)
+    used, points = starts[:-1].copy(), np.empty((len(cloud), 2))
+    for i in range(len(cloud)):
+        points[used[cells[i]]] = cloud[i, :2]
+        used[cells[i]] += 1
+    return _Grid(points, starts, low, (nx, ny), edge)
 
 
 @kernel
@@ -173,7 +184,7 @@ def _agree(
     is_one_view = planes.view_index[pair[0]] == planes.view_index[pair[1]]
     heights, shared, variance = [], [], 2.0 * FLATNESS**2
     for points, k in zip(meeting, pair):
-        arm = np.r_[1.0, middle - planes.centroid[k, :2]]
+        arm = np.array([1.0, *(middle - planes.centroid[k, :2])])
         heights.append(np.mean(points[:, 2] + (middle - points[:, :2]) @ planes.slope[k]))
         shared.append(arm @ planes.systematic[k])
         cov = planes.cov_fit[k] + (0.0 if is_one_view else planes.cov_pose[k])

@@ -101,7 +101,7 @@ EARLY_KEYFRAME_INLIERS = 0.65
 """Inlier fraction below which a scan becomes a keyframe early (chosen)."""
 
 EARLY_FRACTION = 0.4
-"""Minimum step to an early keyframe, as a fraction of that to an ordinary one (chosen)."""
+"""Min motion to an early keyframe, as the sum of `FrontEnd.steps` (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,12 +273,11 @@ class FrontEnd:
         self.tracked.append(tracked)
         return tracked
 
-    def is_far(self, moved: Float64, fraction: float = 1.0) -> bool:
-        """Return whether a motion (3,) exceeds a fraction of the step to a new keyframe."""
+    def steps(self, moved: Float64) -> tuple[float, float]:
+        """Return a motion (3,) as fractions of the distance and the angle between keyframes."""
         graph = self.config.graph
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
-        limits = fraction * graph.keyframe_distance, fraction * graph.keyframe_angle
-        return distance > limits[0] or yaw > limits[1]
+        return distance / graph.keyframe_distance, yaw / graph.keyframe_angle
 
     def begin_session(self) -> None:
         """Begin a new session; the next scan is at an unrelated place."""
@@ -313,8 +312,9 @@ class FrontEnd:
         self._check_lost(scan, inliers)
         self._update_velocity(scan, before, prior_cov)
         moved = between(keyframe.pose, self.pose)
-        fraction = EARLY_FRACTION if inliers < EARLY_KEYFRAME_INLIERS else 1.0
-        is_due = self.is_far(moved, fraction)
+        steps = self.steps(moved)
+        is_early = inliers < EARLY_KEYFRAME_INLIERS and sum(steps) > EARLY_FRACTION
+        is_due = max(steps) > 1.0 or is_early
         # A scan of another place must not enter the map that has to detect the change.
         if is_due and not self._is_contradicted() and not self._is_hidden(scan, inliers):
             systematic = self._systematic(scan, cov)

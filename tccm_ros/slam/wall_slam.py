@@ -169,9 +169,8 @@ class WallSlam:
         One scan is kept for each motion of a keyframe.
         """
         level = make_level_scan(scan, self.config)
-        if self._newest is not None and not self._front.is_far(
-            between(self._newest.odom, level.odom)
-        ):
+        newest = self._newest
+        if newest and max(self._front.steps(between(newest.odom, level.odom))) <= 1.0:
             return
         self._newest = level
         lines = extract_lines(level.beams, level.origin, self.config, self.label)

@@ -14,6 +14,7 @@ import secrets
 import threading
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from importlib.resources import files
 from typing import Any
 
@@ -103,8 +104,9 @@ class LivePage:
         self.url = f"http://{shown}:{self.port}/#{self.token}"
 
     def update(self, change: Callable[[LiveState], object]) -> None:
-        """Queue a change of the state for the server's thread."""
-        self._loop.call_soon_threadsafe(change, self._state)
+        """Queue a change of the state for the server's thread; none once the page is closed."""
+        with suppress(RuntimeError):  # by a closed loop alone
+            self._loop.call_soon_threadsafe(change, self._state)
 
     def close(self) -> None:
         """Notify the pages of the end and stop the server."""

@@ -106,6 +106,13 @@ def first_messages(page, count):
     return found
 
 
+def test_a_change_after_the_end_is_left_out(robot):
+    robot.page.close()
+    changed = []
+    robot.page.update(changed.append)
+    assert changed == []
+
+
 def test_a_page_gets_the_map_and_what_changes(robot):
     told, entities = first_messages(robot.page, 1), {}
     while entities.keys() != MAP.keys():

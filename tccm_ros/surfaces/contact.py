@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
 from tccm_ros.surfaces.patch_planes import GATE, PatchPlanes
 from tccm_ros.surfaces.plane_errors import FLATNESS
@@ -53,15 +53,11 @@ def connect(
     def grid_of(patch: int) -> _Grid:
         return _grid_of(clouds[patch], distance * SLACK)
 
-    def meeting(a: int, b: int) -> Float64:
-        """Return the points of patch `a` that meet patch `b`."""
-        return np.asarray(clouds[a][_are_near(clouds[a], grid_of(b), distance)])
-
     for q, p in near_pairs(clouds, distance).tolist():
         if root[q] == root[p]:
             continue
-        meets = meeting(q, p), meeting(p, q)
-        if len(meets[0]) and _agree(meets, planes, (q, p), max_step):
+        meets = np.array([_sum_near(clouds[i], grid_of(j), distance) for i, j in ((q, p), (p, q))])
+        if meets[0, 3] and _agree(meets, planes, (q, p), max_step):
             first, second = sorted((int(root[q]), int(root[p])))
             root[root == second] = first
     return root
@@ -143,28 +139,28 @@ def _grid_of(cloud: Float64, edge: float) -> _Grid:
 
 
 @kernel
-def _are_near(points: Float64, grid: _Grid, distance: float) -> Bool:
-    """Return whether each point (N, 3) is within a distance in x and y of one of a grid."""
-    near, (nx, ny) = np.zeros(len(points), np.bool_), grid.shape
+def _sum_near(points: Float64, grid: _Grid, distance: float) -> Float64:
+    """Return the sums of x, y, z and 1 of points (N, 3) near one of a grid in x and y."""
+    total, (nx, ny) = np.zeros(4), grid.shape
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1]
         cx = int(np.floor((x - grid.low[0]) / grid.edge))
         cy = int(np.floor((y - grid.low[1]) / grid.edge))
-        first, last = max(cy - 1, 0), min(cy + 1, ny - 1)
+        first, last, is_near = max(cy - 1, 0), min(cy + 1, ny - 1), False
         for row in range(max(cx - 1, 0), min(cx + 2, nx) if first <= last else 0):
             for k in range(grid.starts[row * ny + first], grid.starts[row * ny + last + 1]):
                 dx, dy = x - grid.points[k, 0], y - grid.points[k, 1]
                 if dx * dx + dy * dy <= distance * distance:
-                    near[i] = True
+                    is_near = True
                     break
-            if near[i]:
+            if is_near:
+                total[:3] += points[i]
+                total[3] += 1.0
                 break
-    return near
+    return total
 
 
-def _agree(
-    meeting: Sequence[Float64], planes: PatchPlanes, pair: tuple[int, int], max_step: float
-) -> bool:
+def _agree(sums: Float64, planes: PatchPlanes, pair: tuple[int, int], max_step: float) -> bool:
     """Return whether two patches agree in height where they meet, within their uncertainty.
 
     The height of each patch is that of its plane at the centroid of the points that meet, plus the
@@ -173,19 +169,19 @@ def _agree(
 
     Parameters
     ----------
-    meeting
-        float64 (N, 3), the points of each patch that meet the other, at least one of each.
+    sums
+        float64 (2, 4), of each patch the sums of x, y, z and 1 of the points that meet the other.
     planes, pair
         Planes of all patches, and the indices of the two.
     max_step
         m.
     """
-    middle = np.concatenate(meeting)[:, :2].mean(axis=0)
+    middle = sums[:, :2].sum(axis=0) / sums[:, 3].sum()
     is_one_view = planes.view_index[pair[0]] == planes.view_index[pair[1]]
     heights, shared, variance = [], [], 2.0 * FLATNESS**2
-    for points, k in zip(meeting, pair):
-        arm = np.array([1.0, *(middle - planes.centroid[k, :2])])
-        heights.append(np.mean(points[:, 2] + (middle - points[:, :2]) @ planes.slope[k]))
+    for (x, y, z), k in zip(sums[:, :3] / sums[:, 3:], pair):
+        arm = np.r_[1.0, middle - planes.centroid[k, :2]]
+        heights.append(z + (middle - (x, y)) @ planes.slope[k])
         shared.append(arm @ planes.systematic[k])
         cov = planes.cov_fit[k] + (0.0 if is_one_view else planes.cov_pose[k])
         variance += float(arm @ cov @ arm)

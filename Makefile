@@ -12,9 +12,8 @@ OUT     ?= out/demo
 DEMO    ?= bags/flat
 # Workers of the tests: one more than processors, since tests over DDS wait at times.
 JOBS    ?= $(shell echo $$(($$(nproc) + 1)))
-# An environment for one run of a few tests is not compiled as a whole: Python compiles what it imports.
-COMPILE := $(if $(filter-out jazzy,$(DISTRO)),--no-compile)
-PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check $(COMPILE)
+# Environments are not compiled as a whole: Python compiles what it imports.
+INSTALL := $(BIN)/python tools/install.py
 STAMP   := $(VENV)/.installed
 TOOLS   := $(VENV)/.installed-tools
 TESTING := $(VENV)/.installed-for-tests
@@ -58,7 +57,7 @@ test-distro: $(VENV)/.installed-pytest
 test-lowest: $(VENV)/.wheels
 	@$(BIN)/python tools/lowest_versions.py > $(VENV)/lowest.txt
 	@$(BIN)/python -m venv --clear $(VENV)-lowest
-	@$(VENV)-lowest/bin/python -m pip install -qq --no-compile --disable-pip-version-check . -c $(VENV)/lowest.txt
+	@$(VENV)-lowest/bin/python tools/install.py . -c $(VENV)/lowest.txt
 	@$(VENV)-lowest/bin/tccm demo --no-browser --out out/lowest
 
 bench: $(TOOLS)
@@ -83,19 +82,19 @@ $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definiti
 # Tests, lint and build.
 $(TOOLS): $(STAMP) requirements-test.txt
 	@echo "installing tests and tools into $(VENV) (once)"
-	@$(PIP) -r requirements-test.txt
+	@$(INSTALL) -r requirements-test.txt
 	@touch $(TOOLS)
 
 # These tests need pytest and the pages of the nodes, no other tool.
 $(VENV)/.installed-pytest: $(STAMP) requirements-test.txt
 	@grep -E '^(pytest|hypothesis)' requirements-test.txt > $(VENV)/pytest.txt
-	@$(PIP) -r $(VENV)/pytest.txt -e '.[view]'
+	@$(INSTALL) -r $(VENV)/pytest.txt -e '.[view]'
 	@touch $@
 
 # The library that reads door signs, and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions
 $(TESTING): $(TOOLS) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
-	@$(PIP) -e '.[$(ROS),signs]'
+	@$(INSTALL) -e '.[$(ROS),signs]'
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs octomap_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs test/interfaces/definitions/nav2_msgs
 	@touch $(TESTING)
 
@@ -103,7 +102,7 @@ $(VENV)/.wheels: setup.py pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (a minute or two, once)"
-	@$(PIP) -e '.[$(ROS)]'
+	@$(INSTALL) -e '.[$(ROS)]'
 	@touch $(VENV)/.wheels
 
 clean:
@@ -127,5 +126,5 @@ docs: $(DOCS)
 	@echo "documentation  $(BIN)/python -m http.server -d out/docs  (then http://localhost:8000)"
 
 $(DOCS): requirements-docs.txt $(STAMP)
-	@$(PIP) -r requirements-docs.txt
+	@$(INSTALL) -r requirements-docs.txt
 	@touch $(DOCS)

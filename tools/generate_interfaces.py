@@ -154,10 +154,10 @@ def prepare(environment: Path) -> None:
     missing = [tool for tool in ("cmake", "make", "c++") if not shutil.which(tool)]
     if missing:
         raise GenerationError(f"no interfaces are generated: {', '.join(missing)} not installed")
-    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    install = [sys.executable, Path(__file__).with_name("install.py")]
     distro = distribution()
     generators = [f"ros-{distro}-{name}" for name in GENERATORS[distro]]
-    run([*pip, *generators, "catkin-pkg"], "the generators could not be installed")
+    run([*install, *generators, "catkin-pkg"], "the generators could not be installed")
     point_cmake_at(environment)
 
 
@@ -176,6 +176,7 @@ def point_cmake_at(environment: Path) -> None:
             continue
         text = re.sub(r"/opt/python/[^/;\"]+/include/python[0-9.]+", include, text)
         text = re.sub(r"/opt/python/[^/;\"]+/lib/python[0-9.]+/site-packages", purelib, text)
+        path.unlink()  # a hard link to a cached wheel
         path.write_text(text, errors="surrogateescape")
 
 

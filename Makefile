@@ -60,7 +60,7 @@ test-lowest: $(VENV)/.wheels
 	@$(VENV)-lowest/bin/python tools/install.py . -c $(VENV)/lowest.txt
 	@$(VENV)-lowest/bin/tccm demo --no-browser --out out/lowest
 
-bench: $(TOOLS)
+bench: $(TOOLS) $(STAMP)
 	@$(BIN)/python bench/run.py
 
 lint: $(TOOLS)
@@ -79,10 +79,10 @@ $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definiti
 	-@$(BIN)/python tools/generate_interfaces.py tools/definitions/tf2_msgs interfaces
 	@touch $(STAMP)
 
-# Tests, lint and build.
-$(TOOLS): $(STAMP) requirements-test.txt
+# Tests, with the library that reads door signs, lint and build.
+$(TOOLS): $(VENV)/.wheels requirements-test.txt
 	@echo "installing tests and tools into $(VENV) (once)"
-	@$(INSTALL) -r requirements-test.txt
+	@$(INSTALL) -r requirements-test.txt -e '.[$(ROS),signs]'
 	@touch $(TOOLS)
 
 # These tests need pytest and the pages of the nodes, no other tool.
@@ -91,10 +91,9 @@ $(VENV)/.installed-pytest: $(STAMP) requirements-test.txt
 	@$(INSTALL) -r $(VENV)/pytest.txt -e '.[view]'
 	@touch $@
 
-# The library that reads door signs, and public packages whose topics are there where these are installed, each after those that it needs.
+# Public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions
-$(TESTING): $(TOOLS) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
-	@$(INSTALL) -e '.[$(ROS),signs]'
+$(TESTING): $(TOOLS) $(STAMP) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs octomap_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs test/interfaces/definitions/nav2_msgs
 	@touch $(TESTING)
 

@@ -152,6 +152,7 @@ def small(tmp_path, monkeypatch):
     (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\n")
     monkeypatch.setattr(tool, "ROOT", tmp_path)
     monkeypatch.setattr(tool, "PACKAGE", "small")
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # its tests use none
 
 
 def half_fault(new, test="test/test_half.py::test_half", old="x / 2"):

@@ -1,13 +1,12 @@
 """Compiled kernels on disk: found again by any process, and never when what is in them changed."""
 
 import os
-import subprocess
-import sys
 import textwrap
 from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_forks import run_forked
 
 from tccm_ros import kernel_cache
 from tccm_ros.kernel_cache import KEPT, cache_folder, source_digest
@@ -48,14 +47,9 @@ def run(tmp_path):
         inner = INNER.format(step=step, sign=sign, comment=comment)
         (tmp_path / "inner.py").write_text(textwrap.dedent(inner))
         (tmp_path / "outer.py").write_text(textwrap.dedent(OUTER.format(times=times)))
-        command = [sys.executable, "-B", str(tmp_path / "outer.py")]
         settings = {"XDG_CACHE_HOME": str(tmp_path / "cache"), **dict(environment)}
         plain = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
-        done = subprocess.run(
-            command, env={**plain, **settings}, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        value, hits = done.stdout.split()
+        value, hits = run_forked(tmp_path / "outer.py", plain | settings).split()
         return float(value), int(hits)
 
     return start

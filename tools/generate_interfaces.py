@@ -77,15 +77,15 @@ macro(ament_register_extension point package file)
   endif()
 endmacro()
 function(unity_build)
-  foreach(kind c fastrtps_c)
-    set_target_properties(${PROJECT_NAME}__rosidl_typesupport_${kind} PROPERTIES
+  foreach(kind typesupport_c typesupport_fastrtps_c typesupport_introspection_c generator_py)
+    set_target_properties(${PROJECT_NAME}__rosidl_${kind} PROPERTIES
       UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL unity_build)
 """
 """Leaves out the generators of C++, which neither Python nor Fast DDS needs, and compiles each
-library of C++ files in one go: their headers take longer than what they hold."""
+library in one go: the headers of C++ and of NumPy take longer than what a file holds."""
 
 BUILD_PYTHON = "/opt/python/"
 """Where the wheels' CMake files believe that Python is."""
@@ -204,7 +204,12 @@ def generate(folder: Path, environment: Path) -> None:
         options = [f"-D{key}={value}" for key, value in settings.items()]
         failure = f"{name} could not be generated"
         run(["cmake", "-S", source, "-B", build, *options], failure, paths)
-        run(["cmake", "--build", build, "--target", "install", "-j2"], failure, paths)
+        parse_once = {
+            "PYTHONPATH": str(Path(__file__).with_name("parse_once")),
+            "PARSED_INTERFACES": temporary,
+        }
+        command = ["cmake", "--build", build, "--target", "install", "-j2"]
+        run(command, failure, paths | parse_once)
     (environment / "share" / name / MARK).write_text(content)
 
 

@@ -1,4 +1,4 @@
-"""Collision guard: obstacles of level scans and cuboids within the margin stop any motion."""
+"""Collision guard: limits each command so that the base keeps its margin from obstacles."""
 
 from __future__ import annotations
 

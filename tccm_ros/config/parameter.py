@@ -62,8 +62,12 @@ class Parameter(NamedTuple):
         ``group.key``.
     default, type
         Value where none is set, and the annotation.
-    unit, minimum, maximum, meaning, read_only
-        As of `param`; None: no limit.
+    unit, meaning, read_only
+        As of `param`.
+    minimum, maximum
+        Limits; None: no limit.
+    excludes_minimum
+        Whether values must be greater than `minimum`.
     """
 
     name: str
@@ -72,6 +76,7 @@ class Parameter(NamedTuple):
     unit: str
     minimum: float | None
     maximum: float | None
+    excludes_minimum: bool
     meaning: str
     read_only: bool
 
@@ -93,14 +98,15 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
             limits[key] = getattr(constraint, key, limits[key])
     extra = field.json_schema_extra
     assert isinstance(extra, dict)
-    minimum = limits["ge"] if limits["ge"] is not None else limits["gt"]
+    excludes_minimum = limits["gt"] is not None
     return Parameter(
         name,
         field.default,
         field.annotation,
         str(extra["unit"]),
-        minimum,
+        limits["gt" if excludes_minimum else "ge"],
         limits["le"],
+        excludes_minimum,
         field.description or "",
         bool(extra["read_only"]),
     )

@@ -55,9 +55,12 @@ def range_text(parameter: Parameter) -> str:
     low, high = parameter.minimum, parameter.maximum
     if low is None and high is None:
         return ""
+    above = ">" if parameter.excludes_minimum else ">="
     if high is None:
-        return f">= {low:g}"
-    return f"<= {high:g}" if low is None else f"{low:g} to {high:g}"
+        return f"{above} {low:g}"
+    if low is None:
+        return f"<= {high:g}"
+    return f"> {low:g}, <= {high:g}" if parameter.excludes_minimum else f"{low:g} to {high:g}"
 
 
 def _notes(parameter: Parameter) -> str:

@@ -79,10 +79,9 @@ class TrajectoryScore:
 
 
 def _statistics(errors: Errors) -> dict[str, Any]:
-    if not len(errors):
-        names = ("mean_m", "std_m", "rms_m", "median_m", "max_m", "mean_deg", "std_deg", "max_deg")
-        return {"count": 0, **dict.fromkeys(names, 0.0)}
-    t, r = errors.translation, np.degrees(errors.rotation)
+    count = len(errors)
+    t = errors.translation if count else np.zeros(1)
+    r = np.degrees(errors.rotation) if count else np.zeros(1)
     figures = {
         "mean_m": t.mean(),
         "std_m": t.std(),
@@ -94,7 +93,7 @@ def _statistics(errors: Errors) -> dict[str, Any]:
         "median_deg": np.median(r),
         "max_deg": r.max(),
     }
-    return {"count": len(errors), **{k: round(float(v), 6) for k, v in figures.items()}}
+    return {"count": count, **{k: round(float(v), 6) for k, v in figures.items()}}
 
 
 def score_trajectory(
@@ -131,7 +130,7 @@ def score_trajectory(
             return replace(_score(found, path, known, Path(truth), stamps), stamp_unit=unit)
         except LogError as error:
             errors.append(error)
-    raise errors[-1]
+    raise errors[0]
 
 
 def _score(

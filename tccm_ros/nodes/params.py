@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from tccm_ros.config import Config, Parameter, parameters
 from tccm_ros.config.reader import REMOVED, validated
-from tccm_ros.config.reference import choices_of
+from tccm_ros.config.reference import choices_of, range_text
 from tccm_ros.errors import ConfigError, TccmError, suggest
 
 INT64_MAX = 2**63 - 1
@@ -184,8 +184,8 @@ def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
     except InvalidParameterValueException:
         found = node._parameter_overrides[parameter.name].value
         raise ConfigError(
-            f"parameter {parameter.name}: {found!r} is outside "
-            f"[{parameter.minimum}, {parameter.maximum}] {parameter.unit}".rstrip()
+            f"parameter {parameter.name}: {found!r} is outside {range_text(parameter)} "
+            f"{parameter.unit}".rstrip()
         ) from None
 
 

@@ -141,8 +141,9 @@ def _solve(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> Surfac
     solution = pipeline.solve()
     if not pipeline.slam.is_aligned(solution):
         raise MapError(
-            f"{reader.path}: could not be localised in the saved map, which is "
-            "unchanged; expected a recording of the same rooms: replay it without --map"
+            f"{reader.path}: could not be localised in the saved map, which is unchanged "
+            f"({pipeline.slam.unplaced_reason(solution)}); expected a recording of the same rooms: "
+            "replay it without --map"
         )
     return solution
 

@@ -498,6 +498,14 @@ class SurfaceSlam:
             return not self._is_lost
         return solution.alignment is None or solution.alignment.found
 
+    def unplaced_reason(self, solution: SurfaceSolution) -> str:
+        """Return why this session was not found in the saved map, without advice for a driver."""
+        if self.walls.waits_for_external_pose:
+            return "no transform map -> odom has come"
+        if solution.alignment is not None:
+            return str(solution.alignment.result)
+        return self.walls.waits_for.partition(":")[0]
+
     @property
     def _is_lost(self) -> bool:
         """Whether this session is not yet localised in the saved walls, or by another program."""

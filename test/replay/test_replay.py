@@ -289,7 +289,8 @@ def test_a_bag_of_other_rooms_is_a_trajectory_beside_the_map(flat, tmp_path):
 
 
 def test_a_bag_of_other_rooms_is_refused_where_the_map_must_not_change(flat, tmp_path):
-    with pytest.raises(MapError, match="could not be localised in the saved map"):
+    why = r"could not be localised in the saved map, which is unchanged \(it waits for scans"
+    with pytest.raises(MapError, match=why):
         replay(
             BAGS / "walkthrough",
             tmp_path / "out",

@@ -124,11 +124,11 @@ def test_pages_that_are_made_are_as_the_code_says():
     assert not stale, f"{stale}: run make reference"
 
 
-def test_the_picture_of_the_rooms_shows_each_room():
-    rooms = runpy.run_path(str(ROOT / "test" / "test_structure.py"))["ROOMS"]
+def test_the_picture_of_the_layers_shows_each_layer():
+    layers = runpy.run_path(str(ROOT / "test" / "test_structure.py"))["LAYERS"]
     picture = ElementTree.parse(ROOT / "docs" / "images" / "architecture.svg")
     words = " ".join(text for node in picture.iter() for text in node.itertext())
-    missing = [room for room in rooms if not re.search(rf"\b{room}\b", words)]
+    missing = [layer for layer in layers if not re.search(rf"\b{layer}\b", words)]
     assert not missing, f"{missing}: run python tools/draw_architecture.py"
 
 

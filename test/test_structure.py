@@ -1,4 +1,4 @@
-"""The walls between the rooms: who may import whom."""
+"""Layers of the package: which may import which."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter
@@ -8,7 +8,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "tccm_ros"
 
-ROOMS = [
+LAYERS = [
     "errors",
     "extras",
     "atomic",
@@ -53,9 +53,9 @@ ROOMS = [
     "client",
     "cli",
 ]
-"""Top to bottom; a module imports only what stands above it, or its own room."""
+"""Top to bottom; a module imports only from layers above it, or its own."""
 
-SUB_ROOMS = {
+SUBLAYERS = {
     "slam": [
         "se2",
         "odometry_model",
@@ -85,9 +85,9 @@ SUB_ROOMS = {
         "wall_slam",
     ],
 }
-"""The same within rooms that have rooms of their own."""
+"""Order within layers that have layers of their own."""
 
-GTSAM_ROOMS = {"slam/graph", "slam/factors"}
+GTSAM_LAYERS = {"slam/graph", "slam/factors"}
 
 ROS_PACKAGES = {"rclpy", "tccm_interfaces"}
 """Beside those whose names end with _msgs or _srvs."""
@@ -109,34 +109,34 @@ def imports(path: Path) -> set[str]:
     return names
 
 
-def room_of(path: Path) -> str:
+def layer_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_a_module_imports_only_rooms_above_it(path: Path):
-    room = room_of(path)
-    assert room in ROOMS, f"{room} is not in the plan of the house"
+def test_a_module_imports_only_layers_above_it(path: Path):
+    layer = layer_of(path)
+    assert layer in LAYERS, f"{layer} is not in LAYERS"
     used = {n.split(".")[1] for n in imports(path) if n.startswith("tccm_ros.")}
-    below = {name for name in used - {room} if ROOMS.index(name) > ROOMS.index(room)}
+    below = {name for name in used - {layer} if LAYERS.index(name) > LAYERS.index(layer)}
     assert not below, f"{path.name} reaches down to {sorted(below)}"
 
 
-def sub_room(name: str, room: str) -> str | None:
-    """Return the part of a room that a dotted name is in."""
+def sub_layer(name: str, layer: str) -> str | None:
+    """Return the part of a layer that a dotted name is in."""
     parts = name.split(".")
-    return parts[2] if len(parts) > 2 and parts[1] == room else None
+    return parts[2] if len(parts) > 2 and parts[1] == layer else None
 
 
-@pytest.mark.parametrize("room", SUB_ROOMS)
-def test_a_part_of_a_room_imports_only_parts_above_it(room: str):
-    order = SUB_ROOMS[room]
-    paths = [p for p in modules() if room_of(p) == room and p.parent != PACKAGE / room]
-    paths += [p for p in (PACKAGE / room).glob("*.py") if p.name != "__init__.py"]
+@pytest.mark.parametrize("layer", SUBLAYERS)
+def test_a_part_of_a_layer_imports_only_parts_above_it(layer: str):
+    order = SUBLAYERS[layer]
+    paths = [p for p in modules() if layer_of(p) == layer and p.parent != PACKAGE / layer]
+    paths += [p for p in (PACKAGE / layer).glob("*.py") if p.name != "__init__.py"]
     assert paths
     for path in paths:
-        own = path.relative_to(PACKAGE / room).parts[0].removesuffix(".py")
-        used = {sub_room(name, room) for name in imports(path)} - {None, own}
+        own = path.relative_to(PACKAGE / layer).parts[0].removesuffix(".py")
+        used = {sub_layer(name, layer) for name in imports(path)} - {None, own}
         below = {name for name in used if order.index(name) > order.index(own)}
         assert not below, f"{path.relative_to(PACKAGE)} reaches down to {sorted(below)}"
 
@@ -148,35 +148,35 @@ def assert_no_cycle(graph: dict[str, set[str]]) -> None:
         pytest.fail(" imports ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("room", sorted({room_of(path) for path in modules()}))
-def test_the_modules_of_a_room_do_not_import_each_other_in_a_circle(room: str):
+@pytest.mark.parametrize("layer", sorted({layer_of(path) for path in modules()}))
+def test_the_modules_of_a_layer_do_not_import_each_other_in_a_circle(layer: str):
     graph = {
         ".".join(("tccm_ros", *path.relative_to(PACKAGE).with_suffix("").parts)): imports(path)
         for path in modules()
-        if room_of(path) == room and path.name != "__init__.py"
+        if layer_of(path) == layer and path.name != "__init__.py"
     }
     assert_no_cycle({k: v & graph.keys() for k, v in graph.items()})
 
 
-def test_tests_stand_where_the_room_that_they_test_stands():
+def test_tests_are_in_the_folder_of_their_layer():
     folders = {p.relative_to(PACKAGE) for p in PACKAGE.rglob("*") if p.is_dir()}
     own = {Path("fuzz"), Path("interfaces"), Path("tccm_sim")}
     tests = Path(__file__).parent
     strays = {p.parent.relative_to(tests) for p in tests.rglob("test_*.py")} - folders - own
-    assert strays == {Path(".")}, f"no room of these names: {sorted(map(str, strays))}"
+    assert strays == {Path(".")}, f"no layer of these names: {sorted(map(str, strays))}"
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_only_nodes_know_ros_and_only_the_graph_knows_gtsam(path: Path):
     tops = {name.split(".")[0] for name in imports(path)}
     ros = {t for t in tops if t in ROS_PACKAGES or t.endswith(("_msgs", "_srvs"))}
-    assert not ros or room_of(path) == "nodes"
+    assert not ros or layer_of(path) == "nodes"
     place = path.relative_to(PACKAGE)
-    assert "gtsam" not in tops or {str(place), str(place.parent)} & GTSAM_ROOMS
+    assert "gtsam" not in tops or {str(place), str(place.parent)} & GTSAM_LAYERS
 
 
 def test_the_core_is_given_baselines_as_functions():
-    cores = [path for path in modules() if room_of(path) in {"cuboids", "planes", "slam"}]
+    cores = [path for path in modules() if layer_of(path) in {"cuboids", "planes", "slam"}]
     importers = [p for p in cores if any(n.startswith("tccm_ros.baselines") for n in imports(p))]
     assert not importers, "the processors choose a baseline and hand it down"
 

@@ -1,10 +1,10 @@
-"""Draw docs/images/architecture.svg: the rooms of the package and what each imports.
+"""Draw docs/images/architecture.svg: the layers of the package and what each imports.
 
 Usage: python tools/draw_architecture.py [OUT.svg] (`make figures`)
 
-The rooms and their order are those of `test/test_structure.py`, the arrows are the imports of the
-code. What every room may use stands at the foot, without arrows; an import that follows from
-others is left out.
+The layers and their order are those of `test/test_structure.py`, the arrows are the imports of the
+code. What every layer may use is at the bottom, without arrows; imports that follow from
+others are left out.
 """
 
 from __future__ import annotations
@@ -53,36 +53,36 @@ Edges = dict[str, set[str]]
 
 
 def direct_imports() -> Edges:
-    """Return the rooms that each room imports."""
-    rooms = STRUCTURE["ROOMS"]
-    found: Edges = {room: set() for room in rooms}
+    """Return the layers that each layer imports."""
+    layers = STRUCTURE["LAYERS"]
+    found: Edges = {layer: set() for layer in layers}
     for path in STRUCTURE["modules"]():
         names = [n.split(".")[1] for n in STRUCTURE["imports"](path) if n.startswith("tccm_ros.")]
-        room = STRUCTURE["room_of"](path)
-        found[room] |= {name for name in names if name in found} - {room}
+        layer = STRUCTURE["layer_of"](path)
+        found[layer] |= {name for name in names if name in found} - {layer}
     return found
 
 
-def ground(rooms: list[str]) -> list[str]:
-    """Return the rooms above the first that knows the robot: every room may use them."""
-    return rooms[: rooms.index("robot")]
+def ground(layers: list[str]) -> list[str]:
+    """Return the layers above the first that knows the robot: every layer may use them."""
+    return layers[: layers.index("robot")]
 
 
 def reduced(edges: Edges) -> Edges:
     """Leave out what follows from other imports."""
     above: Edges = {}
-    for room in edges:
-        above[room] = edges[room].union(*(above[other] for other in edges[room]))
+    for layer in edges:
+        above[layer] = edges[layer].union(*(above[other] for other in edges[layer]))
     return {
-        room: {a for a in others if not any(a in above[b] for b in others - {a})}
-        for room, others in edges.items()
+        layer: {a for a in others if not any(a in above[b] for b in others - {a})}
+        for layer, others in edges.items()
     }
 
 
-def caption(room: str) -> str:
-    """Return the beginning of a room's docstring, in two lines at most."""
-    folder = ROOT / "tccm_ros" / room / "__init__.py"
-    source = folder if folder.exists() else ROOT / "tccm_ros" / f"{room}.py"
+def caption(layer: str) -> str:
+    """Return the beginning of a layer's docstring, in two lines at most."""
+    folder = ROOT / "tccm_ros" / layer / "__init__.py"
+    source = folder if folder.exists() else ROOT / "tccm_ros" / f"{layer}.py"
     sentence = (ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or "").split("\n")[
         0
     ]
@@ -94,28 +94,28 @@ def draw(out: Path) -> None:
     imports = direct_imports()
     below = ground(list(imports))
     places = {
-        room: (COLUMN * k, -ROW * (i + (6 - len(rooms)) / 2))
-        for k, rooms in enumerate(COLUMNS.values())
-        for i, room in enumerate(rooms)
+        layer: (COLUMN * k, -ROW * (i + (6 - len(layers)) / 2))
+        for k, layers in enumerate(COLUMNS.values())
+        for i, layer in enumerate(layers)
     }
     missing = imports.keys() - places.keys() - set(below)
     if missing:
         raise SystemExit(f"{', '.join(sorted(missing))}: no column of the picture; see COLUMNS")
     figure, axes = plt.subplots(figsize=(13.0, 6.6))
     edges = reduced({r: o - set(below) for r, o in imports.items() if r not in below})
-    for room, others in edges.items():
+    for layer, others in edges.items():
         for other in sorted(others):
-            _arrow(axes, places[other], places[room])
-    for room, place in places.items():
+            _arrow(axes, places[other], places[layer])
+    for layer, place in places.items():
         _box(axes, place, (BOX_WIDTH, BOX_HEIGHT), "#d9e6f2")
-        axes.text(place[0], place[1] + 0.24, room, weight="bold", **CENTRED)
-        axes.text(place[0], place[1] - 0.16, caption(room), fontsize=8, **CENTRED)
+        axes.text(place[0], place[1] + 0.24, layer, weight="bold", **CENTRED)
+        axes.text(place[0], place[1] - 0.16, caption(layer), fontsize=8, **CENTRED)
     for k, title in enumerate(COLUMNS):
         axes.text(COLUMN * k, 0.85, title, style="italic", color="#4a5560", **CENTRED)
     middle = COLUMN * (len(COLUMNS) - 1) / 2
     place = middle, -6.15 * ROW
     _box(axes, place, (2 * middle + BOX_WIDTH, 0.7), "#ececec")
-    axes.text(*place, "every room may use:   " + ",  ".join(below), **CENTRED)
+    axes.text(*place, "every layer may use:   " + ",  ".join(below), **CENTRED)
     axes.set_xlim(-1.5, 2 * middle + 1.5)
     axes.set_ylim(-6.6 * ROW, 1.2)
     axes.axis("off")

@@ -2,8 +2,8 @@
 
 A batch builds and optimises the whole graph, and its time grows with the map. The observations
 between two solutions affect only a small part of it: new keyframes, walls and loop closures are
-added to a graph that stays optimised (`kept_graph`), and lines are assigned to existing walls
-(`growing`). Everything else remains as in the batch.
+added to a graph that stays optimised (`graph.incremental`), and lines are assigned to existing
+walls (`walls.growing`). Everything else remains as in the batch.
 
 A new batch is needed if loop closures contradict each other, or if the map has moved so far that
 line associations may change (`Growth.solve` returns None). The final result is always that of a

@@ -1,7 +1,6 @@
 """The SLAM node over DDS: tf and pose, map and grid, save, load and reset."""
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np

@@ -76,5 +76,7 @@ def test_the_floor_of_a_corridor_seen_at_three_positions_is_one_surface():
 
 @pytest.mark.parametrize("other", ["dlut_A605", "dlut_A607", "dlut_A609"])
 def test_another_office_is_refused(rig, first, other):
-    with pytest.raises(MapError, match=r"unchanged \((no place fits|ambiguous|too little structure)\)"):
+    with pytest.raises(
+        MapError, match=r"unchanged \((no place fits|ambiguous|too little structure)\)"
+    ):
         run(other, rig, first[0])

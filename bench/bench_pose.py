@@ -1,13 +1,15 @@
 """Poses and walls on real recordings, logs and simulated worlds: one table, before and after.
 
-Usage: python bench/bench_pose.py --shared FOLDER [--before TCCM] [--names NAME ...] [--out FOLDER].
-TCCM is the command of another checkout (its .venv/bin/tccm): its rows stand beside ours in the same
-run. Prints a table; asserts nothing. Recordings that are not there are left out and named.
+Usage: python bench/bench_pose.py --shared FOLDER [--before TCCM] [--names NAME ...] [--out FOLDER]
+[--degenerate SEEDS]. TCCM is the command of another checkout (its .venv/bin/tccm): its rows stand
+beside ours in the same run. Prints tables; asserts nothing. Recordings that are not there are left
+out and named. With --degenerate, bench_degenerate.py of each checkout follows.
 
 Columns: rms of the position after alignment in the plane, against truth.tum, motion capture or, of
-the CARMEN logs, the pairs of rows of the reference that meet; rms of the steps between scans
-against odometry; walls, and how many of them are double: along more than half of the shorter one
-within 8 cm and 5 deg of another, facing the same side.
+the CARMEN logs, the pairs of rows of the reference that meet; that of odometry, against truth.tum;
+mean NEES of keyframes per degree of freedom, against truth.tum; rms of
+the steps between scans against odometry; walls, and how many of them are double: along more than
+half of the shorter one within 8 cm and 5 deg of another, facing the same side.
 """
 
 from __future__ import annotations
@@ -17,18 +19,21 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from drives import bag_of
 from scipy.optimize import least_squares
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.evaluate.trajectory_errors import pairs_that_meet, poses_at, relation_errors
 from tccm_ros.evaluate.truth_files import read_reference, read_stamps
-from tccm_ros.geometry import inverse, planar, wrap_angle
+from tccm_ros.geometry import between2, inverse, planar, wrap_angle
 from tccm_ros.results.trajectory import read_tum
+from tccm_sim.carmen import import_carmen
 
 DOUBLE_DISTANCE, DOUBLE_ANGLE = 0.08, np.deg2rad(5.0)
 
@@ -39,9 +44,9 @@ class Case(NamedTuple):
     Attributes
     ----------
     source
-        Path in the shared folder, or of a bag in ``bags/``, or a world of the simulator.
+        Path in the shared folder, or a world of `drives.bag_of`.
     settings
-        Of the replay, and others of the newer program alone.
+        Of the replay, and others that only the newer program has.
     drift
         Seed of the drift that its exact odometry is given (`tools/drift_odometry.py`), 0: none.
     """
@@ -63,30 +68,34 @@ CASES = {
     ),
     "robocup_c1": Case("data/real/robocup_c1"),
     "robocup2026_1": Case("data/real/robocup2026_1"),
-    "hololens": Case("data/real/hololens"),
-    "hololens, drift": Case("data/real/hololens", drift=1),
-    "hololens, drift, level_from": Case("data/real/hololens", ("sensors.level_from=depth",), (), 1),
-    "flat": Case("flat"),
-    "ring": Case("ring"),
     "mit-csail": Case("data/carmen/mit-csail.clf.bz2"),
     "intel": Case("data/carmen/intel.clf.bz2"),
+    "flat": Case("flat"),
+    "sim2_flat": Case("data/bags/sim2_flat"),
+    "ring": Case("ring"),
+    **{
+        f"hololens, {name}{level}": Case("data/real/hololens", settings, (), drift)
+        for level, settings in (("", ()), (", level_from", ("sensors.level_from=depth",)))
+        for name, drift in (("exact", 0), ("drift 1", 1), ("drift 2", 2), ("drift 3", 3))
+    },
+    "random-1": Case("random-1"),
+    "random-2": Case("random-2"),
+    "random-3": Case("random-3"),
 }
 
 
-def make_bag(case: Case, shared: Path, out: Path, tccm: Path) -> Path | None:
+def make_bag(case: Case, shared: Path, out: Path) -> Path | None:
     """Return the bag of a case, made in a folder where it must be; None where it is missing."""
     if "/" not in case.source:
         bag = out / case.source
-        if not bag.exists():
-            subprocess.run([tccm, "simulate", case.source, bag, "--quiet"], check=True)
-        return bag
+        return bag if bag.exists() else bag_of(case.source, out, shared)
     source = shared / case.source
     if not source.exists():
         return None
     if case.source.endswith(".bz2"):
         bag = out / source.name.removesuffix(".clf.bz2")
         if not bag.exists():
-            subprocess.run([tccm, "import-carmen", source, bag], check=True)
+            import_carmen(source, bag)
         return bag
     if not case.drift:
         return source
@@ -129,22 +138,29 @@ def at(stamps: np.ndarray, known: np.ndarray, poses: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(stamps - known[0], known - known[0], c) for c in columns], axis=1)
 
 
+def messages(bag: Path, topic: str) -> Iterator[Any]:
+    """Yield the messages of a topic, in their order."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as raw:
+        wanted = [c for c in raw.connections if c.topic == topic]
+        for connection, _, data in raw.messages(connections=wanted):
+            yield raw.deserialize(data, connection.msgtype)
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp (ns) of a message."""
+    return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+
 def motion_capture_rms(bag: Path, stamps: np.ndarray, poses: np.ndarray) -> float | None:
     """Return the rms distance (m) from motion capture, with the marker's place fitted."""
     with BagReader(bag) as reader:
         topics = [t.name for t in reader.topics() if t.msgtype.endswith("msg/PoseStamped")]
     if not topics:
         return None
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    rows = []
-    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as raw:
-        wanted = [c for c in raw.connections if c.topic == topics[0]]
-        for connection, _, data in raw.messages(connections=wanted):
-            message = raw.deserialize(data, connection.msgtype)
-            stamp, point = message.header.stamp, message.pose.position
-            rows.append((stamp.sec * 10**9 + stamp.nanosec, point.x, point.y))
+    rows = [(stamp_of(m), m.pose.position.x, m.pose.position.y) for m in messages(bag, topics[0])]
     known = np.array([row[0] for row in rows])
     inside = (stamps > known[0]) & (stamps < known[-1])
     truth = at(stamps[inside], known, np.array([(x, y, 0.0) for _, x, y in rows]))[:, :2]
@@ -169,21 +185,55 @@ def steps(poses: np.ndarray) -> np.ndarray:
     return np.stack([x, y, wrap_angle(d[:, 2])], axis=1)
 
 
-def step_error(bag: Path, stamps: np.ndarray, poses: np.ndarray) -> str:
-    """Return the rms of the steps between scans against odometry, in words."""
+def odometry_at(bag: Path, stamps: np.ndarray) -> np.ndarray | None:
+    """Return planar poses (N, 3) of odometry at stamps; None without odometry."""
     with BagReader(bag) as reader:
         if "/odom" not in {topic.name for topic in reader.topics()}:
-            return ""
+            return None
         samples = {
             r.stamp_ns: planar(r.T_odom_base) for _, _, r in reader.records({"odom": "/odom"})
         }
     known = np.array(sorted(samples))
-    odometry = np.array([samples[int(t)] for t in known])
-    odometry[:, 2] = np.unwrap(odometry[:, 2])
-    error = steps(poses) - steps(at(stamps, known, odometry))
+    return at(stamps, known, np.array([samples[int(t)] for t in known]))
+
+
+def step_error(poses: np.ndarray, odometry: np.ndarray | None) -> str:
+    """Return the rms of the steps between scans against odometry, in words."""
+    if odometry is None:
+        return ""
+    error = steps(poses) - steps(odometry)
     position = np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))
     yaw = np.sqrt(np.mean(wrap_angle(error[:, 2]) ** 2))
     return f"{1e3 * position:.1f} mm, {np.rad2deg(yaw):.2f} deg"
+
+
+def against_truth(bag: Path, result: Path, stamps: np.ndarray, poses: np.ndarray) -> list[str]:
+    """Return position error of odometry and NEES of the trajectory against truth.tum, in words."""
+    if not (bag / "truth.tum").exists():
+        return ["", ""]
+    true = read_tum(bag / "truth.tum")
+    inside = (stamps >= true.stamps_ns[0]) & (stamps <= true.stamps_ns[-1])
+    stamps, poses = stamps[inside], poses[inside]
+    expected = at(stamps, true.stamps_ns, planar(true.T_map_base))
+    odometry = odometry_at(bag, stamps)
+    by_odometry = ""
+    if odometry is not None:
+        by_odometry = f"{1e3 * aligned_rms(odometry[:, :2], expected[:, :2]):.1f} mm"
+    covs = {
+        stamp_of(m): np.asarray(m.pose.covariance).reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+        for m in messages(result / "result.mcap", "/pose")
+    }
+    # Of keyframes, as poses between them have the covariance of the last one; along map's axes.
+    graph = json.loads((result / "graph.json").read_text(), parse_float=Decimal)
+    is_keyframe = np.isin(stamps, [int(k["stamp"] * 10**9) for k in graph["keyframes"][1:]])
+    error = between2(expected[0], expected)
+    error = between2(error, between2(poses[0], poses))[is_keyframe]
+    yaw = poses[is_keyframe, 2]
+    c, s, (x, y) = np.cos(yaw), np.sin(yaw), error[:, :2].T
+    error[:, :2] = np.stack([c * x - s * y, s * x + c * y], axis=1)
+    cov = np.array([covs[int(t)] for t in stamps[is_keyframe]])
+    scaled = np.linalg.solve(cov, error[..., None])[..., 0]
+    return [by_odometry, f"{np.mean(np.sum(error * scaled, axis=1)) / 3.0:.2f}"]
 
 
 def position_error(bag: Path, source: Path, stamps: np.ndarray, T: np.ndarray) -> str:
@@ -220,6 +270,7 @@ def main() -> None:
     parser.add_argument("--before", type=Path)
     parser.add_argument("--names", nargs="*", default=list(CASES))
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--degenerate", type=int, default=0, metavar="SEEDS")
     arguments = parser.parse_args()
     ours = Path(sys.executable).parent / "tccm"
     programs = {"after": ours} if arguments.before is None else {
@@ -228,26 +279,38 @@ def main() -> None:
     out = arguments.out or Path(tempfile.mkdtemp())
     out.mkdir(parents=True, exist_ok=True)
     print("### Poses and walls\n")
-    print("| recording | program | position | steps against odometry | walls | double |")
-    print("|---|---|---|---|---|---|")
+    head = "recording, program, position, odometry, NEES, steps against odometry, walls, double"
+    print("| " + " | ".join(head.split(", ")) + " |\n" + "|---" * 8 + "|", flush=True)
     for name in arguments.names:
         case = CASES[name]
-        bag = make_bag(case, arguments.shared, out, ours)
+        bag = make_bag(case, arguments.shared, out)
         if bag is None:
             print(f"{name}: {case.source} is not there", file=sys.stderr)
             continue
         for label, tccm in programs.items():
+            if label == "before" and case.new_settings:
+                continue
             result = out / f"{label}_{name.replace(', ', '_').replace(' ', '_')}"
-            settings = (*case.settings, *(case.new_settings if label == "after" else ()))
+            settings = (*case.settings, *case.new_settings)
             if not replay(tccm, bag, result, settings):
-                print(f"| {name} | {label} | failed | | | |", flush=True)
+                print(f"| {name} | {label} | failed | | | | | |", flush=True)
                 continue
             trajectory = read_tum(result / "trajectory.tum")
             stamps, T = trajectory.stamps_ns, trajectory.T_map_base
-            position = position_error(bag, arguments.shared / case.source, stamps, T)
-            walls, double = double_walls(result)
-            moved = step_error(bag, stamps, planar(T))
-            print(f"| {name} | {label} | {position} | {moved} | {walls} | {double} |", flush=True)
+            cells = [
+                name,
+                label,
+                position_error(bag, arguments.shared / case.source, stamps, T),
+                *against_truth(bag, result, stamps, planar(T)),
+                step_error(planar(T), odometry_at(bag, stamps)),
+                *map(str, double_walls(result)),
+            ]
+            print("| " + " | ".join(cells) + " |", flush=True)
+    for label, tccm in programs.items() if arguments.degenerate else ():
+        print(f"\n### Worlds that say little: {label}\n", flush=True)
+        bench = tccm.parents[2] / "bench" / "bench_degenerate.py"
+        seeds = ("--seeds", str(arguments.degenerate))
+        subprocess.run([tccm.with_name("python"), bench, *seeds], check=True)
 
 
 if __name__ == "__main__":

@@ -53,6 +53,7 @@ from tccm_ros.ros.topic_messages import (
 )
 from tccm_ros.ros.writing import transform_message, transforms_message
 from tccm_ros.slam.occupancy import OccupancyGrid
+from tccm_ros.slam.se2 import rotate_covariance
 from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene import frames_of_surfaces
@@ -268,10 +269,13 @@ class ResultBag:
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
     ) -> Iterator[_TimedWrite]:
         stamps = solution.trajectory_ns
-        keyframes = np.array([k.stamp_ns for k in solution.slam.keyframes], np.int64)
+        keyframes = solution.slam.keyframes
+        key_stamps = np.array([k.stamp_ns for k in keyframes], np.int64)
         T_map_base = solution.T_map_base
-        nearest = np.maximum(np.searchsorted(keyframes, stamps, side="right") - 1, 0)
-        covs = solution.slam.cov_keyframes if len(keyframes) else np.zeros((1, 3, 3))
+        nearest = np.maximum(np.searchsorted(key_stamps, stamps, side="right") - 1, 0)
+        known = zip(keyframes, solution.slam.cov_keyframes)
+        covs = [rotate_covariance(cov, float(k.pose[2])) for k, cov in known]
+        covs = covs or [np.zeros((3, 3))]
         for index, stamp_ns in enumerate(stamps.tolist()):
             due = partial(self._write_pose, stamp_ns, T_map_base[index], covs[nearest[index]])
             yield _TimedWrite(stamp_ns, 2, due)

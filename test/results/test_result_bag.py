@@ -37,6 +37,7 @@ UP = np.array([0.0, 0.0, 1.0])
 RING = np.array([[1.0, 0, 0.7], [1.5, 0, 0.7], [1.5, 0.4, 0.7], [1.0, 0.4, 0.7]])
 CUP = SceneObject(5, 1, np.array([1.2, 0.2, 0.75]), np.array([0.08, 0.08, 0.1]), 0.0)
 GRID = OccupancyGrid(np.array([[0, 100, -1]], np.int8), 0.05, np.array([-1.0, 2.0]))
+ALONG = np.diag([0.04, 0.01, 0.02])
 CONFIG = Config.model_validate({"map": {"window_cycles": 2, "gap": "fixed"}})
 
 
@@ -82,7 +83,7 @@ def solution(cycles, level_scans=30):
     slam = Solution(
         [Keyframe(0, 9 * S, np.zeros(3)), Keyframe(1, 14 * S, poses[10])] if level_scans else [],
         [wall], [], stamps, poses, np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), np.zeros(0, int),
-        np.stack([np.eye(3) * 0.01, np.eye(3) * 0.02])[: 2 if level_scans else 0],
+        np.stack([np.eye(3) * 0.01, ALONG])[: 2 if level_scans else 0],
     )  # fmt: skip
     seen = [cycles[0].stamp_ns, cycles[2].stamp_ns] if cycles else []
     surfaces = tuple(surface(i, s) for i, s in enumerate(seen))
@@ -278,8 +279,15 @@ def test_poses_are_those_of_the_solution_with_the_covariance_of_their_keyframe(m
         t, q = matrix(message.pose.pose)
         assert np.allclose(t[:2], expected.trajectory[index, :2], atol=1e-12)
         assert np.allclose(q, quaternion(spatial(expected.trajectory[index])), atol=1e-12)
-        late = expected.trajectory_ns[index] >= 14 * S
-        assert message.pose.covariance[0] == (0.02 if late else 0.01)
+        cov = np.reshape(message.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])]
+        if expected.trajectory_ns[index] < 14 * S:
+            assert np.array_equal(cov, np.eye(3) * 0.01)
+            continue
+        # Along the keyframe's x axis, as seen in map.
+        yaw = expected.slam.keyframes[1].pose[2]
+        along = np.array([np.cos(yaw), np.sin(yaw)])
+        assert along @ cov[:2, :2] @ along == pytest.approx(ALONG[0, 0])
+        assert np.trace(cov) == pytest.approx(np.trace(ALONG))
 
 
 def test_the_map_cloud_loses_the_oldest_cycle_after_the_window(messages):

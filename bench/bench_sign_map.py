@@ -108,7 +108,7 @@ def relocalisation(seeds: int) -> None:
         for side in (1, -1)
     ]
 
-    def drive(slam: WallSlam, path: list, seed: int, what: list[Plate]) -> np.ndarray:
+    def drive(slam: WallSlam, path: list, seed: int, what: list[Plate]) -> list[np.ndarray]:
         place = buildings.Building(building.walls, building.glass, path)
         run = buildings.drive(place, robot, seed=seed, start_ns=2 * 10**18)
         poses = plan.route(path, step=robot.step, yaw_step=robot.yaw_step)
@@ -117,8 +117,9 @@ def relocalisation(seeds: int) -> None:
         for scan in run.scans:
             while told and told[0].stamp_ns <= scan.scan.stamp_ns:
                 slam.add_sign(told.pop(0))
-            slam.add_scan(scan)
-        return plan.planar(np.linalg.inv(plan.matrix((1.0, 0.0, 0.0))) @ plan.matrix(poses[-1]))
+            found = slam.add_scan(scan)
+        first = plan.matrix((1.0, 0.0, 0.0))
+        return [found.pose, plan.planar(np.linalg.inv(first) @ plan.matrix(poses[-1]))]
 
     slam = WallSlam(Config())
     drive(slam, building.route, 1, plates)
@@ -135,13 +136,12 @@ def relocalisation(seeds: int) -> None:
         right, wrong, refused, errors = 0, 0, 0, [0.0]
         for k, path in enumerate(starts):
             later = WallSlam.from_saved(Config(), state)
-            truth = drive(later, path, 10 + k, what)
-            live = later.current_pose()
-            away = float(np.hypot(*(live.pose - truth)[:2]))
-            refused += not live.localised
-            right += live.localised and away < 0.1
-            wrong += live.localised and away >= 0.1
-            errors += [away] if live.localised else []
+            pose, truth = drive(later, path, 10 + k, what)
+            away = float(np.hypot(*(pose - truth)[:2]))
+            refused += not later.has_place_now
+            right += later.has_place_now and away < 0.1
+            wrong += later.has_place_now and away >= 0.1
+            errors += [away] if later.has_place_now else []
         print(
             f"{name:8} {len(starts):6} {right:6} {wrong:6} {refused:8} {100 * max(errors):8.1f}",
             flush=True,

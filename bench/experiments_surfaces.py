@@ -35,7 +35,7 @@ from tccm_ros.evaluate.surfaces import (  # noqa: E402
     score_surfaces,
 )
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
-from tccm_ros.records import Scan, Surface  # noqa: E402
+from tccm_ros.records import PosedScan, Scan, ScanPose, Surface  # noqa: E402
 from tccm_ros.replay.processors import Pipeline  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
@@ -107,15 +107,20 @@ def play(world: World, seed: int, options: Options, config: Config) -> Run:
         topics.odom: "odom", "/robot_description": "robot_description", "/tf_static": "tf_static",
     }  # fmt: skip
     pipeline, live = Pipeline(config, expects_odometry=True), [(-1, np.zeros(3))]
-    hits = [np.zeros((0, 3))]
+    hits, walls = [np.zeros((0, 3))], pipeline.slam.walls
+    add_scan = walls.add_scan
+
+    def noted(scan: PosedScan) -> ScanPose:
+        found = add_scan(scan)
+        live.append((found.stamp_ns, found.pose))
+        return found
+
+    walls.add_scan = noted
     for message in simulation.run():
         for record in message.records:
             pipeline.add(roles[message.topic], record)
             if isinstance(record, Scan) and message.topic == topics.tilt_scan:
                 hits.append(true_hits(simulation, record))
-        pose = pipeline.slam.current_pose()
-        if pose.stamp_ns > live[-1][0]:
-            live.append((pose.stamp_ns, pose.pose))
     pipeline.finish()
     return Run(pipeline, simulation, live, np.concatenate(hits))
 

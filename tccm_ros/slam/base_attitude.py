@@ -76,12 +76,6 @@ class AttitudeTrack:
             known.append(stamp_ns, value)
         self._newest_ns = max(self._newest_ns, stamp_ns)
 
-    @property
-    def newest(self) -> Attitude:
-        """The newest sample; level if there is none."""
-        z, roll, pitch = self._samples.values[-1].tolist() if len(self._samples) else LEVEL
-        return z, roll, pitch
-
     def at(self, stamps_ns: Sequence[int] | Int64) -> Float64:
         """Return attitudes float64 (N, 3) at N stamps.
 

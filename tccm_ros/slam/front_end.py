@@ -477,7 +477,7 @@ class FrontEnd:
         """
         if inliers >= EARLY_KEYFRAME_INLIERS or self._believes_odometry(scan):
             return False
-        recent = self._recent_keyframes()
+        recent = self._recent_keyframes(self.config.matching.submap_keyframes)
         ends = [transform_points(k.pose, k.scan.points) for k in recent]
         passes, hits = passes_and_hits(
             transform_points(self.pose, scan.points),
@@ -604,13 +604,9 @@ class FrontEnd:
 
     def _match_quality(self, scan: LevelScan, alignment: Alignment) -> float:
         assert self._map is not None
-        if self._keyframes_of_session() < CONFIRMING_KEYFRAMES:
+        if len(self._recent_keyframes(CONFIRMING_KEYFRAMES)) < CONFIRMING_KEYFRAMES:
             return alignment.inliers
         return agreement(alignment, scan, self._map.lines)
-
-    def _keyframes_of_session(self) -> int:
-        recent = self.keyframes[-CONFIRMING_KEYFRAMES:]
-        return sum(keyframe.session == self.session for keyframe in recent)
 
     def _add_keyframe(self, scan: LevelScan, cov: Float64, systematic: Float64) -> None:
         first = not self.keyframes or self.keyframes[-1].session != self.session
@@ -626,12 +622,12 @@ class FrontEnd:
         self._odometry_pose, self._anchor_odom = pose.copy(), scan.odom
         self._anchor_cov, self._gyro_s = cov, 0.0
 
-    def _recent_keyframes(self) -> list[GraphKeyframe]:
-        recent = self.keyframes[-self.config.matching.submap_keyframes :]
-        return [keyframe for keyframe in recent if keyframe.session == self.session]
+    def _recent_keyframes(self, count: int) -> list[GraphKeyframe]:
+        """Return those of the newest keyframes that are of this session."""
+        return [k for k in self.keyframes[-count:] if k.session == self.session]
 
     def _rebuild_map(self) -> None:
-        recent = self._recent_keyframes()
+        recent = self._recent_keyframes(self.config.matching.submap_keyframes)
         poses = np.stack([k.pose for k in recent])
         lines = make_line_map(poses, [k.scan for k in recent])
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, LOCAL_LEVELS))

@@ -43,8 +43,6 @@ class LivePose(NamedTuple):
         float64 (3,), (x, y, yaw) of base in map.
     map_odom
         float64 (3,), planar pose of the odometry frame in map: ``pose * odom^-1``.
-    localised
-        Whether the pose is in the frame of the loaded map (always True without one).
     attitude
         Height, roll and pitch of the base by odometry.
     """
@@ -52,7 +50,6 @@ class LivePose(NamedTuple):
     stamp_ns: int
     pose: Float64
     map_odom: Float64
-    localised: bool = True
     attitude: Attitude = LEVEL
 
     @property

@@ -5,7 +5,7 @@ The method is described in docs/design/wall_slam.md.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.geometry import planar
 from tccm_ros.records import (
     Keyframe,
     LandmarkObservation,
@@ -39,7 +38,7 @@ from tccm_ros.slam.graph.pose_graph import GraphSolution, PoseGraph
 from tccm_ros.slam.growth import MIN_KEYFRAMES, Growth
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
-from tccm_ros.slam.live_estimate import LivePose, SolvedKeyframe
+from tccm_ros.slam.live_estimate import SolvedKeyframe
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.odometry_front_end import OdometryFrontEnd
@@ -61,6 +60,8 @@ picture takes up to 0.15 s, so that the result does not depend on the processing
 
 
 Seen = TypeVar("Seen", AnchoredObservation, SignView)
+Record = TypeVar("Record", LandmarkObservation, SignMeasurement, SearchedPicture)
+Anchored = TypeVar("Anchored")
 
 
 class _ChangingContent(NamedTuple):
@@ -115,7 +116,6 @@ class WallSlam:
         self._attitudes = AttitudeTrack()
         self._map_odom = MapOdomTrack()
         self._roll_pitch = RollPitchTrack()
-        self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         self._newest: LevelScan | None = None
         # Stamps and lines of level scans whose walls do not move the poses.
         self._wall_scans: list[tuple[int, Lines]] = []
@@ -158,9 +158,6 @@ class WallSlam:
         if keyframe_id < 0:
             self._closer.search(level, tracked)
         pose = compose(self._closer.poses[tracked.keyframe], tracked.pose)
-        localised = self._front.session in self._closer.localised
-        map_odom = compose(pose, inverse(level.odom))
-        self._live = LivePose(level.stamp_ns, pose, map_odom, localised, self._attitudes.newest)
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
     def add_scan_of_walls(self, scan: PosedScan) -> None:
@@ -180,12 +177,6 @@ class WallSlam:
         """Add an odometry sample, in any order; used between scans, or without scans."""
         self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
         self._attitudes.add(stamp_ns, attitude_of(T_odom_base))
-        if not self._front.tracked and stamp_ns >= self._live.stamp_ns:
-            odom = planar(T_odom_base)
-            pose = self._start(odom)
-            localised = self._front.session in self._closer.localised
-            map_odom = compose(pose, inverse(odom))
-            self._live = LivePose(stamp_ns, pose, map_odom, localised, attitude_of(T_odom_base))
 
     def add_map_odom(self, map_odom: MapOdom) -> None:
         """Add a pose of the odometry frame by an external localisation."""
@@ -276,10 +267,6 @@ class WallSlam:
         odom = self._odometry.at(stamp_ns) if len(self._odometry) else None
         return None if odom is None else self._start(odom)
 
-    def current_pose(self) -> LivePose:
-        """Return the live estimate."""
-        return self._live
-
     def _start(self, odom: Float64) -> Float64:
         """Return the pose (3,) in map by odometry alone, with the first base pose as origin.
 
@@ -307,9 +294,9 @@ class WallSlam:
         stamp = keyframe.scan.stamp_ns
         seen = _by_stamp(o for o in self._unanchored if o.stamp_ns <= stamp)
         self._unanchored = [o for o in self._unanchored if o.stamp_ns > stamp]
-        self._closer.add(
-            keyframe.id, self._anchor_observations(seen), self._sign_views_until(stamp)
-        )
+        poses = self._anchor([o.stamp_ns for o in seen])
+        observations = [AnchoredObservation(o, pose) for o, pose in zip(seen, poses)]
+        self._closer.add(keyframe.id, observations, self._sign_views_until(stamp))
 
     def _sign_views_until(self, stamp_ns: int) -> list[SignView]:
         """Return the views of signs up to `SIGN_DELAY_NS` before a stamp, in order."""
@@ -527,8 +514,8 @@ class WallSlam:
                 self._chain,
                 lines,
                 self._all_observations(),
-                self._all_sign_views(),
-                self._picture_views(),
+                [*self._saved_signs, *self._in_map(sorted(self._signs, key=sign_order), SignView)],
+                self._in_map(sorted(self._pictures, key=lambda x: x.key), PictureView),
                 self.config,
             )
             self._selected = now, inliers
@@ -586,36 +573,19 @@ class WallSlam:
         rows = [(*x.attitude, *by, x) for x, by in zip(self._anchor(stamps_ns), by_imu)]
         return [replace(x, attitude=(z, a + roll, b + pitch)) for z, a, b, roll, pitch, x in rows]
 
-    def _anchor_observations(
-        self, seen: Sequence[LandmarkObservation]
-    ) -> list[AnchoredObservation]:
-        anchored = self._anchor([o.stamp_ns for o in seen])
-        return [AnchoredObservation(o, h) for o, h in zip(seen, anchored)]
+    def _in_map(
+        self, records: Sequence[Record], anchored: Callable[[Record, AnchoredPose], Anchored]
+    ) -> list[Anchored]:
+        """Return records of sessions in the map's frame, anchored to their keyframes."""
+        poses = self._anchor([x.stamp_ns for x in records]) if self._front.tracked else []
+        keyframes, localised = self._chain.keyframes, self._closer.localised
+        pairs = zip(records, poses)
+        return [anchored(x, a) for x, a in pairs if keyframes[a.keyframe].session in localised]
 
     def _all_observations(self) -> list[AnchoredObservation]:
         """Return the observations of all sessions in the map's frame, in order."""
-        seen = _by_stamp(self._observed)
-        if not self._front.tracked or self._front.session not in self._closer.localised:
-            seen = []
-        return [*self._saved_observations, *self._anchor_observations(seen)]
-
-    def _all_sign_views(self) -> list[SignView]:
-        """Return the views of signs in all sessions that are in the map's frame, in order."""
-        seen = sorted(self._signs, key=sign_order)
-        anchored = self._anchor_localised([m.stamp_ns for m in seen])
-        return [*self._saved_signs, *(SignView(m, a) for m, a in zip(seen, anchored) if a)]
-
-    def _picture_views(self) -> list[PictureView]:
-        """Return the pictures of this run that are in the map's frame, in order."""
-        seen = sorted(self._pictures, key=lambda picture: picture.key)
-        anchored = self._anchor_localised([p.stamp_ns for p in seen])
-        return [PictureView(p, a) for p, a in zip(seen, anchored) if a]
-
-    def _anchor_localised(self, stamps_ns: Sequence[int]) -> list[AnchoredPose | None]:
-        """Return the anchored poses at stamps; None in sessions outside the map's frame."""
-        anchored = self._anchor(stamps_ns) if self._front.tracked else []
-        keyframes, localised = self._chain.keyframes, self._closer.localised
-        return [a if keyframes[a.keyframe].session in localised else None for a in anchored]
+        seen = self._in_map(_by_stamp(self._observed), AnchoredObservation)
+        return [*self._saved_observations, *seen]
 
     # -- saved maps ----------------------------------------------------------------------------
 
@@ -706,7 +676,6 @@ class WallSlam:
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)
         slam._first_session = session
-        slam._live = slam._live._replace(localised=not keyframes)
         return slam
 
 

@@ -43,7 +43,7 @@ from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.base_attitude import with_attitude
-from tccm_ros.slam.live_estimate import LivePose, MapWalls, SolvedKeyframe
+from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.occupancy import OccupancyGrid, occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
@@ -323,10 +323,6 @@ class SurfaceSlam:
     def add_pose_stamp(self, stamp_ns: int) -> None:
         """Add the stamp of a tilt scan; without a level laser the trajectory has its pose."""
         self._tilt_stamps.add(stamp_ns)
-
-    def current_pose(self) -> LivePose:
-        """Return the live estimate."""
-        return self.walls.current_pose()
 
     def solve(
         self,

@@ -90,10 +90,8 @@ def test_a_robot_that_stands_has_the_median_of_what_is_told():
 
 
 def test_the_live_pose_is_what_was_told_last():
-    slam = drive(truth)
-    live = slam.current_pose()
-    assert live.stamp_ns == (STEPS - 1) * SECOND // 10
-    assert live.pose == pytest.approx(truth(STEPS - 1), abs=0.01)
+    pose = drive(truth).pose_at((STEPS - 1) * SECOND // 10)
+    assert pose == pytest.approx(truth(STEPS - 1), abs=0.01)
 
 
 def test_without_a_word_the_robot_is_nowhere():

@@ -8,7 +8,7 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import compose2, spatial, transform
-from tccm_ros.records import LandmarkObservation
+from tccm_ros.records import LandmarkObservation, PoseGuess
 from tccm_ros.slam.factors.landmarks import LandmarkFactor, register_landmark
 from tccm_ros.slam.factors.noise import gaussian
 from tccm_ros.slam.wall_slam import WallSlam
@@ -56,6 +56,22 @@ def slam_of(run, observations):
 def seen_along(run, every=6):
     rows = list(zip(run.truth, run.stamps_ns.tolist()))[::every]
     return [observation(pose, stamp) for pose, stamp in rows]
+
+
+def test_landmarks_stay_while_the_robot_has_no_place(run):
+    """It is told a pose within the block that the ring goes round, and people hide all walls."""
+    slam = WallSlam(Config())
+    for scan in run.scans[:30]:
+        slam.add_scan(scan)
+    seen = [o for o in seen_along(run) if o.stamp_ns <= run.stamps_ns[29]]
+    for observation in seen:
+        slam.add_landmark(observation)
+    stamp = int(run.stamps_ns[30])
+    slam.add_guess(PoseGuess(stamp, np.array([6.0, 4.5, 0.3]), np.diag([0.04, 0.04, 0.01])))
+    hidden = replace(run.scans[30].scan, ranges=np.full_like(run.scans[30].scan.ranges, 0.4))
+    slam.add_scan(replace(run.scans[30], record=hidden))
+    assert not slam.has_place_now
+    assert [m.observations for m in slam.solve().landmarks] == [len(seen)]
 
 
 def test_the_order_of_observations_does_not_change_the_solution(run):

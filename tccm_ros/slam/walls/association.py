@@ -108,16 +108,30 @@ class WallTable:
         Walls observed by fewer than `min_keyframes` keyframes, in all of their pieces, and pieces
         without observations are removed; the others are renumbered in order.
         """
-        used, whole = wall >= 0, self.whole_numbers()
-        pairs = np.unique(np.stack([whole[wall[used]], self.keyframe[used]], axis=1), axis=0)
-        seen = np.bincount(pairs[:, 0], minlength=len(self))
-        keep = (seen[whole] >= min_keyframes) & np.isin(np.arange(len(self)), wall[used])
+        whole = self.whole_numbers()
+        seen = keyframes_of(np.append(whole, -1)[wall], self.keyframe, len(self))
+        keep = (seen[whole] >= min_keyframes) & np.isin(np.arange(len(self)), wall)
         number = np.where(keep, np.cumsum(keep) - 1, -1)
         # The last entry is for observations without a wall (-1); it also exists without walls.
         renumbered = np.append(number, -1)[wall]
         of_walls = ("phi", "rho", "extent", "roughness", "whole")
         kept = {name: getattr(self, name)[keep] for name in of_walls}
         return replace(self, wall=renumbered, **kept)
+
+
+def keyframes_of(wall: Int64, keyframe: Int64, walls: int) -> Int64:
+    """Return the number of keyframes that observe each wall, int64 (walls,).
+
+    Parameters
+    ----------
+    wall, keyframe
+        int64 (M,), wall of each observation, or -1, and its keyframe.
+    walls
+        Number of walls.
+    """
+    used = wall >= 0
+    pairs = np.unique(wall[used] + walls * keyframe[used])
+    return np.bincount(pairs % max(walls, 1), minlength=walls)
 
 
 def min_confirmations(config: Config, keyframes: int) -> int:

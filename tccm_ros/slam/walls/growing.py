@@ -14,7 +14,12 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
-from tccm_ros.slam.walls.association import WallAssociation, WallTable, min_confirmations
+from tccm_ros.slam.walls.association import (
+    WallAssociation,
+    WallTable,
+    keyframes_of,
+    min_confirmations,
+)
 from tccm_ros.slam.walls.lines import Lines
 
 NO_WALL, REJECTED = -1, -2
@@ -48,7 +53,7 @@ class GrowingWalls:
         self._association.add(0, poses, lines)
         # The wall of each group: that of most of its lines in the batch.
         group, wall = self._association.wall, table.wall
-        is_seen = self._keyframes_of_groups() >= min_confirmations(config, len(lines))
+        is_seen = self._is_seen(len(lines))
         self._walls = np.where(is_seen, REJECTED, NO_WALL)
         known, walls = (group >= 0) & (wall >= 0), max(len(table), 1)
         pairs, votes = np.unique(group[known] * walls + wall[known], return_counts=True)
@@ -74,7 +79,7 @@ class GrowingWalls:
         group, before = self._association.wall, len(self.table.wall)
         new = len(self._association) - len(self._walls)
         self._walls = np.append(self._walls, np.full(new, NO_WALL))
-        is_seen = self._keyframes_of_groups() >= min_confirmations(self._config, len(lines))
+        is_seen = self._is_seen(len(lines))
         confirmed = np.flatnonzero((self._walls == NO_WALL) & is_seen)
         self._walls[confirmed] = len(self.table) + np.arange(len(confirmed))
         wall = np.append(self.table.wall, np.full(len(group) - before, -1))
@@ -102,12 +107,11 @@ class GrowingWalls:
         self.table = replace(self.table, wall=wall)
         return np.flatnonzero(gone)
 
-    def _keyframes_of_groups(self) -> Int64:
-        """Return the number of keyframes that observed each group, int64 (G,)."""
-        used = self._association.wall >= 0
-        count, keyframe = len(self._association), self._association.keyframe[used]
-        pairs = np.unique(self._association.wall[used] + count * keyframe)
-        return np.bincount(pairs % max(count, 1), minlength=count)
+    def _is_seen(self, keyframes: int) -> Bool:
+        """Return whether enough of all keyframes observed each group, bool (G,)."""
+        groups = self._association
+        seen = keyframes_of(groups.wall, groups.keyframe, len(groups))
+        return seen >= min_confirmations(self._config, keyframes)
 
     def _pooled(self, wall: Int64) -> WallTable:
         """Return the walls with updated lines; of several groups of a wall, use the largest."""

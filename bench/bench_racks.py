@@ -4,7 +4,9 @@ Usage: python bench/bench_racks.py [--seeds 12] [--sensors laser lidar camera]
 
 Each rack has 2 to 6 boards, sides and a back of panels or of posts alone, objects on its boards
 and, of three in ten, an open door. Its recording is replayed; what is in the cache is not made
-again. A compartment whose board was measured is to be found.
+again. A compartment that was looked into is to be found: its board is in the map, and its front and
+the front or the lower side of the board above it were visible. A door leaf is to be found before
+the front of such a compartment.
 """
 
 from __future__ import annotations
@@ -23,7 +25,15 @@ import numpy as np  # noqa: E402
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "test" / "helpers")]
 
-from random_racks import SENSORS, insertions, mapped, random_rack, same_space  # noqa: E402
+from random_racks import (  # noqa: E402
+    SENSORS,
+    insertions,
+    looked_into,
+    mapped,
+    open_doors,
+    random_rack,
+    same_space,
+)
 
 from tccm_ros.racks.compartment import FaceState  # noqa: E402
 
@@ -39,10 +49,12 @@ HEAD = (
     "racks",
     "compartments",
     "boards measured",
+    "looked into",
     "found",
     "missed",
     "false",
     "wrong faces",
+    "doors: found / true / false",
     "clear height, mm: median / 90 % (within 10 mm)",
     "width (20 mm)",
     "depth (20 mm)",
@@ -76,15 +88,18 @@ def measure(seed: int, sensor: str, folder: Path) -> dict[str, object]:
     seen = [
         bool(len(heights) and np.abs(heights - bottom).min() < BOARD_HEIGHT_M) for bottom in bottoms
     ]
-    missed = sum(s and id(space) not in used for s, space in zip(seen, rack.spaces))
+    into = [a and b for a, b in zip(seen, looked_into(rack, outcome, T, seed))]
+    missed = sum(s and id(space) not in used for s, space in zip(into, rack.spaces))
     tally = insertions(rack, outcome, T, INSERTIONS, seed)
     return {
         "true": len(rack.spaces),
         "boards_measured": sum(seen),
+        "looked_into": sum(into),
         "found": len(set(used)),
         "missed": missed,
         "false": false + len(used) - len(set(used)),
         "wrong_faces": wrong,
+        "doors": open_doors(rack, solution.compartments, T),
         "errors": errors,
         "insertions": tally._asdict(),
     }
@@ -94,11 +109,20 @@ def row(sensor: str, results: list[dict[str, object]]) -> str:
     """Return the row of a kind of sensor."""
     total = {
         key: sum(r[key] for r in results)  # type: ignore[misc]
-        for key in ("true", "boards_measured", "found", "missed", "false", "wrong_faces")
+        for key in (
+            "true",
+            "boards_measured",
+            "looked_into",
+            "found",
+            "missed",
+            "false",
+            "wrong_faces",
+        )
     }
     errors = np.array([e for r in results for e in r["errors"]])  # type: ignore[attr-defined]
     errors = 1000.0 * errors.reshape(-1, 3)
-    cells = [sensor, len(results), *total.values()]
+    doors = " / ".join(str(sum(r["doors"][k] for r in results)) for k in range(3))  # type: ignore[index]
+    cells = [sensor, len(results), *total.values(), doors]
     for k, limit in enumerate((10.0, 20.0, 20.0)):
         off = np.abs(errors[:, k])
         inside = f"{(off <= limit).mean():.0%}" if len(off) else ""

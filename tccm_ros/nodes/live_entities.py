@@ -83,7 +83,7 @@ def _compartment(space: MapCompartment) -> dict[str, Any]:
     front = middle + 0.5 * space.width * np.array([R[:, 1], -R[:, 1]])
     lengths = space.width, space.depth, space.height
     faces = space.left, space.right, space.back, space.ceiling
-    return compartment_entity(space.board_id, front, R[:, 0], lengths, faces)
+    return compartment_entity(space.board_id, front, R[:, 0], lengths, faces, space.open_parts)
 
 
 def _world(

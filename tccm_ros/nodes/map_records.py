@@ -12,6 +12,7 @@ from tccm_interfaces.msg import Compartment, FoundObject, Localisation, SurfaceE
 from tccm_interfaces.srv import CheckBox
 
 from tccm_ros.arrays import Float64
+from tccm_ros.racks.compartment import OpenPart
 from tccm_ros.records.building import pose_from_message, stamp_ns_from_message
 
 
@@ -174,6 +175,8 @@ class MapCompartment:
         Clear lengths, m.
     left, right, back, ceiling
         ``measured``, ``open`` or ``unknown``.
+    open_parts
+        Boxes around doors and drawers that stand open before its front.
     message
         All that is known: tccm_interfaces/Compartment.
     """
@@ -188,6 +191,7 @@ class MapCompartment:
     right: str
     back: str
     ceiling: str
+    open_parts: tuple[OpenPart, ...]
     message: Any
 
     @classmethod
@@ -197,8 +201,10 @@ class MapCompartment:
             side: FACE_STATES.get(getattr(message, side), "unknown")
             for side in ("left", "right", "back", "ceiling")
         }
+        boxes = zip(message.open_parts, message.open_part_sizes)
+        parts = tuple(OpenPart(pose_from_message(T), _vector(size)) for T, size in boxes)
         front = pose_from_message(message.front)
-        return _record(cls, message, T_map_front=front, **faces)
+        return _record(cls, message, T_map_front=front, open_parts=parts, **faces)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -67,6 +67,21 @@ class SpaceGrid:
     hit: Bool
 
 
+class OpenPart(NamedTuple):
+    """A part that stands open before a front, as a door or a drawer.
+
+    Attributes
+    ----------
+    T_map_part
+        float64 (4, 4), pose of the centre of its box; x is along its longer horizontal side, z up.
+    size
+        float64 (3,), edges of the box, m.
+    """
+
+    T_map_part: Float64
+    size: Float64
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Compartment:
     """The space over a board, or over a part of it.
@@ -91,6 +106,8 @@ class Compartment:
         Fraction of its front through which beams passed, 0 to 1.
     space
         Free, occupied and unseen space in it.
+    open_parts
+        Doors and drawers that stand open before its front, from left to right.
     """
 
     rack: int
@@ -106,6 +123,7 @@ class Compartment:
     ceiling: FaceState
     front_seen: float
     space: SpaceGrid
+    open_parts: tuple[OpenPart, ...] = ()
 
     @property
     def front(self) -> Float64:

@@ -21,6 +21,7 @@ from tccm_ros.racks.ceilings import MIN_FILLED, BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
 from tccm_ros.racks.faces import Face, SeenFace, look_at
 from tccm_ros.racks.hits import Hits, HitsInMap
+from tccm_ros.racks.open_parts import open_parts
 from tccm_ros.racks.seen_space import seen_space
 from tccm_ros.records import Surface
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -63,7 +64,7 @@ def find_compartments(
     if not boards or not views:
         return ()
     outlines = np.array([_outline(board) for board in boards], dtype=object)
-    hits, found = HitsInMap(views), []
+    hits, every, found = HitsInMap(views), shapely.union_all(outlines), []
     for stack in _stacks(outlines):
         around = shapely.union_all(outlines[stack])
         own, near = _whole([boards[k] for k in stack]), hits.near(around, NEAR_RACK)
@@ -74,7 +75,9 @@ def find_compartments(
         spaces = [c for board in own for c in _over(board, own, near, of)]
         if spaces:
             lowest = min(spaces, key=lambda c: float(c.T_map_front[2, 3]))
-            found += [replace(c, rack=lowest.board) for c in spaces]
+            for space in spaces:
+                parts = open_parts(space, near, every)
+                found.append(replace(space, rack=lowest.board, open_parts=parts))
     return tuple(sorted(found, key=lambda c: (c.rack, float(c.T_map_front[2, 3]), c.board)))
 
 

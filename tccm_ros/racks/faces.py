@@ -64,7 +64,7 @@ class SeenFace:
         Median offset of hits along its outward normal, m; 0 if no beam ended on it.
     bar
         Lower end of the lowest bar across it, as of a board's front, over its lower edge, m; inf
-        without one. A bar is measured, the face is open as a whole and below it.
+        without one. A bar is measured, the face is open below it.
     """
 
     measured: float
@@ -122,9 +122,7 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     passed &= ~measured
     inside = on & (np.abs(ends[:, 1]) < 0.5 * face.width) & (np.abs(ends[:, 2]) < face.height)
     offset = float(np.median(ends[inside, 0])) if inside.any() else 0.0
-    row, bar = None, np.inf
-    if _state(measured.mean(), passed.mean()) == FaceState.OPEN:
-        row = _bar(measured, passed)
+    row, bar = _bar(measured, passed), np.inf
     if row is not None:
         columns, rows = np.floor((ends[inside, 1:] - corner) / size).astype(np.int64).T
         in_bar = (rows >= row) & (rows < row + 2) & ~measured[columns, row - 1]
@@ -134,13 +132,14 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
 
 
 def _bar(measured: Bool, passed: Bool) -> int | None:
-    """Return the lowest row of cells that is measured above an open one; None without one.
+    """Return the lowest row of cells that is measured above an open part; None without one.
 
-    Posts, which are measured in the row below as well, are not counted.
+    Posts, which are measured in the row below as well, are not counted. The part above the bar may
+    be out of the field of view.
     """
     for k in range(1, measured.shape[1]):
-        below, row = measured[:, k - 1], measured[:, k] & ~measured[:, k - 1]
-        is_open = _state(below.mean(), passed[:, k - 1].mean()) == FaceState.OPEN
+        below, row = measured[:, :k], measured[:, k] & ~measured[:, k - 1]
+        is_open = _state(below.mean(), passed[:, :k].mean()) == FaceState.OPEN
         if is_open and _state(row.mean(), passed[:, k].mean()) == FaceState.MEASURED:
             return k
     return None

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.geometry import transform
+from tccm_ros.racks.compartment import OpenPart
 
 ARROW = 0.16
 """Length of the arrow into a compartment, m; chosen: it is visible beside the edges."""
@@ -41,3 +45,16 @@ def box_edges(front: Float64, insertion: Float64, depth: float, height: float) -
     )
     arrow = np.stack([starts, np.broadcast_to(tip, (3, 3))], axis=1)
     return np.concatenate([*edges, np.stack([low, high], axis=1), arrow])
+
+
+def part_edges(parts: Sequence[OpenPart]) -> Float64:
+    """Return line segments of the edges of the boxes of open parts, float64 (12 N, 2, 3), m."""
+    unit = np.array(
+        [[x, y, z] for z in (-0.5, 0.5) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    )
+    unit[:, :2] *= 0.5
+    starts = np.array([0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3])
+    ends = np.array([1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7])
+    corners = [transform(part.T_map_part, unit * part.size) for part in parts]
+    edges = [np.stack([c[starts], c[ends]], axis=1) for c in corners]
+    return np.concatenate([np.zeros((0, 2, 3)), *edges])

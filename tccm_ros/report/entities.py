@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
-from tccm_ros.racks.outline import box_edges
+from tccm_ros.racks.compartment import OpenPart
+from tccm_ros.racks.outline import box_edges, part_edges
 
 
 def rounded(values: ArrayLike, digits: int = 3) -> list[float]:
@@ -76,6 +77,7 @@ def compartment_entity(
     insertion: Float64,
     lengths: tuple[float, float, float],
     faces: Sequence[str],
+    parts: Sequence[OpenPart],
     digits: int = 3,
 ) -> dict[str, Any]:
     """Return a compartment of a rack.
@@ -92,12 +94,14 @@ def compartment_entity(
         Width, depth and height, m.
     faces
         States of its left, right, back and ceiling.
+    parts
+        Doors and drawers that stand open before its front.
     digits
         Decimals of all numbers.
     """
     width, depth, height = lengths
     left, right, back, ceiling = faces
-    edges = box_edges(front, insertion, depth, height)
+    edges = np.concatenate([box_edges(front, insertion, depth, height), part_edges(parts)])
     return {
         "board": board,
         "width": round(float(width), digits),
@@ -106,5 +110,6 @@ def compartment_entity(
         "sides": [left, right],
         "back": back,
         "ceiling": ceiling,
+        "open_parts": len(parts),
         "edges": [[rounded(end, digits) for end in ends] for ends in edges],
     }

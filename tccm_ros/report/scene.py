@@ -149,7 +149,10 @@ def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
 def _compartment(space: CompartmentEntry) -> dict[str, Any]:
     lengths = space.width, space.depth, space.height
     faces = [face.value for face in (space.left, space.right, space.back, space.ceiling)]
-    return compartment_entity(space.board, space.front, space.insertion, lengths, faces, DIGITS)
+    parts = [entry.part for entry in space.open_parts]
+    return compartment_entity(
+        space.board, space.front, space.insertion, lengths, faces, parts, DIGITS
+    )
 
 
 def _path(pack: ArrayPack, results: Results) -> dict[str, Any]:

@@ -115,7 +115,8 @@ def racks_table(results: Results) -> str:
         lengths = [f"{length:.3f}" for length in (space.height, space.width, space.depth)]
         faces = [f.value for f in (space.left, space.right, space.back, space.ceiling)]
         front = f"{space.front_seen:.0%}"
-        rows.append((space.rack, space.board, above, bottom, *lengths, *faces, front))
+        parts = len(space.open_parts)
+        rows.append((space.rack, space.board, above, bottom, *lengths, *faces, front, parts))
     head = (
         "rack",
         "board",
@@ -129,8 +130,9 @@ def racks_table(results: Results) -> str:
         "back",
         "ceiling",
         "front seen",
+        "standing open",
     )
-    return table(head, rows, numbers=(0, 1, 2, 3, 4, 5, 6, 11))
+    return table(head, rows, numbers=(0, 1, 2, 3, 4, 5, 6, 11, 12))
 
 
 def signs_table(results: Results) -> str:

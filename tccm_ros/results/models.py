@@ -18,8 +18,9 @@ import shapely
 from pydantic import ConfigDict, PlainValidator, WithJsonSchema
 
 from tccm_ros.arrays import Float64
+from tccm_ros.geometry import planar, spatial
 from tccm_ros.mapping.tccm import CycleResult
-from tccm_ros.racks.compartment import Compartment, FaceState
+from tccm_ros.racks.compartment import Compartment, FaceState, OpenPart
 from tccm_ros.records import (
     EdgeState,
     Keyframe,
@@ -486,6 +487,38 @@ def _object_entry(item: SceneObject) -> ObjectEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OpenPartEntry:
+    """A part that stands open before a compartment, as a door or a drawer, in map.
+
+    Attributes
+    ----------
+    center
+        float64 (3,), middle of its box, m.
+    size
+        float64 (3,), edges along its own x, y and z, m.
+    yaw
+        Yaw of its x axis, rad.
+    """
+
+    center: Vector
+    size: Vector
+    yaw: float
+
+    @classmethod
+    def of(cls, part: OpenPart) -> OpenPartEntry:
+        """Return the entry of a part."""
+        yaw = float(planar(part.T_map_part)[2])
+        return cls(part.T_map_part[:3, 3], part.size, yaw)
+
+    @property
+    def part(self) -> OpenPart:
+        """The part."""
+        T = spatial(np.array([*self.center[:2], self.yaw]))
+        T[2, 3] = self.center[2]
+        return OpenPart(T, self.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CompartmentEntry:
     """The space over a board or a part of it, accessible from its front, in map.
 
@@ -509,6 +542,8 @@ class CompartmentEntry:
         too few beams.
     front_seen
         Fraction of the front through which beams passed, 0 to 1.
+    open_parts
+        Boxes around doors and drawers that stand open before the front, from left to right.
     """
 
     rack: int
@@ -524,11 +559,13 @@ class CompartmentEntry:
     back: FaceState
     ceiling: FaceState
     front_seen: float
+    open_parts: tuple[OpenPartEntry, ...] = ()
 
     @classmethod
     def of(cls, compartment: Compartment) -> CompartmentEntry:
         """Return the entry of a compartment."""
-        return _entry(cls, compartment, insertion=compartment.T_map_front[:3, 0])
+        parts = tuple(map(OpenPartEntry.of, compartment.open_parts))
+        return _entry(cls, compartment, insertion=compartment.T_map_front[:3, 0], open_parts=parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

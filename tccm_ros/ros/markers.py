@@ -17,7 +17,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.racks.compartment import Compartment
-from tccm_ros.racks.outline import box_edges
+from tccm_ros.racks.outline import box_edges, part_edges
 from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import (
     ARROW,
@@ -127,10 +127,11 @@ def surface_markers(context: MessageContext, surfaces: Iterable[Surface]) -> lis
 
 
 def compartment_markers(context: MessageContext, compartments: Iterable[Compartment]) -> list[Any]:
-    """Return the edges of compartments, with an arrow into each through its front."""
+    """Return the edges of compartments and of parts that stand open, with arrows inwards."""
     markers = []
     for index, space in enumerate(compartments):
         edges = box_edges(space.front, space.T_map_front[:3, 0], space.depth, space.height)
+        edges = np.concatenate([edges, part_edges(space.open_parts)])
         points = marker_points(context.types, edges.reshape(-1, 3))
         width, color = (0.006, 0.0, 0.0), identity_color(space.board)
         markers.append(

@@ -310,6 +310,8 @@ def compartment_message(types: MessageTypes, space: Compartment) -> Any:
         right=FACE_STATES[space.right],
         back=FACE_STATES[space.back],
         ceiling=FACE_STATES[space.ceiling],
+        open_parts=[pose_message(types, part.T_map_part) for part in space.open_parts],
+        open_part_sizes=[_vector(types, part.size) for part in space.open_parts],
     )
 
 

@@ -113,7 +113,8 @@ def structure_shapes(
     surfaces
         Surfaces of the map. A board whose lower side was measured has its measured thickness.
     compartments
-        Their sides, backs and ceilings without a surface are panels behind the measured faces.
+        Their sides, backs and ceilings without a surface are panels behind the measured faces;
+        doors and drawers that stand open are boxes.
     """
     known = [surface for surface in surfaces if surface.label != "floor"]
     heights = {surface.id: surface.height for surface in known}
@@ -131,6 +132,8 @@ def structure_shapes(
         name = f"{PANEL_PREFIX}{space.board}_{parts[space.board]}"
         parts[space.board] += 1
         shapes |= {f"{name}_{face}": box for face, box in _panels(space)}
+        for k, part in enumerate(space.open_parts):
+            shapes[f"{name}_open_{k}"] = Box(part.T_map_part, part.size)
     return shapes
 
 

@@ -203,6 +203,39 @@ def same_space(found, spaces, T_map_world):
     return None
 
 
+class Doors(NamedTuple):
+    """Counts of open doors before compartments: found ones, true ones, and parts that are none."""
+
+    found: int
+    true: int
+    false: int
+
+
+DOOR_MIDDLE = 0.05
+"""Maximum distance of the middle of a part from that of a door, m: only a part of it is before the
+compartment."""
+
+
+def open_doors(rack, compartments, T_map_world):
+    """Return the counts of open doors: those whose middles are before the front."""
+    doors = [T_map_world @ s.T_world_solid for s in rack.world.scene.solids if s.name == "door"]
+    found = true = false = 0
+    for space in compartments:
+        T = inverse(space.T_map_front)
+        places = [(T @ door)[:3, 3] for door in doors]
+        before = [
+            (x, y) for x, y, z in places
+            if x < 0.0 and abs(y) < 0.5 * space.width and 0.0 < z < space.height
+        ]  # fmt: skip
+        parts = [(T @ part.T_map_part)[:2, 3] for part in space.open_parts]
+        near = np.array([[np.hypot(*(a - b)) < DOOR_MIDDLE for b in before] for a in parts])
+        near = near.reshape(len(parts), len(before))
+        found += int(near.any(axis=0).sum())
+        true += len(before)
+        false += int((~near.any(axis=1)).sum())
+    return Doors(found, true, false)
+
+
 class Insertions(NamedTuple):
     """Counts of random insertions: free and visible ones, those of them that are offered, offered
     ones that intersect a solid, and sample points in offered ones."""
@@ -222,6 +255,10 @@ MAX_EYES = 12
 VISIBLE = 0.97
 """Minimum fraction of visible points of a visible swept box."""
 
+FRONT, CEILING_SEEN = 0.3, 0.5
+"""Minimum fractions of visible points of the front of a space that was looked into (a door may hide
+half of it), and of the front or the lower side of the board above it."""
+
 
 def insertions(rack, outcome, T_map_world, count, seed):
     """Return the counts of random insertions, compared with the solids.
@@ -231,8 +268,7 @@ def insertions(rack, outcome, T_map_world, count, seed):
     """
     rng = np.random.default_rng(seed)
     frozen, tally = rack.world.scene.freeze(), np.zeros(4, int)
-    rig = with_options(rack.world.rig, rack.options)
-    eyes = _eyes(rig, outcome, T_map_world)
+    rig, eyes = _eyes(rack, seed, outcome, T_map_world)
     for found in outcome.solution.compartments:
         true = same_space(found, rack.spaces, T_map_world)
         if true is None:
@@ -248,9 +284,8 @@ def insertions(rack, outcome, T_map_world, count, seed):
                 continue
             room = _swept(rng, middle, size, hand, CLEARANCE, 2000)
             room = transform(true.T_world_front, room)
-            is_free = not inside(frozen.solids, room).any() and _visible(
-                frozen, rig, eyes, room[:60]
-            )
+            is_free = not inside(frozen.solids, room).any()
+            is_free = is_free and _visible(frozen, rig, eyes, room[:60]).mean() >= VISIBLE
             at = transform(inverse(T_world_found) @ true.T_world_front, [[*middle, 0.0]])[0, :2]
             grown = size + np.array([2.0, 2.0, 1.0]) * CLEARANCE
             wide = Hand(hand.width + 2 * CLEARANCE, hand.height + CLEARANCE)
@@ -262,6 +297,24 @@ def insertions(rack, outcome, T_map_world, count, seed):
                 tally[2] += inside(frozen.solids, points).any()
                 tally[3] += len(points)
     return Insertions(*tally.tolist())
+
+
+def looked_into(rack, outcome, T_map_world, seed):
+    """Return of which spaces the front, and the board above it, were visible, a list of bool."""
+    rng, frozen = np.random.default_rng(seed), rack.world.scene.freeze()
+    rig, eyes = _eyes(rack, seed, outcome, T_map_world)
+
+    def fraction(space, x, z):
+        y = rng.uniform(-0.5, 0.5, 400) * space.width
+        points = np.column_stack(np.broadcast_arrays(x, y, z))
+        return _visible(frozen, rig, eyes, transform(space.T_world_front, points)).mean()
+
+    def is_visible(space):
+        x, z = rng.uniform(0.0, (space.depth, space.height), (400, 2)).T
+        above = fraction(space, -ASIDE, space.height + ASIDE), fraction(space, x, space.height)
+        return fraction(space, -ASIDE, z) >= FRONT and max(above) >= CEILING_SEEN
+
+    return [is_visible(space) for space in rack.spaces]
 
 
 def cuts(rack, space, T_map_world, place, request, count=2000):
@@ -285,16 +338,22 @@ def _is_offered(space, middle, size, hand):
     return depth >= x + 0.5 * size[0]
 
 
-def _eyes(rig, outcome, T_map_world):
-    """Return the sensor poses of the views with most hits, in the world.
+def _eyes(rack, seed, outcome, T_map_world):
+    """Return the rig, and the true poses of its camera at all images.
 
-    Their rotation is that of the lidar; where there is none, that of the base.
+    Of other sensors those of the views with most hits, whose rotation is that of the lidar, or of
+    the base.
     """
+    rig = with_options(rack.world.rig, rack.options)
+    if rig.camera is not None:
+        simulation = Simulation(rack.world, seed, rack.options)
+        times = np.arange(0.0, rack.world.duration, rig.camera.period)
+        return rig, list(simulation.sensor_poses(rig.camera_frame, times))
     views, poses = outcome.slam.map.views, outcome.solution.view_poses.T_map_view
     seen = [(-len(v.hits), k) for k, v in enumerate(views) if v.viewpoint is not None]
     mounts = [joint for joint in rig.joints if rig.lidar and joint.child == rig.lidar_frame]
     turned = mounts[0].rpy if mounts else (0.0, 0.0, 0.0)
-    return [
+    return rig, [
         inverse(T_map_world) @ poses[k] @ pose_from_rpy([*views[k].viewpoint.tolist(), *turned])
         for _, k in sorted(seen)[:MAX_EYES]
     ]
@@ -317,18 +376,34 @@ def inside(solids, points, grown=0.0):
     return found
 
 
+ASIDE = 0.003
+"""Distance of a visible point from a solid behind it, m: more than the errors of rays."""
+
+
 def _visible(frozen, rig, eyes, points):
-    """Return whether nearly all points are visible: not occluded, and between a lidar's rings."""
+    """Return which points (N, 3) are visible from a sensor: in its view, and not hidden."""
     seen = np.zeros(len(points), bool)
     for T_world_sensor in eyes:
-        eye = T_world_sensor[:3, 3]
-        way = points - eye
+        rest = np.flatnonzero(~seen)
+        rest = rest[_in_view(rig, transform(inverse(T_world_sensor), points[rest]))]
+        if not len(rest):
+            continue
+        way = points[rest] - T_world_sensor[:3, 3]
         ranges = np.linalg.norm(way, axis=1)
-        origins = np.repeat(eye[None], len(points), axis=0)
-        hits, _ = frozen.cast(origins, way / ranges[:, None], np.zeros(len(points)))
-        inside = hits > ranges
-        if rig.lidar:
-            elevation = np.arcsin(way @ T_world_sensor[:3, 2] / ranges)
-            inside &= np.abs(elevation) <= max(rig.lidar.elevations)
-        seen |= inside
-    return seen.mean() >= VISIBLE
+        origins = np.repeat(T_world_sensor[None, :3, 3], len(rest), axis=0)
+        hits, _ = frozen.cast(origins, way / ranges[:, None], np.zeros(len(rest)))
+        seen[rest[hits > ranges - ASIDE]] = True
+    return seen
+
+
+def _in_view(rig, points):
+    """Return which points (N, 3) in the frame of a sensor are in its field of view and range."""
+    x, y, z = points.T
+    if rig.camera is not None:
+        camera = rig.camera
+        is_ahead = (z > camera.range_min) & (z < camera.range_max)
+        u, v = camera.focal * np.abs([x, y]) / np.where(is_ahead, z, 1.0)
+        return is_ahead & (u < 0.5 * camera.width) & (v < 0.5 * camera.height)
+    if rig.lidar is not None:
+        return np.abs(np.arctan2(z, np.hypot(x, y))) <= max(rig.lidar.elevations)
+    return np.ones(len(points), bool)

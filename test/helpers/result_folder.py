@@ -29,6 +29,7 @@ from tccm_ros.results.models import (
     LoopEntry,
     ObjectEntry,
     ObjectsFile,
+    OpenPartEntry,
     PlacementEntry,
     PlacementsEntry,
     PlaneEntry,
@@ -198,6 +199,7 @@ def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) 
     space = CompartmentEntry(
         3, 3, None, front, np.array([0.0, 1.0, 0.0]), 0.5, 0.3, 0.35, FaceState.MEASURED,
         FaceState.OPEN, FaceState.UNKNOWN, FaceState.MEASURED, 0.9,
+        (OpenPartEntry(front[0], np.array([0.25, 0.02, 0.3]), 1.2),),
     )  # fmt: skip
     write_json(folder / "racks.json", RacksFile((space,)))
     write_json(folder / "labels.json", LabelsFile(labels=(LabelEntry(3, "table"),)))

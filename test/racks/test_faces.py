@@ -62,6 +62,23 @@ def test_a_board_across_an_open_face_is_a_bar_with_its_lower_end():
     assert face.bar == pytest.approx(0.33)  # the lowest beam that ends on it
 
 
+def test_a_bar_is_found_although_nothing_above_it_is_in_view():
+    """The top board of a rack is at the upper end of a camera's image."""
+    is_board = (GRID[:, 1] > 0.21) & (GRID[:, 1] < 0.26)
+    ends = np.where(is_board, 2.0, 2.4)
+    ends[GRID[:, 1] > 0.26] = np.inf
+    face = seen(ends)
+    assert face.state == FaceState.OPEN
+    assert face.bar == pytest.approx(0.21)
+    assert face.passed > 0.9
+
+
+def test_nothing_below_a_bar_is_in_view_so_it_is_none():
+    ends = np.where((GRID[:, 1] > 0.31) & (GRID[:, 1] < 0.36), 2.0, 2.4)
+    ends[GRID[:, 1] < 0.31] = np.inf
+    assert seen(ends).bar == np.inf
+
+
 def test_a_wall_and_a_leaf_from_below_are_no_bars():
     assert seen(np.full(len(GRID), 2.0)).bar == np.inf
     assert seen(np.where(GRID[:, 1] < 0.36, 2.0, 2.4)).bar == np.inf

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from tccm_ros.racks.outline import ARROW, box_edges
+from tccm_ros.geometry import spatial
+from tccm_ros.racks.compartment import OpenPart
+from tccm_ros.racks.outline import ARROW, box_edges, part_edges
 
 FRONT = np.array([[1.0, 2.0, 0.5], [1.0, 1.2, 0.5]])
 INWARD = np.array([1.0, 0.0, 0.0])
@@ -20,3 +22,15 @@ def test_the_edges_are_those_of_the_box_and_an_arrow_that_ends_at_its_front():
     np.testing.assert_allclose(arrow[:, 1], np.tile([1.0, 1.6, 0.5], (3, 1)))
     np.testing.assert_allclose(arrow[0, 0], [1.0 - ARROW, 1.6, 0.5])
     assert (arrow[:, 0, 0] < 1.0).all()
+
+
+def test_an_open_part_has_the_twelve_edges_of_its_box():
+    door = OpenPart(spatial(np.array([1.0, 2.0, 0.5 * np.pi])), np.array([0.4, 0.02, 0.3]))
+    edges = part_edges([door])
+    lengths = np.sort(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1))
+    np.testing.assert_allclose(lengths, [0.02] * 4 + [0.3] * 4 + [0.4] * 4)
+    corners = edges.reshape(-1, 3)
+    np.testing.assert_allclose(corners.min(axis=0), [0.99, 1.8, -0.15])
+    np.testing.assert_allclose(corners.max(axis=0), [1.01, 2.2, 0.15])
+    assert len(np.unique(corners.round(9), axis=0)) == 8
+    assert part_edges([]).shape == (0, 2, 3)

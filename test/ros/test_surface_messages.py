@@ -7,7 +7,7 @@ from outlined_surfaces import surface
 from shapely.geometry import box
 
 from tccm_ros.geometry import spatial
-from tccm_ros.racks.compartment import Compartment, FaceState, SpaceGrid
+from tccm_ros.racks.compartment import Compartment, FaceState, OpenPart, SpaceGrid
 from tccm_ros.racks.insertions import Access, AccessState
 from tccm_ros.records import EdgeState, SurfaceEdge, SurfaceShape
 from tccm_ros.ros.surface_messages import (
@@ -92,13 +92,16 @@ def test_the_covariance_of_a_plane_is_nan_where_it_is_not_known(table):
     assert np.isnan(message.plane.covariance).all()
 
 
+DOOR = OpenPart(spatial(np.array([1.0, 1.5, 1.2])), np.array([0.4, 0.02, 0.3]))
+
+
 def space():
-    """A compartment that is open to the right, with an unknown back."""
+    """A compartment that is open to the right, with an unknown back, and a door before it."""
     cells = np.zeros((1, 1, 1), bool)
     return Compartment(
         2, 3, None, spatial(np.array([1.0, 2.0, 0.5])), 0.8, 0.3, 0.35, FaceState.MEASURED,
         FaceState.OPEN, FaceState.UNKNOWN, FaceState.MEASURED, 0.9,
-        SpaceGrid(np.zeros(3), 0.03, cells, cells),
+        SpaceGrid(np.zeros(3), 0.03, cells, cells), (DOOR,),
     )  # fmt: skip
 
 
@@ -115,6 +118,10 @@ def test_a_compartment_tells_its_lengths_its_front_and_what_is_known_of_each_fac
     faces = message.left, message.right, message.back, message.ceiling
     known = message.FACE_MEASURED, message.FACE_OPEN, message.FACE_UNKNOWN, message.FACE_MEASURED
     assert faces == known
+    (part,), (size,) = message.open_parts, message.open_part_sizes
+    np.testing.assert_allclose([part.position.x, part.position.y], [1.0, 1.5])
+    assert part.orientation.z == pytest.approx(np.sin(0.6))
+    assert (size.x, size.y, size.z) == (0.4, 0.02, 0.3)
     for state, number in FACE_STATES.items():
         assert getattr(message, f"FACE_{state.name}") == number
 
@@ -142,6 +149,9 @@ def test_clients_read_compartments_and_found_objects_as_plain_objects():
     assert (read.width, read.depth, read.height) == (0.8, 0.3, 0.35)
     faces = (read.left, read.right, read.back, read.ceiling)
     assert faces == ("measured", "open", "unknown", "measured")
+    (door,) = read.open_parts
+    np.testing.assert_allclose(door.T_map_part, DOOR.T_map_part, atol=1e-12)
+    np.testing.assert_allclose(door.size, DOOR.size)
     item = object_message(types, STAMP, "map", SceneObject(5, 1, np.ones(3), np.ones(3), 0.0))
     access = Access(AccessState.FREE), Access(AccessState.BLOCKED, (6,))
     found = MapFoundObject.of(found_object_message(types, item, *access))

@@ -4,8 +4,9 @@ Usage: python bench/bench_scene.py [--seeds 4] [--sensors laser camera]
 
 A hand and a forearm are placed near each solid and each shape, and a collision library (coal, which
 pin installs) measures their distances from both. `outside`: how deep they are in a solid where the
-scene has nothing; `lost`: how deep in a shape where there is no solid. The solids are those whose
-tops the map has, and objects in it.
+scene has nothing; `lost`: how deep in a shape where there is no solid. `seen points`: how far
+visible points of the solids are outside of the scene. The solids are those whose tops the map
+has, and objects in it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,14 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "test" / "helpers")]
 
 from random_flats import random_flat  # noqa: E402
-from sampled_arm import clearances, mapped_solids, placed_shapes, placed_solids  # noqa: E402
+from sampled_arm import (  # noqa: E402
+    clearances,
+    mapped_solids,
+    placed_shapes,
+    placed_solids,
+    seen_outside,
+)
+from sensor_sight import Sight  # noqa: E402
 
 from tccm_ros.arrays import Float64  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
@@ -43,6 +51,9 @@ STOPS = slice(0, 5)
 
 ARMS = 2000
 """Arms for each row and flat."""
+
+POINTS = 400
+"""Points on each solid."""
 
 BOARD = 0.06
 """A solid of furniture that is thicker has a body below its top, m."""
@@ -63,7 +74,8 @@ def measure(seed: int, sensor: str) -> Depths:
     config = config.model_copy(update={"surfaces": surfaces})
     with tempfile.TemporaryDirectory() as folder:
         bag = record(simulation, Path(folder) / "bag")
-        solution = run_bag(bag, config).solution
+        outcome = run_bag(bag, config)
+    solution = outcome.solution
     T, solids = map_from_world(simulation), world.scene.solids
     contents = solution.surfaces, solution.objects, solution.compartments
     known = placed_shapes(scene_shapes(*contents))
@@ -79,6 +91,10 @@ def measure(seed: int, sensor: str) -> Depths:
         if chosen:
             true = placed_solids(chosen, T)
             rows[name] = clearances(scene, true, true, ARMS).outside()
+    sight = Sight(world, options, seed, outcome, T)
+    for name, chosen in (("seen points: boards, tops", boards), ("seen points: objects", objects)):
+        if chosen:
+            rows[name] = seen_outside(chosen, known, sight, T, POINTS)
     every = placed_solids([s for s in solids if s.role != "ceiling"], T)
     for name, shapes in (
         ("lost: surfaces", scene_shapes(solution.surfaces, [])),

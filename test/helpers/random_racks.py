@@ -6,9 +6,10 @@ from math import cos, pi, sin
 from typing import NamedTuple
 
 import numpy as np
+from sensor_sight import SKIN, Sight
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import inverse, pose_from_rpy, transform
+from tccm_ros.geometry import inverse, transform
 from tccm_ros.racks.insertions import APPROACH, Hand, InsertionSpace
 from tccm_ros.replay.run import run_bag
 from tccm_sim.engine import Simulation
@@ -19,7 +20,6 @@ from tccm_sim.recording import record
 from tccm_sim.rooms import CEILING
 from tccm_sim.scene import Scene
 from tccm_sim.truth import map_from_world
-from tccm_sim.world import with_options
 
 SENSORS = {
     "laser": {},
@@ -249,9 +249,6 @@ class Insertions(NamedTuple):
 CLEARANCE = 0.02
 """Clearance around swept boxes, m: the default of `PlacementRequest`."""
 
-MAX_EYES = 12
-"""Maximum number of sensor positions in the visibility test: further ones add nothing."""
-
 VISIBLE = 0.97
 """Minimum fraction of visible points of a visible swept box."""
 
@@ -268,7 +265,7 @@ def insertions(rack, outcome, T_map_world, count, seed):
     """
     rng = np.random.default_rng(seed)
     frozen, tally = rack.world.scene.freeze(), np.zeros(4, int)
-    rig, eyes = _eyes(rack, seed, outcome, T_map_world)
+    sight = Sight(rack.world, rack.options, seed, outcome, T_map_world)
     for found in outcome.solution.compartments:
         true = same_space(found, rack.spaces, T_map_world)
         if true is None:
@@ -285,7 +282,7 @@ def insertions(rack, outcome, T_map_world, count, seed):
             room = _swept(rng, middle, size, hand, CLEARANCE, 2000)
             room = transform(true.T_world_front, room)
             is_free = not inside(frozen.solids, room).any()
-            is_free = is_free and _visible(frozen, rig, eyes, room[:60]).mean() >= VISIBLE
+            is_free = is_free and sight.sees(room[:60]).mean() >= VISIBLE
             at = transform(inverse(T_world_found) @ true.T_world_front, [[*middle, 0.0]])[0, :2]
             grown = size + np.array([2.0, 2.0, 1.0]) * CLEARANCE
             wide = Hand(hand.width + 2 * CLEARANCE, hand.height + CLEARANCE)
@@ -301,18 +298,18 @@ def insertions(rack, outcome, T_map_world, count, seed):
 
 def looked_into(rack, outcome, T_map_world, seed):
     """Return of which spaces the front, and the board above it, were visible, a list of bool."""
-    rng, frozen = np.random.default_rng(seed), rack.world.scene.freeze()
-    rig, eyes = _eyes(rack, seed, outcome, T_map_world)
+    rng = np.random.default_rng(seed)
+    sight = Sight(rack.world, rack.options, seed, outcome, T_map_world)
 
     def fraction(space, x, z):
         y = rng.uniform(-0.5, 0.5, 400) * space.width
         points = np.column_stack(np.broadcast_arrays(x, y, z))
-        return _visible(frozen, rig, eyes, transform(space.T_world_front, points)).mean()
+        return sight.sees(transform(space.T_world_front, points)).mean()
 
     def is_visible(space):
         x, z = rng.uniform(0.0, (space.depth, space.height), (400, 2)).T
-        above = fraction(space, -ASIDE, space.height + ASIDE), fraction(space, x, space.height)
-        return fraction(space, -ASIDE, z) >= FRONT and max(above) >= CEILING_SEEN
+        above = fraction(space, -SKIN, space.height + SKIN), fraction(space, x, space.height)
+        return fraction(space, -SKIN, z) >= FRONT and max(above) >= CEILING_SEEN
 
     return [is_visible(space) for space in rack.spaces]
 
@@ -338,27 +335,6 @@ def _is_offered(space, middle, size, hand):
     return depth >= x + 0.5 * size[0]
 
 
-def _eyes(rack, seed, outcome, T_map_world):
-    """Return the rig, and the true poses of its camera at all images.
-
-    Of other sensors those of the views with most hits, whose rotation is that of the lidar, or of
-    the base.
-    """
-    rig = with_options(rack.world.rig, rack.options)
-    if rig.camera is not None:
-        simulation = Simulation(rack.world, seed, rack.options)
-        times = np.arange(0.0, rack.world.duration, rig.camera.period)
-        return rig, list(simulation.sensor_poses(rig.camera_frame, times))
-    views, poses = outcome.slam.map.views, outcome.solution.view_poses.T_map_view
-    seen = [(-len(v.hits), k) for k, v in enumerate(views) if v.viewpoint is not None]
-    mounts = [joint for joint in rig.joints if rig.lidar and joint.child == rig.lidar_frame]
-    turned = mounts[0].rpy if mounts else (0.0, 0.0, 0.0)
-    return rig, [
-        inverse(T_map_world) @ poses[k] @ pose_from_rpy([*views[k].viewpoint.tolist(), *turned])
-        for _, k in sorted(seen)[:MAX_EYES]
-    ]
-
-
 def _swept(rng, middle, size, hand, margin, count):
     """Return points (count, 3) in a swept box, 3 mm over the board, in the frame of a front."""
     width, height = max(size[1], hand.width) + 2 * margin, max(size[2], hand.height) + margin
@@ -374,36 +350,3 @@ def inside(solids, points, grown=0.0):
         local = np.abs(transform(inverse(solid.T_world_solid), points))
         found |= (local < np.array(solid.half) + grown).all(axis=1)
     return found
-
-
-ASIDE = 0.003
-"""Distance of a visible point from a solid behind it, m: more than the errors of rays."""
-
-
-def _visible(frozen, rig, eyes, points):
-    """Return which points (N, 3) are visible from a sensor: in its view, and not hidden."""
-    seen = np.zeros(len(points), bool)
-    for T_world_sensor in eyes:
-        rest = np.flatnonzero(~seen)
-        rest = rest[_in_view(rig, transform(inverse(T_world_sensor), points[rest]))]
-        if not len(rest):
-            continue
-        way = points[rest] - T_world_sensor[:3, 3]
-        ranges = np.linalg.norm(way, axis=1)
-        origins = np.repeat(T_world_sensor[None, :3, 3], len(rest), axis=0)
-        hits, _ = frozen.cast(origins, way / ranges[:, None], np.zeros(len(rest)))
-        seen[rest[hits > ranges - ASIDE]] = True
-    return seen
-
-
-def _in_view(rig, points):
-    """Return which points (N, 3) in the frame of a sensor are in its field of view and range."""
-    x, y, z = points.T
-    if rig.camera is not None:
-        camera = rig.camera
-        is_ahead = (z > camera.range_min) & (z < camera.range_max)
-        u, v = camera.focal * np.abs([x, y]) / np.where(is_ahead, z, 1.0)
-        return is_ahead & (u < 0.5 * camera.width) & (v < 0.5 * camera.height)
-    if rig.lidar is not None:
-        return np.abs(np.arctan2(z, np.hypot(x, y))) <= max(rig.lidar.elevations)
-    return np.ones(len(points), bool)

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import coal
 import numpy as np
 import shapely
+from sensor_sight import Sight
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import pose
+from tccm_ros.geometry import pose, transform
 from tccm_ros.records import Surface
 from tccm_ros.surfaces.planning_shapes import Box, Mesh
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -20,6 +21,9 @@ LINKS = (
     (coal.Capsule(0.045, 0.25), 0.26),
 )
 """Links along the x axis of the arm, and the distances of their middles from the tip, m."""
+
+DOT = 1e-4
+"""Radius of a point for the collision library, m."""
 
 AROUND = 0.08
 """Distance of the tip from the side of a solid or a shape, at most, m."""
@@ -128,6 +132,48 @@ def clearances(
         for link, at in _links(rng, targets, count)
     ]
     return Clearances(*np.array(rows).T)
+
+
+def seen_outside(
+    solids: Sequence, scene: Sequence[Placed], sight: Sight, T_map_world: Float64, count: int
+) -> Float64:
+    """Return how far visible points on true solids are outside of a scene, float64 (K,), m.
+
+    Parameters
+    ----------
+    solids
+        Solids of the simulator.
+    scene
+        Shapes in map.
+    sight
+        Tells which points a sensor saw.
+    T_map_world
+        float64 (4, 4).
+    count
+        Number of points on each solid.
+    """
+    rng, dot = np.random.default_rng(0), coal.Sphere(DOT)
+    points = np.concatenate([_on_surface(rng, solid, count) for solid in solids])
+    place, outside = np.eye(4), []
+    for point in transform(T_map_world, points[sight.sees(points)]):
+        place[:3, 3] = point
+        outside.append(max(_distance(dot, place, scene) + DOT, 0.0))
+    return np.array(outside)
+
+
+def _on_surface(rng: np.random.Generator, solid: object, count: int) -> Float64:
+    """Return points on a box, or on side and top of an upright cylinder, in the world."""
+    half, points = np.array(solid.half), rng.uniform(-1.0, 1.0, (count, 3))
+    if solid.shape == "box":
+        areas = half.prod() / half
+        face = rng.choice(3, count, p=areas / areas.sum())
+        points[np.arange(count), face] = np.sign(points[np.arange(count), face])
+    else:
+        is_top = rng.random(count) * (half[0] + 4.0 * half[2]) < half[0]
+        radius = np.where(is_top, np.sqrt(rng.random(count)), 1.0)
+        angle, z = np.pi * points[:, 0], np.where(is_top, 1.0, points[:, 2])
+        points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+    return transform(solid.T_world_solid, points * half)
 
 
 def _links(

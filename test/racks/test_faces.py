@@ -69,7 +69,7 @@ def test_a_bar_is_found_although_nothing_above_it_is_in_view():
     ends[GRID[:, 1] > 0.26] = np.inf
     face = seen(ends)
     assert face.state == FaceState.OPEN
-    assert face.bar == pytest.approx(0.21)
+    assert face.bar == pytest.approx(0.24)  # the lowest beam that ends on it
     assert face.passed > 0.9
 
 

@@ -1,7 +1,7 @@
 """Parts that stand open before the front of a compartment: doors and drawers.
 
-They are no surfaces and no objects of the map. Each is the smallest upright box around the ends of
-beams on it.
+They are no surfaces and no objects of the map. Each is the smallest box around the ends of beams on
+it, with vertical sides.
 """
 
 from __future__ import annotations

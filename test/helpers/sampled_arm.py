@@ -162,7 +162,7 @@ def seen_outside(
 
 
 def _on_surface(rng: np.random.Generator, solid: object, count: int) -> Float64:
-    """Return points on a box, or on side and top of an upright cylinder, in the world."""
+    """Return points on a box, or on side and top of a vertical cylinder, in the world."""
     half, points = np.array(solid.half), rng.uniform(-1.0, 1.0, (count, 3))
     if solid.shape == "box":
         areas = half.prod() / half

@@ -32,7 +32,7 @@ from tccm_sim.lidars import SpinningLidar, measure_points
 from tccm_sim.motion import tilted_at_stops, wheel_odometry
 from tccm_sim.options import Options
 from tccm_sim.panels import panel_arrays
-from tccm_sim.rigid import rigid
+from tccm_sim.rigid import invert, rigid
 from tccm_sim.rigs import Joint, Rig
 from tccm_sim.scene import FrozenScene, Scene
 from tccm_sim.world import World, with_options
@@ -281,11 +281,11 @@ class Simulation:
         bearings = laser.bearings
         center = np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], axis=-1)
         max_range = laser.range_max + 1.0
-        exact, _ = self._cast(mount.frame, center, times, max_range)
+        exact = self._distances(mount.frame, center, times, max_range)
         rim = None
         if laser.mixed > 0.0:
             rays = rim_directions(bearings, laser.divergence, random)
-            rim, _ = self._cast(mount.frame, rays, times, max_range)
+            rim = self._distances(mount.frame, rays, times, max_range)
         return measure(laser, exact, rim, random)
 
     def _images(self, camera: DepthCamera, random: Generator) -> Iterator[Message]:
@@ -308,9 +308,12 @@ class Simulation:
         float64 (height, width), twice
             Depth along the optical axis, m, +inf without a hit, and cosine.
         """
-        ranges, cosines = self._cast(self.rig.camera_frame, camera.rays, np.array([time]), 100.0)
+        casts = [*self._casts(self.rig.camera_frame, camera.rays, np.array([time]), 100.0)]
+        ranges = np.array([cast.ranges for cast in casts])
+        nearest = np.argmin(ranges, axis=0), np.arange(len(camera.rays))
+        cosines = np.array([cast.cosines() for cast in casts])[nearest]
         shape = camera.height, camera.width
-        return (ranges * camera.rays[:, 2]).reshape(shape), cosines.reshape(shape)
+        return (ranges[nearest] * camera.rays[:, 2]).reshape(shape), cosines.reshape(shape)
 
     def _pictures(self, camera: ColourCamera, random: Generator) -> Iterator[Message]:
         """Yield the JPEG pictures of the colour camera, and its calibration before each."""
@@ -332,7 +335,7 @@ class Simulation:
         offsets = lidar.laser.offsets
         for start_ns in self._starts(lidar.laser.period):
             times = start_ns * 1e-9 + offsets
-            exact, _ = self._cast(self.rig.lidar_frame, lidar.rays, times, 100.0)
+            exact = self._distances(self.rig.lidar_frame, lidar.rays, times, 100.0)
             points, since_ns = measure_points(lidar, exact, random)
             cloud = PointCloud(EPOCH_NS + start_ns, self.rig.lidar_frame, points, since_ns)
             log_ns = EPOCH_NS + start_ns + round(lidar.laser.period * 1e9) + SCAN_DELAY_NS
@@ -343,10 +346,8 @@ class Simulation:
         period_ns = round(period * 1e9)
         return range(MARGIN_NS, self.duration_ns - MARGIN_NS - period_ns, period_ns)
 
-    def _cast(
-        self, frame: str, rays: Float64, times: Float64, max_range: float
-    ) -> tuple[Float64, Float64]:
-        """Return exact distances to the world or the robot along rays, and cosines of incidence.
+    def _distances(self, frame: str, rays: Float64, times: Float64, max_range: float) -> Float64:
+        """Return exact distances to the world or the robot along rays, float64 (B,), m.
 
         Parameters
         ----------
@@ -358,35 +359,49 @@ class Simulation:
             float64 (T,), s, ascending; each is the time of B / T successive rays.
         max_range
             Maximum range, m.
-
-        Returns
-        -------
-        float64 (B,), twice
-            Distances, m, and cosines of the angle of incidence at the hits.
         """
+        casts = self._casts(frame, rays, times, max_range)
+        nearest: Float64 = np.minimum.reduce([cast.ranges for cast in casts])
+        return nearest
+
+    def _casts(
+        self, frame: str, rays: Float64, times: Float64, max_range: float
+    ) -> Iterator[_Cast]:
+        """Yield the rays cast into the world, and into each link of the robot that has a body."""
         T_base_sensor = self._link_poses(frame, times)
         T_world_sensor = self.true_poses(times) @ T_base_sensor
-        ranges, cosines = _cast(self.scene, T_world_sensor, rays, times, max_range)
+        yield _cast(self.scene, T_world_sensor, rays, times, max_range)
         for link, body in self._bodies.items():
             T_link_sensor = T_base_sensor
             if link != self.rig.base:
-                T_link_sensor = np.linalg.inv(self._link_poses(link, times)) @ T_base_sensor
-            own, own_cosines = _cast(body, T_link_sensor, rays, times, max_range)
-            cosines = np.where(own < ranges, own_cosines, cosines)
-            ranges = np.minimum(ranges, own)
-        return ranges, cosines
+                T_link_sensor = invert(self._link_poses(link, times)) @ T_base_sensor
+            yield _cast(body, T_link_sensor, rays, times, max_range)
+
+
+class _Cast(NamedTuple):
+    """Rays in a scene, float64 (B, 3), with their ranges and codes as in `raycast.cast`."""
+
+    scene: FrozenScene
+    origins: Float64
+    directions: Float64
+    ranges: Float64
+    codes: Int64
+
+    def cosines(self) -> Float64:
+        """Return the cosines of the angles of incidence, float64 (B,)."""
+        return self.scene.cosines(self.origins, self.directions, self.ranges, self.codes)
 
 
 def _cast(
     scene: FrozenScene, T_scene_sensor: Float64, rays: Float64, times: Float64, max_range: float
-) -> tuple[Float64, Float64]:
-    """Return exact ranges along rays (B, 3) of a sensor's frame, and cosines of incidence."""
+) -> _Cast:
+    """Cast rays (B, 3) of a sensor's frame, as in `_distances`."""
     by_pose = rays.reshape(len(times), -1, 3)
     directions = np.einsum("tij,tbj->tbi", T_scene_sensor[:, :3, :3], by_pose).reshape(-1, 3)
     repeats = by_pose.shape[1]
     origins = np.repeat(T_scene_sensor[:, :3, 3], repeats, axis=0)
-    ranges, codes = scene.cast(origins, directions, np.repeat(times, repeats), max_range)
-    return ranges, scene.cosines(origins, directions, ranges, codes)
+    hits = scene.cast(origins, directions, np.repeat(times, repeats), max_range)
+    return _Cast(scene, origins, directions, *hits)
 
 
 def _camera_info(camera: Pinhole, stamp_ns: int, frame: str) -> CameraInfo:

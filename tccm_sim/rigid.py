@@ -47,10 +47,11 @@ def rigid(xyz: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Float64:
 
 
 def invert(T_a_b: Float64) -> Float64:
-    """Return T_b_a, float64 (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3] = T_a_b[:3, :3].T
-    T[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
+    """Return T_b_a, float64 (..., 4, 4)."""
+    T = np.zeros_like(T_a_b)
+    T[..., :3, :3] = np.swapaxes(T_a_b[..., :3, :3], -1, -2)
+    T[..., :3, 3:] = -T[..., :3, :3] @ T_a_b[..., :3, 3:]
+    T[..., 3, 3] = 1.0
     return T
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 from tccm_ros.surfaces.planning_shapes import Box, Mesh
-from tccm_ros.surfaces.scene_diff import Shapes
-from tccm_ros.surfaces.told_scene import Changes
+from tccm_ros.surfaces.told_scene import Changes, Shapes
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 

@@ -14,9 +14,6 @@ from tccm_ros.errors import MapError
 from tccm_ros.surfaces.labels import Label, SurfaceLabel
 from tccm_ros.surfaces.views import View, first_numbers
 
-CERTAIN = 1.0
-"""Confidence of a user-supplied label."""
-
 
 def label_to_give(text: str) -> SurfaceLabel:
     """Return a user-supplied label.
@@ -94,7 +91,7 @@ def with_corrections(
         Corrected labels by surface id.
     """
     return [
-        next((Label(corrected[k], CERTAIN) for k in own if k in corrected), label)
+        next((Label(corrected[k], 1.0) for k in own if k in corrected), label)
         if label.name is not SurfaceLabel.FLOOR
         else label
         for label, own in zip(labels, ids, strict=True)

@@ -23,7 +23,7 @@ from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
-from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION, probes
+from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION, looked_through, probes
 from tccm_ros.surfaces.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views import View
 
@@ -90,9 +90,6 @@ three times `edge_position.SIGMA`."""
 EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
 """`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
 a quarter of the width."""
-
-EYE_HEIGHT = 1.0
-"""Height over the base of a sensor without a known viewpoint, m; chosen."""
 
 FRONT_FRACTION = 0.7
 """Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
@@ -331,18 +328,20 @@ class EdgeSampler:
     def shared_sigma(self, edge: Edge) -> float:
         """Return the standard deviation across an edge of the systematic error of its views, m.
 
-        One sensor took all views: range errors along opposite rays cancel.
+        One sensor took all views: range errors along opposite rays cancel. Views without a known
+        position of the sensor are not included.
         """
         middle = self.surface.lift(0.5 * (edge.start + edge.end)[None])
         moved = []
         for view, T_view_map in self._inverses.items():
             eye = self.views[view].viewpoint
-            eye = np.array([0.0, 0.0, EYE_HEIGHT]) if eye is None else eye
+            if eye is None:
+                continue
             local = transform(T_view_map, middle)
             errors = systematic_errors(local, eye, self.views[view].sensor, self.config)[0]
             outward = self.T_map_view[view][:2, :3].T @ edge.outward
             moved.append(errors @ outward)
-        return float(np.linalg.norm(np.stack(moved).mean(axis=0)))
+        return float(np.linalg.norm(np.mean(moved, axis=0))) if moved else 0.0
 
     def furthest(self, edge: Edge, limit: float) -> float:
         """Return the largest distance across an edge at which the surface was measured, m.
@@ -394,15 +393,12 @@ class EdgeSampler:
         at = self.surface.lift(probes(area, self.surface.height)[:, :2])
         if not len(at):
             return False
-        through, over = np.zeros((2, len(at)), bool)
-        for view, T_map_view in zip(self.views, self.T_map_view):
-            local = transform(inverse(T_map_view), at)
-            if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
-                continue
-            through |= view.free.contains(local, FREE_MARGIN_M)
-            for above in HEIGHTS_ABOVE_M:
-                over |= view.free.contains(local + np.array([0.0, 0.0, above]), FREE_MARGIN_M)
-        return bool(through.mean() <= MAX_SEEN_FRACTION and over.mean() >= 0.5)
+        through, *over = (
+            looked_through(at + np.array([0.0, 0.0, z]), self.views, self.T_map_view, self.config)
+            for z in (0.0, *HEIGHTS_ABOVE_M)
+        )
+        is_over = np.any(over, axis=0)
+        return bool(through.mean() <= MAX_SEEN_FRACTION and is_over.mean() >= 0.5)
 
     def hides(self, edge: Edge, other: MergedSurface) -> bool:
         """Return whether a higher surface is between any view and the middle of an edge."""

@@ -17,10 +17,11 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.edge_samples import Edge
+from tccm_ros.surfaces.polygons import GRID
 
 WALL_DISTANCE = 0.12
-"""Max distance of an edge from a wall at which it may end, m; chosen: the depth that objects before
-a wall occlude."""
+"""Max distance of an edge from a wall at which it may end, and of an outline beyond a wall that
+bounds it, m; chosen: the depth that objects before a wall occlude."""
 
 WALL_YAW = np.radians(4.0)
 """Max yaw between an edge and a wall along which it may run, rad; chosen."""
@@ -28,18 +29,12 @@ WALL_YAW = np.radians(4.0)
 AT_WALL = 0.015
 """An edge within this distance of a wall ends at it, m; chosen: three standard deviations."""
 
-CROSSED = 0.08
-"""Max extent of an outline beyond a wall that bounds it, m; chosen: a distance of scan lines."""
-
 OVERHANG = 0.03
 """Max distance of the edge of a board from the front below it, m; chosen: a worktop."""
 
 CORNER_STEP = 0.25
 """Max distance by which the end of a wall may have been moved to a corner, m:
 `slam.corners.JOINED`."""
-
-SAME_POINT = 1e-6
-"""Max distance of the ends of two walls that form one corner, m; chosen: rounding."""
 
 ONE_LINE = 0.03
 """Max distance of the ends of a wall from the line of another wall that it continues, m; chosen:
@@ -71,7 +66,7 @@ def _is_crossed(outline: Polygon, wall: Float64) -> bool:
     normal = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
     beside = shapely.LineString(wall).buffer(float(outline.length), cap_style="flat")
     across = (shapely.get_coordinates(outline.intersection(beside)) - wall[0]) @ normal
-    return bool(across.min(initial=0.0) < -CROSSED and across.max(initial=0.0) > CROSSED)
+    return bool(min(-across.min(initial=0.0), across.max(initial=0.0)) > WALL_DISTANCE)
 
 
 def _walls_behind(outline: Polygon, walls: Float64) -> Iterator[Float64]:
@@ -119,7 +114,7 @@ def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
         return 0.0
     last = front[np.argmax(front @ outward)]
     beyond = float(last @ outward - max(edge.start @ outward, edge.end @ outward))
-    is_corner = np.count_nonzero((np.abs(walls - last) <= SAME_POINT).all(axis=2)) > 1
+    is_corner = np.count_nonzero((np.abs(walls - last) <= GRID).all(axis=2)) > 1
     return beyond if beyond > (CORNER_STEP if is_corner else 0.0) else 0.0
 
 

@@ -26,7 +26,7 @@ from tccm_ros.surfaces.occluded_areas import (
     last_empty_view,
 )
 from tccm_ros.surfaces.patch_planes import GATE, pool_moments
-from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
+from tccm_ros.surfaces.polygons import GRID, close_gaps, polygons_of, union_over
 from tccm_ros.surfaces.surface_errors import SurfaceErrors, step_variance, surface_errors
 from tccm_ros.surfaces.views import View
 
@@ -42,10 +42,6 @@ CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 
 MIN_WALL_DISTANCE = 0.05
 """Min distance from a wall of the centroids of two pieces on its two sides, m; chosen."""
-
-OVERLAP = 2e-3
-"""Buffer of the areas between pieces, m, so that they overlap the pieces that they touch. Chosen:
-more than rounding of coordinates, less than any gap."""
 
 
 def join(pieces: Sequence[MergedSurface], between: JoinAreaFunction) -> list[MergedSurface]:
@@ -216,14 +212,11 @@ def _joined(pieces: Sequence[MergedSurface], areas: Sequence[Polygon]) -> Merged
     """Merge pieces and the areas between them into one surface."""
     if len(pieces) == 1:
         return pieces[0]
-    # An area only touches the pieces: the buffer makes the union one polygon.
-    grown = [area.buffer(OVERLAP, join_style="mitre") for area in areas]
-    union = shapely.union_all([*(piece.polygon for piece in pieces), *grown], grid_size=GRID)
     members = sorted((m for piece in pieces for m in piece.members), key=lambda m: m.number)
     moments = pool_moments(
         np.array([float(piece.count) for piece in pieces]),
         np.stack([piece.mean for piece in pieces]),
         np.stack([piece.cov for piece in pieces]),
     )
-    outline = largest_part(polygons_of(shapely.make_valid(union)))
+    outline = union_over([piece.polygon for piece in pieces], areas)
     return MergedSurface.of_moments(tuple(members), outline, *moments)

@@ -15,7 +15,7 @@ from tccm_ros.surfaces.displacement import outline_in_map
 from tccm_ros.surfaces.merging import Members, NumberedPatch
 from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments
-from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
+from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of, union_over
 from tccm_ros.surfaces.views import View
 
 SIMPLIFY = 0.004
@@ -28,18 +28,10 @@ chosen."""
 MAX_SPACING = 0.2
 """Max gap that is closed because of the point spacing of a surface's views, m; chosen."""
 
-CLOSING = 0.505
-"""Buffer that closes a gap, as a fraction of its width. Chosen: half, and a margin of 1 % for
-rounding."""
-
 FEW_POINTS, SPARSE = 50, 0.6
 """A surface of fewer points than this is sparse if their spacing exceeds this fraction of the edge
 of a square of its area. Chosen: two scan lines of 25 beams, and less than two lines across. Tops of
 a few small objects are sparse, surfaces are not (docs/design/experiments)."""
-
-OVERLAP = 1e-3
-"""Buffer of occluded areas, m, so that they overlap the outline that they touch. Chosen: more than
-rounding of coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +159,7 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
     ]
     union = shapely.union_all(parts, grid_size=GRID)
     spacing = min(m.patch.spacing for m in members)
-    closed = close_gaps(union, CLOSING * max(distance, SHADOW_WIDTH, min(spacing, MAX_SPACING)))
+    closed = close_gaps(union, 0.5 * max(distance, SHADOW_WIDTH, min(spacing, MAX_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
     return largest_part(whole)
 
@@ -186,10 +178,8 @@ def _with_occluded_areas(
     ]
     if not hidden:
         return polygon
-    # Parts only touch the outline: the buffer makes the union one polygon.
-    grown = [part.buffer(OVERLAP, join_style="mitre") for part in hidden]
-    union = shapely.union_all([polygon, *grown], grid_size=GRID)
-    return largest_part(polygons_of(shapely.make_valid(union.simplify(SIMPLIFY))))
+    whole = union_over([polygon], hidden).simplify(SIMPLIFY)
+    return largest_part(polygons_of(shapely.make_valid(whole)))
 
 
 def _height(member: NumberedPatch, T_map_view: Float64) -> float:

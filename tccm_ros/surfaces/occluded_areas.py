@@ -55,9 +55,7 @@ def is_occluded(
     points = probes(area, height)
     if len(points) == 0:
         return False
-    through = np.zeros(len(points), bool)
-    for view, T_map in zip(views, T_map_view):
-        through |= _looked_through(points, view, T_map, config)
+    through = looked_through(points, views, T_map_view, config)
     return bool(through.mean() <= MAX_SEEN_FRACTION)
 
 
@@ -73,17 +71,25 @@ def last_empty_view(
     """
     points = probes(area, height)
     for v in reversed(range(len(views)) if len(points) else ()):
-        if _looked_through(points, views[v], T_map_view[v], config).mean() > MIN_SEEN_THROUGH:
+        seen = looked_through(points, views[v : v + 1], T_map_view[v : v + 1], config)
+        if seen.mean() > MIN_SEEN_THROUGH:
             return v
     return -1
 
 
-def _looked_through(points: Float64, view: View, T_map_view: Float64, config: Config) -> Bool:
-    """Return whether a view looked through each point (N, 3) in map, bool (N,)."""
-    local = transform(inverse(T_map_view), points)
-    if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
-        return np.zeros(len(points), np.bool_)
-    return view.free.contains(local, np.full(len(points), config.views.clear_margin))
+def looked_through(
+    points: Float64, views: Sequence[View], T_map_view: Float64, config: Config
+) -> Bool:
+    """Return whether any view looked through each point (N > 0, 3) in map, bool (N,).
+
+    The other parameters are those of `is_occluded`.
+    """
+    through = np.zeros(len(points), np.bool_)
+    for view, T in zip(views, T_map_view):
+        local = transform(inverse(T), points)
+        if np.hypot(local[:, 0], local[:, 1]).min() <= view.max_range:
+            through |= view.free.contains(local, config.views.clear_margin)
+    return through
 
 
 def probes(area: Polygon, height: float) -> Float64:

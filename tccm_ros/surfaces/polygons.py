@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
@@ -10,6 +12,10 @@ from tccm_ros.arrays import Float64
 
 GRID = 1e-6
 """Grid to which outlines are snapped, m, so that unions do not depend on rounding; chosen."""
+
+OVERLAP = 1e-3
+"""Buffer of an area, m, so that it overlaps the outline that it touches. Chosen: more than rounding
+of coordinates, less than any gap."""
 
 
 def close_gaps(area: shapely.Geometry, half_width: float) -> shapely.Geometry:
@@ -51,6 +57,13 @@ def equal_sides(area: shapely.Geometry) -> Float64:
 def largest_part(area: MultiPolygon) -> Polygon:
     """Return the polygon of the largest area; an empty polygon if there is none."""
     return min(area.geoms, key=lambda part: (-part.area, part.bounds), default=Polygon())
+
+
+def union_over(outlines: Sequence[Polygon], areas: Sequence[Polygon]) -> Polygon:
+    """Return the largest part of the union of outlines and of areas that only touch them."""
+    grown = [area.buffer(OVERLAP, join_style="mitre") for area in areas]
+    union = shapely.union_all([*outlines, *grown], grid_size=GRID)
+    return largest_part(polygons_of(shapely.make_valid(union)))
 
 
 def polygons_of(geometry: shapely.Geometry) -> MultiPolygon:

@@ -41,9 +41,6 @@ from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.round_edges import edge_jacobian, refine_round
 from tccm_ros.surfaces.views import View
 
-MIN_LENGTH = 0.08
-"""Min length of an edge that is refined, m; chosen: shorter edges have few points."""
-
 WALL_WEIGHT = 0.1
 """Weight of a last point that may be on the wall; chosen: ten of them count as one."""
 
@@ -206,7 +203,7 @@ def _refined(
     for k, edge in enumerate(_edges_of(corners) if np.isfinite(corners).all() else ()):
         wall = wall_across(edge, walls)
         found = doubting_wall_points(sampler.edge_samples(edge), wall)
-        if edge.length < MIN_LENGTH or not len(found.at):
+        if not len(found.at):
             continue
         if wall is not None and _reaches_wall(edge, found, wall, sampler):
             offsets[k] += wall

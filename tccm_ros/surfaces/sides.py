@@ -17,31 +17,20 @@ import shapely
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.robust import median_sigma
+from tccm_ros.surfaces.edge_samples import BEYOND, FREE_MARGIN_M, INSIDE, OUTSIDE, STRAIGHT
 from tccm_ros.surfaces.views import Patch, View
-
-STRAIGHT = 0.02
-"""Max deviation of an outline from its straight sides, m; chosen."""
 
 MIN_LENGTH = 0.2
 """Min length of a side, m; chosen: the yaw of shorter ones is uncertain."""
 
-INSIDE, OUTSIDE = 0.12, 0.05
-"""Max distances inside and outside of a segment of points that may be at the edge, m; chosen."""
-
 MIN_BINS = 5
 """Min number of points to which a line is fitted; chosen."""
-
-BEYOND = (0.10, 0.15)
-"""Distances beyond a side, m, one of which must be free space; chosen."""
 
 SEEN_THROUGH = 0.8
 """Min fraction of a side along which the view looked through; chosen."""
 
 PROBE_SPACING, END_MARGIN = 0.05, 0.1
 """Distance of the probes along a side, and length of the side without probes, m; chosen."""
-
-CLEAR = 0.02
-"""Min distance of a probe from the ends of its free interval, m; chosen."""
 
 SIGMA = 0.004
 """Standard deviation of the best side, m: range noise and mixed pixels; chosen."""
@@ -187,7 +176,7 @@ def _is_edge(
     for beyond in BEYOND:
         probe = middle + steps[:, None] * along + beyond * outward
         points = np.column_stack([probe, np.full(len(probe), height)])
-        through = free.contains(points, np.full(len(points), CLEAR))
+        through = free.contains(points, np.full(len(points), FREE_MARGIN_M))
         if through.mean() >= SEEN_THROUGH:
             return True
     return False

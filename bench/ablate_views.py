@@ -1,0 +1,446 @@
+"""Effect of each named constant, and of some rules, of surfaces and outlines on the map.
+
+    python bench/ablate_views.py --out TABLE.md RESULT=BAG ... [--groups] [--only NAME ...]
+
+BAG is a recording with truth.json. RESULT is the folder of its replay, which is made if there is
+none; it keeps what the map was built from. The views are made anew from their clouds, registered,
+and the map is built at the poses of the replay, with one constant halved, doubled or set to zero,
+with all constants of a module so (`--groups`), or with one rule switched off.
+
+A row has for each recording the mean overlap with the true surfaces, surfaces of 0.1 m2 that are
+none, objects, factors of registration, and their median error in position against the poses of
+the replay, mm; "same" where nothing at all changes, labels, edges, sigmas and ids included. Trials
+that the table has are not run again. The cycle before the surface clouds is not tried.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import importlib
+import json
+import multiprocessing
+import pickle
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+from unittest import mock
+
+import numpy as np
+from shapely import Polygon
+
+import tccm_ros
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.config import Config
+from tccm_ros.geometry import inverse
+from tccm_ros.replay.replay import replay
+from tccm_ros.slam.factors.keys import view_key
+from tccm_ros.slam.solution import Solution
+from tccm_ros.surfaces.object_tracks import track_objects
+from tccm_ros.surfaces.registration import Registration
+from tccm_ros.surfaces.scene_objects import scene_objects
+from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
+from tccm_ros.surfaces.views import View
+
+ROOMS = ("surfaces", "outlines")
+
+MAX_HEIGHT_ERROR = 0.04
+"""A mapped surface may be a true one within this height, m."""
+
+MIN_OVERLAP = 0.1
+"""A mapped surface is one that is there if it covers this fraction of itself with true ones."""
+
+
+Change = tuple[str, str, str]
+"""Module, name, and factor of a constant; ``off`` for a rule."""
+
+FACTORS = {"half": 0.5, "double": 2.0, "zero": 0.0, "huge": 1e6}
+
+VIEW_MODULES = {"views", "outline", "front_points", "stray_points", "plane_errors", "thinning"}
+VIEW_MODULES |= {"polygons", "displacement"}
+"""Modules that make views."""
+
+REGISTRATION_MODULES = {"sides", "side_matching", "registration", "plane_adjustment"}
+"""Modules that registration alone uses."""
+
+SHARED_MODULES = {"carving", "merging", "contact", "patch_planes", "free_grid", "edge_samples"}
+"""Modules that registration and the map use."""
+
+SURFACES = "tccm_ros.surfaces."
+
+
+def _none_of(points: Float64, *_: Any) -> Bool:
+    return np.zeros(len(points), bool)
+
+
+RULES: dict[str, tuple[str, Callable[..., Any]]] = {
+    "mark_strays": ("views", _none_of),
+    "are_on_front": ("views", _none_of),
+    "_was_moved": ("carving", lambda *_: False),
+    "_in_block": ("carving", lambda points, chosen, size: chosen),
+    "_with_strays": ("carving", lambda gone, keep: gone),
+    "_with_occluded_areas": ("merged_surface", lambda polygon, *_: polygon),
+    "is_sparse": ("merged_surface", lambda *_: False),
+    "join_over_occlusions": ("joining", lambda pieces, *_: list(pieces)),
+    "join_floor": ("floor", lambda surfaces, *_: surfaces),
+    "_is_wall_between": ("joining", lambda *_: False),
+    "expected_area": ("outline", lambda area, _: area),
+    "_refined": ("shapes", lambda model, *_: (model, np.full(len(model.corners()), 0.01))),
+    "_refined_round": ("shapes", lambda model, _: (model, np.full(64, 0.01))),
+    "_reaches_wall": ("shapes", lambda *_: False),
+    "_to_ends_of_fronts": ("shapes", lambda model, *_: model),
+    "doubting_wall_points": ("shapes", lambda samples, _: samples),
+    "wall_across": ("edge_walls", lambda *_: None),
+    "_walls_behind": ("edge_walls", lambda *_: iter(())),
+    "_is_crossed": ("edge_walls", lambda *_: False),
+    "EdgeSampler._line_ends": ("edge_samples", lambda self, e, m, c, d: self._pieces(e, m, c, d)),
+    "EdgeSampler.ragged_sigma": ("edge_samples", lambda *_: 0.0),
+    "EdgeSampler.shared_sigma": ("edge_samples", lambda *_: 0.0),
+    "EdgeSampler.seen_fraction": ("edge_samples", lambda *_: 1.0),
+    "EdgeSampler.reached_fraction": ("edge_samples", lambda *_: 0.0),
+    "EdgeSampler.hides": ("edge_samples", lambda *_: False),
+    "adopt_ids": ("recognition", lambda surfaces, *_: (surfaces, {})),
+    "_Stand.lies_close_to": ("recognition", lambda *_: False),
+    "_views_over": ("object_tracks", lambda tracks, *_: np.zeros(len(tracks), np.int64)),
+    "_is_lower": ("object_tracks", lambda *_: False),
+    "without_noise": ("object_footprints", lambda footprint, *_: footprint),
+    "joined_footprint": ("object_footprints", lambda older, newest, *_: newest),
+    "_is_part": ("scene_objects", lambda *_: False),
+    "_has_rival": ("side_matching", lambda *_: False),
+    "variance_factor": ("registration", lambda *_: 1.0),
+    "_remaining": ("registration", lambda sides, _: sides),
+}
+"""Rules that are switched off: module of a function, and what stands in for it."""
+
+
+class Saved(NamedTuple):
+    """What the map of a recording was built from.
+
+    Attributes
+    ----------
+    records
+        Records of all views, as `SurfaceMap.add` takes them.
+    keys
+        Views of the last solution: session and stamp.
+    prior
+        Solution of the graph without registration.
+    poses, walls
+        Arguments of the last `SurfaceMap.build`.
+    truth
+        Content of truth.json.
+    """
+
+    records: list[Any]
+    keys: list[tuple[int, int]]
+    prior: Solution | None
+    poses: ViewPoses
+    walls: Float64
+    truth: dict[str, Any]
+
+
+class Stage(NamedTuple):
+    """Result of a stage on one recording: what the table shows, and a digest of everything."""
+
+    text: str
+    digest: str
+
+
+Trial = tuple[Stage, Stage]
+"""Results of the map and of registration on one recording."""
+
+
+Known = tuple[Saved, list[View], Trial]
+"""A recording, its views and its results without a change."""
+
+
+def load(result: Path, bag: Path, max_views: int) -> Saved:
+    """Return what a replay has kept, and the truth; replay the recording if there is no replay.
+
+    Of more than `max_views` views, so many evenly spaced ones are used.
+    """
+    kept = result / "kept.pickle"
+    if not kept.exists():
+        _replay(result, bag)
+    truth = json.loads((bag / "truth.json").read_text())
+    saved: Saved = pickle.loads(kept.read_bytes())
+    count = len(saved.keys)
+    chosen = np.unique(np.linspace(0, count - 1, min(max_views, count)).astype(int))
+    poses, prior = saved.poses, saved.prior
+    if prior is not None:
+        T, cov, keyframes = prior.T_map_views, prior.cov_views, prior.view_keyframes
+        prior = replace(
+            prior, T_map_views=T[chosen], cov_views=cov[chosen], view_keyframes=keyframes[chosen]
+        )
+    return saved._replace(
+        keys=[saved.keys[k] for k in chosen],
+        prior=prior,
+        poses=ViewPoses(
+            poses.T_map_view[chosen], poses.cov_z_roll_pitch[chosen], poses.keyframes[chosen]
+        ),
+        truth=truth,
+    )
+
+
+def _replay(result: Path, bag: Path) -> None:
+    """Replay a recording and keep the inputs of its map beside the results."""
+    records: list[Any] = []
+    last: dict[str, Any] = {"prior": None}
+    add, build, side_factors = SurfaceMap.add, SurfaceMap.build, Registration.side_factors
+
+    def kept_add(surface_map: SurfaceMap, record: Any) -> None:
+        records.append(record)
+        add(surface_map, record)
+
+    def kept_build(surface_map: SurfaceMap, poses: ViewPoses, walls: Float64) -> MappedSurfaces:
+        last.update(keys=[view.key for view in surface_map.views], poses=poses, walls=walls)
+        return build(surface_map, poses, walls)
+
+    def kept_factors(registration: Registration, views: Any, known: Solution) -> Any:
+        last.update(prior=known)
+        return side_factors(registration, views, known)
+
+    with (
+        mock.patch.object(SurfaceMap, "add", kept_add),
+        mock.patch.object(SurfaceMap, "build", kept_build),
+        mock.patch.object(Registration, "side_factors", kept_factors),
+    ):
+        replay(bag, result, Config(), pictures=False)
+    content = Saved(records, last["keys"], last["prior"], last["poses"], last["walls"], {})
+    (result / "kept.pickle").write_bytes(pickle.dumps(content))
+
+
+def digest_of(value: Any) -> str:
+    """Return a hash of arrays, records and plain values."""
+    found = hashlib.sha256()
+
+    def add(item: Any) -> None:
+        if isinstance(item, np.ndarray):
+            found.update(np.ascontiguousarray(item).tobytes())
+        elif is_dataclass(item):
+            add([getattr(item, field.name) for field in fields(item)])
+        elif isinstance(item, list | tuple):
+            for part in item:
+                add(part)
+        else:
+            found.update(repr(item).encode())
+
+    add(value)
+    return found.hexdigest()
+
+
+def views_of(saved: Saved) -> list[View]:
+    """Return the views of the last solution, made from their records."""
+    surface_map = SurfaceMap(Config())
+    stamps = {stamp for _, stamp in saved.keys}
+    for record in saved.records:
+        if record.stamp_ns in stamps:
+            surface_map.add(record)
+    return surface_map.views
+
+
+def registered(saved: Saved, views: list[View]) -> Stage:
+    """Return the number of factors between views, and their median error in position, mm."""
+    if saved.prior is None:
+        return Stage("", "")
+    registration = Registration(Config())
+    factors = registration.side_factors(views, saved.prior)
+    levelled = registration.levelled(saved.prior).T_map_views
+    T_map = {view_key(v.stamp_ns): T for v, T in zip(views, saved.poses.T_map_view)}
+    moved = [inverse(T_map[f.j]) @ T_map[f.i] @ f.T_i_j for f in factors]
+    error = [1e3 * float(np.linalg.norm(T[:2, 3])) for T in moved]
+    text = f"{len(error)} {np.median(error):.1f}" if error else "0"
+    return Stage(text, digest_of([[(f.T_i_j, f.cov) for f in factors], levelled]))
+
+
+def built(saved: Saved, views: list[View]) -> Stage:
+    """Return mean overlap, surfaces that are none, and objects of the map of views."""
+    config = Config()
+    surface_map = SurfaceMap(config)
+    for view in views:
+        surface_map.add_view(view)
+    mapped = surface_map.build(saved.poses, saved.walls)
+    tracks = track_objects(views, saved.poses.T_map_view, config).tracks
+    objects = scene_objects(mapped.surfaces, tracks)
+    overlap, others = overlaps(saved, mapped)
+    text = f"{overlap:.4f} {others} {len(objects)}"
+    return Stage(text, digest_of([mapped.surfaces, objects]))
+
+
+def overlaps(saved: Saved, mapped: MappedSurfaces) -> tuple[float, int]:
+    """Return the mean overlap with true surfaces, and the number of surfaces that are none."""
+    truth, floor = saved.truth, mapped.floor_z or 0.0
+    is_part = {"free"}  # of real rooms: the part that was in view
+    true = [
+        (Polygon([p[:2] for p in s["boundary"]]), _height(s, truth), s["label"] in is_part)
+        for s in truth["surfaces"]
+        if s["label"] != "floor"
+    ]
+    found = [s for s in mapped.surfaces if s.label != "floor" and s.area >= 0.1]
+    whole = [Polygon(s.boundary[:, :2]).buffer(0) for s in found]
+    seen = [Polygon(s.boundary_seen[:, :2]).buffer(0) for s in found]
+    heights = [float(s.boundary[:, 2].mean()) - floor for s in found]
+    found_overlaps, is_there = [], np.zeros(len(found), bool)
+    for outline, height, part in true:
+        best = 0.0
+        for k, mine in enumerate(seen if part else whole):
+            if abs(heights[k] - height) <= MAX_HEIGHT_ERROR:
+                shared = mine.intersection(outline).area
+                is_there[k] |= shared > MIN_OVERLAP * mine.area
+                best = max(best, shared / (mine.area + outline.area - shared))
+        found_overlaps.append(best)
+    return float(np.mean(found_overlaps)), int((~is_there).sum())
+
+
+def _height(surface: dict[str, Any], truth: dict[str, Any]) -> float:
+    """Return the height of a true surface over the floor, m."""
+    if "floor" in truth:
+        return float(surface["height"]) - float(truth["floor"])
+    return float(np.mean([p[2] for p in surface["boundary"]])) - float(truth.get("floor_z") or 0.0)
+
+
+def constants() -> Iterator[tuple[str, str, Any]]:
+    """Return module, name and value of each numeric constant of the rooms."""
+    root = Path(tccm_ros.__file__).parent
+    for room in ROOMS:
+        for path in sorted((root / room).glob("*.py")):
+            module = f"tccm_ros.{room}.{path.stem}"
+            for node in ast.parse(path.read_text()).body:
+                if isinstance(node, ast.Assign):
+                    for name in ast.walk(node.targets[0]):
+                        if isinstance(name, ast.Name) and name.id.isupper():
+                            value = getattr(importlib.import_module(module), name.id)
+                            if isinstance(value, int | float | tuple) and not isinstance(
+                                value, bool
+                            ):
+                                yield module, name.id, value
+
+
+def set_everywhere(name: str, old: Any, new: Any) -> None:
+    """Give a name of the package another value in all modules that have it."""
+    for key, module in list(sys.modules.items()):
+        if key.startswith("tccm_ros") and getattr(module, name, None) is old:
+            setattr(module, name, new)
+
+
+def switch_off(module: ModuleType, name: str) -> None:
+    """Replace a function, or the method of a class, by what stands in for it."""
+    owner, _, method = name.partition(".")
+    if method:
+        setattr(getattr(module, owner), method, RULES[name][1])
+    else:
+        set_everywhere(name, getattr(module, name), RULES[name][1])
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """Return a constant times a factor; integers stay integers."""
+    if isinstance(value, tuple):
+        return tuple(scaled(v, factor) for v in value)
+    if isinstance(value, int):
+        return round(value * factor)
+    return value * factor
+
+
+def tried(saved: Saved, views: list[View] | None, before: Trial | None, module: str) -> Trial:
+    """Return the results on a recording after a change of a module.
+
+    Stages that do not use the module have their results `before`.
+    """
+    if before is None or views is None or module in VIEW_MODULES:
+        views = views_of(saved)
+        return built(saved, views), registered(saved, views)
+    by_map = before[0] if module in REGISTRATION_MODULES else built(saved, views)
+    is_used = module in REGISTRATION_MODULES or module in SHARED_MODULES
+    return by_map, registered(saved, views) if is_used else before[1]
+
+
+def trial(change: Change, known: Sequence[Known], results: Any) -> None:
+    """Run one trial in a process of its own, and put its results into `results`."""
+    module, name, how = change
+    if how == "off":
+        switch_off(importlib.import_module(module), name)
+    for _, constant, value in [c for c in constants() if c[0] == module]:
+        if how in FACTORS and name in ("all", constant):
+            set_everywhere(constant, value, scaled(value, FACTORS[how]))
+    for saved, views, before in known:
+        try:
+            results.put(tried(saved, views, before, module.rsplit(".", 1)[-1]))
+        except Exception as error:  # a trial may break what it tries
+            results.put(type(error).__name__)
+    results.put(None)
+
+
+def run(change: Change, known: Sequence[Known]) -> str:
+    """Return the row of one trial."""
+    context = multiprocessing.get_context("fork")
+    results = context.Queue()
+    process = context.Process(target=trial, args=(change, known, results))
+    process.start()
+    found = list(iter(results.get, None))
+    process.join()
+    cells = [
+        after if isinstance(after, str) else cell(after, before)
+        for after, (_, _, before) in zip(found, known)
+    ]
+    return " | ".join(("| " + change[0].removeprefix("tccm_ros."), *change[1:], *cells)) + " |"
+
+
+def cell(after: Trial, before: Trial | None) -> str:
+    """Return a cell of the table."""
+    parts = [
+        "same" if before is not None and stage.digest == before[k].digest else stage.text
+        for k, stage in enumerate(after)
+    ]
+    return "same" if parts == ["same", "same"] else ", ".join(filter(None, parts))
+
+
+def changes_of(only: set[str], how: Sequence[str], *, groups: bool) -> list[Change]:
+    """Return the trials: of constants or of modules, and of rules; `only` names them if any."""
+    names = [(module, "all" if groups else name) for module, name, _ in constants()]
+    found = [
+        (module, name, factor)
+        for module, name in dict.fromkeys(names)
+        if not only or only & {name, module.rsplit(".", 1)[-1]}
+        for factor in how
+    ]
+    rules = [] if groups else RULES.items()
+    return [
+        *found,
+        *((SURFACES + r[0], name, "off") for name, r in rules if not only or name in only),
+    ]
+
+
+def main() -> None:
+    """Run the trials that the table does not have."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("saved", nargs="+", help="RESULT=BAG")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", nargs="*", default=[], help="names of constants, rules, modules")
+    parser.add_argument("--how", nargs="*", default=list(FACTORS), choices=list(FACTORS))
+    parser.add_argument("--max-views", type=int, default=1000, help="of each recording")
+    parser.add_argument("--groups", action="store_true", help="all constants of a module at once")
+    arguments = parser.parse_args()
+    pairs = [argument.partition("=") for argument in arguments.saved]
+    out, known = arguments.out, []
+    for result, _, bag in pairs:
+        saved = load(Path(result), Path(bag), arguments.max_views)
+        known.append((saved, views_of(saved), tried(saved, None, None, "")))
+    if not out.exists():
+        titles = " | ".join(Path(bag).name for _, _, bag in pairs)
+        rule = "|---" * (len(pairs) + 3)
+        first = " | ".join(["|  |  | none", *(cell(before, None) for _, _, before in known)])
+        out.write_text(f"| module | name | change | {titles} |\n{rule}|\n{first} |\n")
+    done = {tuple(line.split(" | ")[:3]) for line in out.read_text().splitlines()}
+    for change in changes_of(set(arguments.only), arguments.how, groups=arguments.groups):
+        if ("| " + change[0].removeprefix("tccm_ros."), *change[1:]) not in done:
+            row = run(change, known)
+            with out.open("a") as file:
+                file.write(row + "\n")
+            print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()

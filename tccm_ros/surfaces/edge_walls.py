@@ -16,6 +16,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
+from tccm_ros.slam.walls.corners import JOINED
 from tccm_ros.surfaces.edge_samples import Edge
 from tccm_ros.surfaces.polygons import GRID
 
@@ -31,10 +32,6 @@ AT_WALL = 0.015
 
 OVERHANG = 0.03
 """Max distance of the edge of a board from the front below it, m; chosen: a worktop."""
-
-CORNER_STEP = 0.25
-"""Max distance by which the end of a wall may have been moved to a corner, m:
-`slam.corners.JOINED`."""
 
 ONE_LINE = 0.03
 """Max distance of the ends of a wall from the line of another wall that it continues, m; chosen:
@@ -115,7 +112,7 @@ def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
     last = front[np.argmax(front @ outward)]
     beyond = float(last @ outward - max(edge.start @ outward, edge.end @ outward))
     is_corner = np.count_nonzero((np.abs(walls - last) <= GRID).all(axis=2)) > 1
-    return beyond if beyond > (CORNER_STEP if is_corner else 0.0) else 0.0
+    return beyond if beyond > (JOINED if is_corner else 0.0) else 0.0
 
 
 def yaw_of(direction: Float64) -> float:

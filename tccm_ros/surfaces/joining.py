@@ -40,9 +40,6 @@ place."""
 CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 """Returns whether two pieces agree in height at a position, float64 (2,), in map."""
 
-MIN_WALL_DISTANCE = 0.05
-"""Min distance from a wall of the centroids of two pieces on its two sides, m; chosen."""
-
 
 def join(pieces: Sequence[MergedSurface], between: JoinAreaFunction) -> list[MergedSurface]:
     """Join pieces that are one surface, directly or through other pieces.
@@ -99,7 +96,7 @@ def join_over_occlusions(
     sights
         Returns the first and the last view of a piece at its place.
     config
-        Uses `surfaces.max_step` and `views.clear_margin`.
+        Uses `surfaces.max_step`, `surfaces.merge_distance` and `views.clear_margin`.
     """
     is_coplanar = _coplanar(T_map_view, cov_z_roll_pitch, config)
     keys = [view.key for view in views]
@@ -118,15 +115,20 @@ def join_over_occlusions(
         if last < came:
             return None
         area = occluded_area_between(a, b, views[came:], T_map_view[came:], config)
-        return None if area is None or _is_wall_between(a, b, walls) else area
+        if area is None or _is_wall_between(a, b, walls, config.surfaces.merge_distance):
+            return None
+        return area
 
     return join(pieces, between)
 
 
-def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool:
+def _is_wall_between(
+    a: MergedSurface, b: MergedSurface, walls: Float64, min_distance: float
+) -> bool:
     """Return whether a wall separates two pieces.
 
-    The shortest line between them crosses it, and their centroids are on its two sides.
+    The shortest line between them crosses it, and their centroids are on its two sides, at least
+    `min_distance` m from it.
     """
     way = shapely.shortest_line(a.polygon, b.polygon)
     crossed = walls[shapely.intersects(shapely.linestrings(walls), way)]
@@ -135,7 +137,7 @@ def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool
     normals /= np.maximum(np.linalg.norm(along, axis=1), GRID)[:, None]
     side = [((s.mean[:2] - crossed[:, 0]) * normals).sum(axis=1) for s in (a, b)]
     distance = np.minimum(-np.minimum(*side), np.maximum(*side))
-    return bool((distance >= MIN_WALL_DISTANCE).any())
+    return bool((distance >= min_distance).any())
 
 
 def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) -> CoplanarityTest:

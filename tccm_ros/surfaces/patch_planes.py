@@ -17,7 +17,8 @@ from tccm_ros.planes.horizontal_strips import MIN_WIDTH
 from tccm_ros.surfaces.views import Patch
 
 GATE = 3.0
-"""Max difference of the heights of two planes that agree, in standard deviations; chosen."""
+"""Max difference of the heights of two planes that agree, and max residual of sides that match, in
+standard deviations; chosen."""
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -11,9 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import between2, transform2, wrap_angle
+from tccm_ros.surfaces.patch_planes import GATE
+from tccm_ros.surfaces.plane_adjustment import SIGNIFICANCE
 from tccm_ros.surfaces.sides import Sides
 
 MIN_OVERLAP = 0.12
@@ -22,9 +25,6 @@ MIN_OVERLAP = 0.12
 YAW_GATE = np.radians(12.0)
 """Max difference in yaw of two sides in addition to the search, rad; chosen: short sides have
 errors of a few degrees."""
-
-INLIER = 3.0
-"""Max residual of an inlier, standard deviations; chosen."""
 
 CROSSING = 0.4
 """Min sine of the angle of two sides that determine a position; chosen."""
@@ -50,10 +50,6 @@ MAX_HYPOTHESES = 400
 
 SEARCH_MARGIN = 0.02
 """Margin by which hypotheses may exceed the search, m and rad; chosen."""
-
-MAX_CHI2 = 16.27
-"""Max squared Mahalanobis distance of a match from the prior pose: the 99.9 % quantile of
-chi-square with three degrees of freedom."""
 
 MAX_ROUNDS, CONVERGED = 8, 1e-7
 """Max iterations of the refinement, and the change (m, rad) below which it ends; chosen."""
@@ -119,8 +115,8 @@ def match_sides(
     height_gate
         Max difference in height of two sides of one surface, m.
     """
-    max_shift = INLIER * float(np.sqrt(max(np.linalg.eigvalsh(cov_start[:2, :2])[1], 0.0)))
-    max_yaw = INLIER * float(np.sqrt(max(cov_start[2, 2], 0.0)))
+    max_shift = GATE * float(np.sqrt(max(np.linalg.eigvalsh(cov_start[:2, :2])[1], 0.0)))
+    max_yaw = GATE * float(np.sqrt(max(cov_start[2, 2], 0.0)))
     pairs = _candidates(first, second, start, (max_shift, max_yaw), height_gate)
     if len(pairs.a) == 0:
         return None
@@ -132,7 +128,7 @@ def match_sides(
         return None
     moved = between2(start, best.pose)
     # The prior is isotropic in x and y, so that its frame does not matter.
-    if moved @ np.linalg.solve(cov_start + best.cov, moved) > MAX_CHI2:
+    if moved @ np.linalg.solve(cov_start + best.cov, moved) > chdtri(3, SIGNIFICANCE):
         return None
     return best
 
@@ -157,7 +153,7 @@ def _candidates(
     sigma = np.hypot(first.sigma[:, None], second.sigma[None])
     rotation = np.arccos(np.clip(first.outward @ outward.T, -1.0, 1.0))
     lever = max_yaw * np.hypot(*second.middle.T)[None]
-    may = (np.abs(across) <= max_shift + lever + INLIER * sigma) & (rotation <= YAW_GATE + max_yaw)
+    may = (np.abs(across) <= max_shift + lever + GATE * sigma) & (rotation <= YAW_GATE + max_yaw)
     may &= np.abs(first.height[:, None] - second.height[None]) <= height_gate
     may &= shared + max_shift + lever >= MIN_OVERLAP
     a, b = np.nonzero(may)
@@ -249,7 +245,7 @@ def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
     seen_a: set[int] = set()
     seen_b: set[int] = set()
     for m in np.argsort(miss, kind="stable").tolist():
-        if miss[m] > INLIER:
+        if miss[m] > GATE:
             break
         if pairs.a[m] not in seen_a and pairs.b[m] not in seen_b:
             chosen.append(m)
@@ -287,7 +283,7 @@ def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> Si
         if len(use) < min_sides:
             return None
         across, rotation = _residuals(pairs, use, pose)
-        weight = 1.0 / (1.0 + np.maximum(across**2, rotation**2) / INLIER**2)
+        weight = 1.0 / (1.0 + np.maximum(across**2, rotation**2) / GATE**2)
         moved = _solve(pairs, use, start, weight)
         use = _agreeing(pairs, moved)
         done = np.abs(moved - pose).max() < CONVERGED

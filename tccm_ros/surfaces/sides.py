@@ -18,6 +18,7 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.edge_samples import BEYOND, FREE_MARGIN_M, INSIDE, OUTSIDE, STRAIGHT
+from tccm_ros.surfaces.occluded_areas import PROBE_SPACING
 from tccm_ros.surfaces.views import Patch, View
 
 MIN_LENGTH = 0.2
@@ -29,8 +30,8 @@ MIN_BINS = 5
 SEEN_THROUGH = 0.8
 """Min fraction of a side along which the view looked through; chosen."""
 
-PROBE_SPACING, END_MARGIN = 0.05, 0.1
-"""Distance of the probes along a side, and length of the side without probes, m; chosen."""
+END_MARGIN = 0.1
+"""Length of a side without probes, m; chosen."""
 
 SIGMA = 0.004
 """Standard deviation of the best side, m: range noise and mixed pixels; chosen."""

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.surfaces.side_matching import (
-    INLIER,
+    GATE,
     MIN_OVERLAP,
     OPEN_SIGMA,
     SAME_POSE,
@@ -75,7 +75,7 @@ def test_candidates_are_pairs_near_each_other_one_by_one(seed):
             if (
                 abs(first.height[a] - second.height[b]) <= HEIGHT_GATE
                 and abs(angle) <= YAW_GATE + SEARCH[1]
-                and abs(middle @ first.outward[a]) <= limit + INLIER * sigma
+                and abs(middle @ first.outward[a]) <= limit + GATE * sigma
                 and shared + limit >= MIN_OVERLAP
             ):
                 expected.append((a, b))

@@ -91,6 +91,9 @@ EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
 """`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
 a quarter of the width."""
 
+EYE_HEIGHT = 1.0
+"""Height over the base of a sensor without a known viewpoint, m; chosen."""
+
 FRONT_FRACTION = 0.7
 """Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
 the front that counts as surface is one or two scan lines high."""
@@ -328,20 +331,18 @@ class EdgeSampler:
     def shared_sigma(self, edge: Edge) -> float:
         """Return the standard deviation across an edge of the systematic error of its views, m.
 
-        One sensor took all views: range errors along opposite rays cancel. Views without a known
-        position of the sensor are not included.
+        One sensor took all views: range errors along opposite rays cancel.
         """
         middle = self.surface.lift(0.5 * (edge.start + edge.end)[None])
         moved = []
         for view, T_view_map in self._inverses.items():
             eye = self.views[view].viewpoint
-            if eye is None:
-                continue
+            eye = np.array([0.0, 0.0, EYE_HEIGHT]) if eye is None else eye
             local = transform(T_view_map, middle)
             errors = systematic_errors(local, eye, self.views[view].sensor, self.config)[0]
             outward = self.T_map_view[view][:2, :3].T @ edge.outward
             moved.append(errors @ outward)
-        return float(np.linalg.norm(np.mean(moved, axis=0))) if moved else 0.0
+        return float(np.linalg.norm(np.stack(moved).mean(axis=0)))
 
     def furthest(self, edge: Edge, limit: float) -> float:
         """Return the largest distance across an edge at which the surface was measured, m.

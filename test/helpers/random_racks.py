@@ -309,7 +309,7 @@ def looked_into(rack, outcome, T_map_world, seed):
     def is_visible(space):
         x, z = rng.uniform(0.0, (space.depth, space.height), (400, 2)).T
         above = fraction(space, -SKIN, space.height + SKIN), fraction(space, x, space.height)
-        return fraction(space, -SKIN, z) >= FRONT and max(above) >= CEILING_SEEN
+        return bool(fraction(space, -SKIN, z) >= FRONT and max(above) >= CEILING_SEEN)
 
     return [is_visible(space) for space in rack.spaces]
 

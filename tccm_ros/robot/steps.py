@@ -1,7 +1,8 @@
 """Reject temporary outliers of a track: zeros of a second publisher, invalid positions.
 
 A step that is too fast is held until the next samples decide. If they return to the track, the held
-samples are refused as outliers; if not, the step is real.
+samples are refused as outliers; if not, the step is real. Samples on the way to the next one are no
+outliers: only their stamps are too close, as of messages that a computer stamps when it is busy.
 """
 
 from __future__ import annotations
@@ -78,11 +79,12 @@ class StepGuard(Generic[T]):
         seconds = (stamp_ns - self._last[0]) * 1e-9
         step = self._distance(self._last[1], sample)
         if self._is_possible(step, seconds):
-            refused, self._held = len(self._held), []
+            on_way = [held for held in self._held if self._is_on_way(held[1], sample)]
+            refused, self._held = len(self._held) - len(on_way), []
             self._steps += 1
             self._learn(item)
             self._last = item
-            return Steps([item], refused)
+            return Steps([*on_way, item], refused)
         self._held.append(item)
         if stamp_ns - self._held[0][0] < LASTING_NS:
             return Steps([])
@@ -100,6 +102,13 @@ class StepGuard(Generic[T]):
             speed = min(self._distance(a[1], b[1]) / (b[0] - a[0]) * 1e9 for a, b in pairs)
             self._speed = max(FORGET * self._speed, speed)
         self._before = self._last
+
+    def _is_on_way(self, held: T, sample: T) -> bool:
+        """Return whether the track to a sample over a held one is hardly longer than without it."""
+        assert self._last is not None
+        last = self._last[1]
+        over = self._distance(last, held) + self._distance(held, sample)
+        return over <= self._distance(last, sample) + self._slack
 
     def _is_possible(self, step: float, seconds: float) -> bool:
         speed = self._max_speed

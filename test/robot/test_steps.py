@@ -97,6 +97,15 @@ def test_every_sample_is_admitted_held_or_refused(steps):
     assert [s for s, _ in admitted] == sorted({s for s, _ in admitted})
 
 
+def test_a_motion_whose_messages_are_stamped_together_is_kept():
+    """A busy computer stamps those of each half second within microseconds: 0.15 m in 1 us."""
+    guard = StepGuard(lambda a, b: abs(b - a), 0.1, 10.0)
+    sent = [(START + k // 5 * 500 * MS + k % 5 * 1000, 0.15 * k) for k in range(51)]
+    found = [guard.add(*sample) for sample in sent]
+    assert [item for steps in found for item in steps.admitted] == sent
+    assert not any(steps.refused or steps.has_jumped for steps in found)
+
+
 def test_positions_beyond_the_limits_are_left_out():
     joints = JointTracks(0)
     joints.set_limits({"nod": (-0.5, 1.0)})

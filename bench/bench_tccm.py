@@ -280,12 +280,8 @@ def profile(repeats: int) -> None:
     steps: dict[str, Call] = {
         "place: ticks, cells, counting": bin_points,
         "list the cells": list_cells,
-        "sort by height (two digits of 8 bits)": lambda: union.order_by_height(
-            records, n, tiles.heights, s.sorting, s.order
-        ),
-        "sort by cell": lambda: union.gather_points(
-            records, n, s.order, ends, s.scans, counts, points
-        ),
+        "sort by cell": lambda: union.gather_points(records, ends, counts, points),
+        "sort by height": lambda: union.sort_cells(points, starts, found[0], s.sorting),
         "mark the cells": lambda: union.mark_cells(starts, found[0], addresses, counts, s.begins),
         "unite": lambda: union.merge_intervals(points, n, s.begins, cells, found[0], s.found),
         "sum the moments": lambda: union.sum_cuboids(points, n, s.begins, stamps, sums, seen),

@@ -57,7 +57,7 @@ _MAX_TICKS = np.float64(FAR - 1)
 
 _U1 = np.uint64(1)
 BEYOND = np.int64(2**40)
-"""Larger than any tile index or height."""
+"""Larger than any tile index."""
 
 
 class RegionFrame(IntEnum):
@@ -232,8 +232,8 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
 
     Returns
     -------
-    used, tx, ty, z
-        Whether the point is used, its tile in the directory, and its height, ticks.
+    used, tx, ty
+        Whether the point is used, and its tile in the directory.
     """
     per_tick, cell, tile_x0, tile_y0, tiles_y = grid
     used = used & (abs(px) < _MAX_TICKS) & (abs(py) < _MAX_TICKS) & (abs(pz) < _MAX_TICKS)
@@ -252,19 +252,19 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
     work[HEIGHT + j] = z
     work[IN_CELL + j] = ((x - ix * cell) << 16) | (y - iy * cell)
     work[DEPTH_OF + j] = np.int32(depth)
-    return used, tx, ty, z
+    return used, tx, ty
 
 
 @kernel
-def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
-    """Extend the bounding box of tiles and heights by a block's.
+def extend_box(counters: Any, x: Any, y: Any) -> Any:
+    """Extend the bounding box of tiles by a block's.
 
     Parameters
     ----------
     counters
         Element of `tiles._COUNTERS`, updated.
-    x, y, z
-        Minimum and maximum of the block's tiles in the directory and of its heights, ticks.
+    x, y
+        Minimum and maximum of the block's tiles in the directory.
 
     Returns
     -------
@@ -275,7 +275,6 @@ def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
         return True
     counters.box_x0, counters.box_x1 = x[0] + counters.tile_x0, x[1] + counters.tile_x0
     counters.box_y0, counters.box_y1 = y[0] + counters.tile_y0, y[1] + counters.tile_y0
-    counters.lowest, counters.highest = min(counters.lowest, z[0]), max(counters.highest, z[1])
     return x[0] >= 0 and y[0] >= 0 and x[1] < counters.tiles_x and y[1] < counters.tiles_y
 
 
@@ -390,8 +389,8 @@ def project_beams(
         1.0 / settings.cell_ticks, np.int64(settings.cell_ticks),
         counters.tile_x0, counters.tile_y0, counters.tiles_y,
     )  # fmt: skip
-    x0 = y0 = bottom = BEYOND
-    x1 = y1 = top = -BEYOND
+    x0 = y0 = BEYOND
+    x1 = y1 = -BEYOND
     for j in range(np.uint64(low), np.uint64(high)):
         i = np.uint64(first) + j
         number = np.int32(i)
@@ -404,10 +403,9 @@ def project_beams(
         depth = growth * r
         depth = depth if depth > min_depth else min_depth
         depth = depth if depth < max_depth else max_depth
-        used, tx, ty, h = quantise(
+        used, tx, ty = quantise(
             work, j, work[USED + j] != 0, px * ticks, py * ticks, pz * ticks, depth, grid
         )
         x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
         y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
-        bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
-    return extend_box(counters, (x0, x1), (y0, y1), (bottom, top))
+    return extend_box(counters, (x0, x1), (y0, y1))

@@ -100,20 +100,19 @@ def bin_points(points: Any, gaps: Any, first: Any, settings: Any, work: Any, arr
     for begin in range(first, n, BLOCK):
         count = min(n - begin, BLOCK)
         grid = per_tick, cell, counters.tile_x0, counters.tile_y0, counters.tiles_y
-        x0 = y0 = bottom = BEYOND
-        x1 = y1 = top = -BEYOND
+        x0 = y0 = BEYOND
+        x1 = y1 = -BEYOND
         for j in range(np.uint64(count)):
             i = _U3 * (np.uint64(begin) + j)
             x, y, z = points[i], points[i + _U1], points[i + _U2]
             d = depth
             if len(gaps):
                 d = min(max(growth * gaps[np.uint64(begin) + j], depth), own.max_depth)
-            used, tx, ty, h = quantise(work, j, True, x * ticks, y * ticks, z * ticks, d, grid)
+            used, tx, ty = quantise(work, j, True, x * ticks, y * ticks, z * ticks, d, grid)
             x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
             y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
-            bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
         counters.next_beam = begin
-        if not extend_box(counters, (x0, x1), (y0, y1), (bottom, top)):
+        if not extend_box(counters, (x0, x1), (y0, y1)):
             return GROW_TILES
         done = _count(0, count, work, tiles)
         if done < count:

@@ -20,14 +20,11 @@ from tccm_ros.cuboids.caps import Caps, no_caps, sum_caps
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, key_cells
 from tccm_ros.cuboids.tiles import BinnedPoints
 from tccm_ros.cuboids.union import (
-    DENSE,
-    HISTOGRAM_SIZE,
+    DIGITS,
     UNION,
     CuboidRule,
-    gather_as_they_came,
     gather_points,
     mark_cells,
-    order_by_height,
     sort_cells,
     sum_cuboids,
 )
@@ -330,14 +327,8 @@ class PartMapBuilder:
         n_cells = binning.list_cells(tiles.arrays, cells, starts, addresses)
         packed = np.empty((n, 2), np.int64)
         points = packed.reshape(-1)
-        is_by_height, is_dense = self._rule.is_by_height, n >= DENSE * n_cells
-        ends = np.array(self._ends, np.int32)
-        if is_by_height and not is_dense:
-            order_by_height(records, n, tiles.heights, scratch.sorting, scratch.order)
-            gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
-        else:
-            gather_as_they_came(records, ends, counts, points)
-        if is_by_height and is_dense:
+        gather_points(records, np.array(self._ends, np.int32), counts, points)
+        if self._rule.is_by_height:
             sort_cells(points, starts, n_cells, scratch.sorting)
         mark_cells(starts, n_cells, addresses, counts, begins)
         k = self._rule.merge(points, n, begins, cells, n_cells, scratch.found)
@@ -400,9 +391,8 @@ class _Scratch:
     def __init__(self, room: int) -> None:
         n, self.room = room, room
         self.cells = np.zeros(n, np.int64), np.zeros(n + 1, np.int32), np.zeros(n, np.int32)
-        histogram = np.zeros(HISTOGRAM_SIZE, np.int64)
+        histogram = np.zeros(DIGITS, np.int64)
         self.sorting = np.zeros(n, np.uint64), np.zeros(n, np.uint64), histogram
-        self.order, self.scans = np.zeros(n, np.int32), np.zeros(n, np.int32)
         self.begins = np.zeros(n + 1, np.int8)
         self.found = np.zeros(n, np.int64), np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
 

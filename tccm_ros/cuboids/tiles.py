@@ -28,8 +28,6 @@ _FIRST_SLOTS = 16
 _TILE_MARGIN = 6
 """Margin of the directory around the tiles in use, tiles. Chosen."""
 
-_NO_HEIGHTS = 2**40, -(2**40)
-
 _COUNTERS = np.dtype(
     [
         (name, np.int64)
@@ -37,12 +35,11 @@ _COUNTERS = np.dtype(
             *("points", "slots", "next_beam"),
             *("tile_x0", "tile_y0", "tiles_x", "tiles_y"),
             *("box_x0", "box_x1", "box_y0", "box_y1"),
-            *("lowest", "highest"),
         )
     ]
 )
 """Counters of kernels: points, tiles in use, and the beam at which they stopped; first tile and
-shape of the directory; bounding box of tiles that it must cover; range of heights, ticks."""
+shape of the directory; bounding box of tiles that it must cover."""
 
 
 class Tiles(NamedTuple):
@@ -86,7 +83,6 @@ class BinnedPoints:
         self._counts = np.zeros(_FIRST_SLOTS * CELLS_PER_TILE, np.int32)
         self._bits = np.zeros(_FIRST_SLOTS * TILE, np.uint64)
         self._counters = np.zeros(1, _COUNTERS)
-        self._counters[["lowest", "highest"]] = _NO_HEIGHTS
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
@@ -102,13 +98,6 @@ class BinnedPoints:
     def next_beam(self) -> int:
         """Index of the beam at which the kernel stopped."""
         return int(self._counters["next_beam"][0])
-
-    @property
-    def heights(self) -> tuple[int, int]:
-        """Minimum and maximum height so far, ticks; (0, 0) without points."""
-        if self.points == 0:
-            return 0, 0
-        return int(self._counters["lowest"][0]), int(self._counters["highest"][0])
 
     def make_room(self, count: int) -> None:
         """Make room for a total number of points."""
@@ -132,7 +121,6 @@ class BinnedPoints:
             self._bits[: slots * TILE] = 0
         self._directory[:] = -1
         self._counters[["points", "slots"]] = 0
-        self._counters[["lowest", "highest"]] = _NO_HEIGHTS
 
     def _grow_directory(self) -> None:
         """Extend the directory to the bounding box in the counters and to the tiles in use."""

@@ -4,14 +4,13 @@ A point at height z with depth d covers [z - d, z]; a cuboid is a connected comp
 of its cell's intervals (touching intervals are connected). Moments are integers in ticks, so that
 the result is exact and independent of the order of the points.
 
-Points are sorted by cell and height (radix sort: first by height, then by cell with known counts).
-Cells with many points, as from depth images, are sorted one by one after sorting by cell, which
-stays in the cache. A downward pass finds the cuboids, an upward pass sums their moments. With a
-laser, most cuboids have one to three points, and their ends are unpredictable; the downward pass
-therefore uses masks instead of branches. Arrays are flat, so that row lengths are compile-time
-constants. Points of 22,760 beams become cuboids with moments in 0.29 ms; numpy's lexsort and
-reduceat take 3.3 to 5.4 ms, and a linked list per cell 1.1 ms (`bench/bench_tccm.py` measures it,
-and each step).
+Points are sorted by cell with known counts, then each cell by height: by insertion where it has few
+points, as from a laser, and by a radix sort where it has many, as from depth images. A downward
+pass finds the cuboids, an upward pass sums their moments. With a laser, most cuboids have one to
+three points, and their ends are unpredictable; the downward pass therefore uses masks instead of
+branches. Arrays are flat, so that row lengths are compile-time constants. Points of 22,760 beams
+become cuboids with moments in 0.29 ms; numpy's lexsort and reduceat take 3.3 to 5.4 ms, and a
+linked list per cell 1.1 ms (`bench/bench_tccm.py` measures it, and each step).
 """
 
 from __future__ import annotations
@@ -24,17 +23,15 @@ import numpy as np
 from tccm_ros.kernels import kernel
 
 _DIGIT_BITS = 8
-"""Maximum number of bits of a digit: the ends of 256 runs of points fit in the first-level
+"""Bits of a digit of the radix sort: the ends of 256 runs of points fit in the first-level
 cache."""
 
-HISTOGRAM_SIZE = 2 << _DIGIT_BITS
-"""Number of elements of `histogram`: the counts of a digit and of the next."""
+DIGITS = 1 << _DIGIT_BITS
+"""Number of elements of `histogram`."""
 
-_DIGIT_SIZE, _DIGIT_MASK = 1 << _DIGIT_BITS, np.uint64((1 << _DIGIT_BITS) - 1)
-
-DENSE = 32
-"""Points per cell from which cells are sorted one by one. Chosen: with fewer, the counts of a digit
-take longer than the points."""
+FEW = 32
+"""Points of a cell that are sorted by insertion. Chosen: with fewer, the counts of a digit take
+longer than the points."""
 
 _LOW = np.int64(0xFFFFFFFF)
 _U0, _U1, _U2, _U10, _U32 = (np.uint64(k) for k in (0, 1, 2, 10, 32))
@@ -56,71 +53,17 @@ class CuboidRule(NamedTuple):
 
 
 @kernel
-def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
-    """Sort points by ascending height with a stable radix sort, lowest digit first.
-
-    Parameters
-    ----------
-    records, n
-        int64 (>= 2 n,), two words per point, see `tiles.Tiles`.
-    heights
-        Minimum and maximum height, ticks.
-    scratch
-        uint64 (>= n,) twice, and int64 (HISTOGRAM_SIZE,).
-    order
-        int32 (>= n,), written: indices of the points.
-    """
-    lowest, highest = heights
-    pairs, spare, histogram = scratch
-    bits = 0
-    while (highest - lowest) >> bits:
-        bits += 1
-    passes = max((bits + _DIGIT_BITS - 1) // _DIGIT_BITS, 1)
-    width = (bits + passes - 1) // passes
-    size = np.uint64(1 << width)
-    mask, half = size - _U1, np.uint64(HISTOGRAM_SIZE // 2)
-    histogram[:] = 0
-    for i in range(np.uint64(n)):
-        height = np.uint64((records[_U2 * i] >> 32) - lowest)
-        pairs[i] = (height << _U32) | i
-        histogram[height & mask] += 1
-    for p in range(passes):
-        shift, next_shift = np.uint64(32 + p * width), np.uint64(32 + (p + 1) * width)
-        this, other = half * np.uint64(p & 1), half * np.uint64(1 - (p & 1))
-        position = np.int64(0)
-        for b in range(size):
-            count = histogram[this + b]
-            histogram[this + b] = position
-            histogram[other + b] = 0
-            position += count
-        if p < passes - 1:
-            for i in range(np.uint64(n)):
-                pair = pairs[i]
-                b = this + ((pair >> shift) & mask)
-                spare[np.uint64(histogram[b])] = pair
-                histogram[b] += 1
-                histogram[other + ((pair >> next_shift) & mask)] += 1
-            pairs, spare = spare, pairs
-        else:
-            for i in range(np.uint64(n)):
-                pair = pairs[i]
-                b = this + ((pair >> shift) & mask)
-                order[np.uint64(histogram[b])] = pair
-                histogram[b] += 1
-
-
-@kernel
 def sort_cells(points: Any, starts: Any, n_cells: Any, scratch: Any) -> None:
     """Sort the points of each cell by ascending height; stable.
 
     Parameters
     ----------
     points
-        int64 (2 n,) from `gather_points`, by cell; sorted in place.
+        int64 (2 n,) from `gather_points`; sorted in place.
     starts, n_cells
         int32, start position of each cell and, last, the number of points.
     scratch
-        uint64 (>= n,) twice, and int64 (HISTOGRAM_SIZE,).
+        uint64 (>= n,) twice, and int64 (DIGITS,).
     """
     room = np.int64(0)
     for cell in range(n_cells):
@@ -128,11 +71,10 @@ def sort_cells(points: Any, starts: Any, n_cells: Any, scratch: Any) -> None:
     rows = np.empty(2 * room, np.int64)
     for cell in range(n_cells):
         first, n = np.uint64(starts[cell]), np.uint64(starts[cell + 1] - starts[cell])
-        lowest = highest = points[_U2 * first] >> 32
-        for i in range(n):
-            z = points[_U2 * (first + i)] >> 32
-            lowest, highest = min(lowest, z), max(highest, z)
-        order = _order_cell(points, first, n, lowest, highest, scratch)
+        if n <= FEW:
+            _insert_each(points, first, n)
+            continue
+        order = _order_cell(points, first, n, scratch)
         rows[: 2 * n] = points[_U2 * first : _U2 * (first + n)]
         for i in range(n):
             j = order[i] & np.uint64(_LOW)
@@ -141,24 +83,41 @@ def sort_cells(points: Any, starts: Any, n_cells: Any, scratch: Any) -> None:
 
 
 @kernel
-def _order_cell(points: Any, first: Any, n: Any, lowest: Any, highest: Any, scratch: Any) -> Any:
+def _insert_each(points: Any, first: Any, n: Any) -> None:
+    """Sort the n points from `first` on by ascending height; stable."""
+    for i in range(first + _U1, first + n):
+        one, other = points[_U2 * i], points[_U2 * i + _U1]
+        j = i
+        while j > first and points[_U2 * (j - _U1)] >> 32 > one >> 32:
+            points[_U2 * j] = points[_U2 * (j - _U1)]
+            points[_U2 * j + _U1] = points[_U2 * (j - _U1) + _U1]
+            j -= _U1
+        points[_U2 * j], points[_U2 * j + _U1] = one, other
+
+
+@kernel
+def _order_cell(points: Any, first: Any, n: Any, scratch: Any) -> Any:
     """Return the points of a cell by ascending height, as uint64 with the index in the low bits."""
     pairs, spare, histogram = scratch
+    lowest = highest = points[_U2 * first] >> 32
+    for i in range(n):
+        z = points[_U2 * (first + i)] >> 32
+        lowest, highest = min(lowest, z), max(highest, z)
     for i in range(n):
         height = np.uint64((points[_U2 * (first + i)] >> 32) - lowest)
         pairs[i] = (height << _U32) | i
     shift = _U32
     while (highest - lowest) >> np.int64(shift - _U32):
-        histogram[:_DIGIT_SIZE] = 0
+        histogram[:] = 0
         for i in range(n):
-            histogram[(pairs[i] >> shift) & _DIGIT_MASK] += 1
+            histogram[(pairs[i] >> shift) & np.uint64(DIGITS - 1)] += 1
         position = np.int64(0)
-        for b in range(_DIGIT_SIZE):
+        for b in range(DIGITS):
             count = histogram[b]
             histogram[b] = position
             position += count
         for i in range(n):
-            b = (pairs[i] >> shift) & _DIGIT_MASK
+            b = (pairs[i] >> shift) & np.uint64(DIGITS - 1)
             spare[np.uint64(histogram[b])] = pairs[i]
             histogram[b] += 1
         pairs, spare = spare, pairs
@@ -167,17 +126,15 @@ def _order_cell(points: Any, first: Any, n: Any, lowest: Any, highest: Any, scra
 
 
 @kernel
-def gather_points(
-    records: Any, n: Any, order: Any, scan_ends: Any, scan_of: Any, counts: Any, points: Any
-) -> None:
-    """Sort the records by cell, and within a cell by `order`.
+def gather_points(records: Any, scan_ends: Any, counts: Any, points: Any) -> None:
+    """Sort the records by cell, in order of arrival.
 
     Parameters
     ----------
-    records, n, order
-        As in `order_by_height`.
-    scan_ends, scan_of
-        int32 (S,), number of records up to the end of each scan; int32 (>= n,), scratch.
+    records
+        int64 (>= 2 n,), two words per point, see `tiles.Tiles`.
+    scan_ends
+        int32 (S,), number of records up to the end of each scan.
     counts
         int32, next free position per address; afterwards one past the last.
     points
@@ -186,33 +143,14 @@ def gather_points(
     i = np.uint64(0)
     for scan in range(len(scan_ends)):
         end = np.uint64(scan_ends[scan])
-        scan_of[i:end] = scan
-        i = end
-    for j in range(np.uint64(n)):
-        i = np.uint64(order[j])
-        _gather_point(records, i, scan_of[i], counts, points)
-
-
-@kernel
-def gather_as_they_came(records: Any, scan_ends: Any, counts: Any, points: Any) -> None:
-    """Sort the records by cell, in order of arrival; arguments as in `gather_points`."""
-    i = np.uint64(0)
-    for scan in range(len(scan_ends)):
-        end = np.uint64(scan_ends[scan])
         for j in range(i, end):
-            _gather_point(records, j, scan, counts, points)
+            word = records[_U2 * j + _U1]
+            address = np.uint64(word & _LOW)
+            position = np.uint64(counts[address])
+            counts[address] += 1
+            points[_U2 * position] = records[_U2 * j]
+            points[_U2 * position + _U1] = (word & ~_LOW) | scan
         i = end
-
-
-@kernel
-def _gather_point(records: Any, i: Any, scan: Any, counts: Any, points: Any) -> None:
-    """Write a record to the next free position of its cell."""
-    word = records[_U2 * i + _U1]
-    address = np.uint64(word & _LOW)
-    position = np.uint64(counts[address])
-    counts[address] += 1
-    points[_U2 * position] = records[_U2 * i]
-    points[_U2 * position + _U1] = (word & ~_LOW) | scan
 
 
 @kernel
@@ -246,7 +184,7 @@ def merge_intervals(
     Parameters
     ----------
     points, n
-        int64 (2 n,) from `gather_points`, by cell and ascending height.
+        int64 (2 n,) from `sort_cells`, by cell and ascending height.
     begins
         int8 (n + 1,), -1 where a cell begins, and at n; afterwards where a cuboid begins.
     cell_keys, n_cells

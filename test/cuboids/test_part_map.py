@@ -24,12 +24,11 @@ from tccm_ros.cuboids.cuboids import cell_keys, key_cells
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.cuboids.union import (
-    HISTOGRAM_SIZE,
-    gather_as_they_came,
+    DIGITS,
+    FEW,
     gather_points,
     mark_cells,
     merge_intervals,
-    order_by_height,
     sort_cells,
 )
 from tccm_ros.errors import ConfigError
@@ -111,53 +110,31 @@ def test_points_of_different_depths_equal_brute_force(points):
     assert found_cuboids(points, np.array(cells), starts) == merged_intervals(points)
 
 
-@exactly
-@given(
-    st.lists(st.tuples(st.integers(0, 2), st.integers(-400, 400), st.integers(1, 300)), min_size=1)
-)
-def test_cells_sorted_one_by_one_equal_brute_force(points):
-    # As where cells are dense; equal heights stay as they came in both ways.
-    cells = sorted({cell for cell, _, _ in points})
-    counts = [sum(p[0] == cell for p in points) for cell in cells]
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    assert found_cuboids(points, np.array(cells), starts, True) == merged_intervals(points)
-
-
 @pytest.mark.parametrize("span", [0, 3, 300, 70_000, 20_000_000])
-def test_dense_cells_are_those_of_the_sort_of_all_points(span, monkeypatch):
+@pytest.mark.parametrize("n", [FEW - 1, FEW + 1, 700])
+def test_points_of_a_cell_are_sorted_by_height_and_equal_ones_stay_as_they_came(span, n):
     rng = np.random.default_rng(span)
-    xy = rng.integers(0, 3 * CELL, (2000, 2))
-    z = rng.integers(-span, span + 1, 2000)
-    points = [(int(x), int(y), int(h)) for (x, y), h in zip(xy, z, strict=True)]
-    one = part_of(points, 0, config())
-    monkeypatch.setattr("tccm_ros.cuboids.part_map.DENSE", 10**9)
-    other = part_of(points, 0, config())
-    for name in ("keys", "bounds", "moments", "seen_ns"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
-    assert one.points.packed.tobytes() == other.points.packed.tobytes()
+    z, other = rng.integers(-span, span + 1, n), np.arange(n)
+    points = np.column_stack([(z << 32) | rng.integers(0, 1 << 20, n), other])
+    expected = points[np.argsort(z, kind="stable")]
+    scratch = np.zeros(n, np.uint64), np.zeros(n, np.uint64), np.zeros(DIGITS, np.int64)
+    sort_cells(points.reshape(-1), np.array([0, n], np.int32), 1, scratch)
+    np.testing.assert_array_equal(points, expected)
 
 
-def found_cuboids(points, cells, starts, is_dense=False):
+def found_cuboids(points, cells, starts):
     """Return [(cell, bottom, top)] of points (cell, z, depth) by the kernels."""
     n, n_cells = len(points), len(cells)
     address = {int(cell): k for k, cell in enumerate(cells)}
     records = [w for c, z, d in points for w in (z << 32, (d << 32) | address[c])]
-    heights = [z for _, z, _ in points]
-    order, scan_of = np.zeros((2, n), np.int32)
     points_out, begins = np.zeros(2 * n, np.int64), np.zeros(n + 1, np.int8)
     counts, addresses = starts[:-1].copy(), np.arange(n_cells, dtype=np.int32)
-    scratch = np.zeros(n, np.uint64), np.zeros(n, np.uint64), np.zeros(HISTOGRAM_SIZE, np.int64)
+    scratch = np.zeros(n, np.uint64), np.zeros(n, np.uint64), np.zeros(DIGITS, np.int64)
     keys, bounds, _ = found = (
         np.zeros(n, np.int64), np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
     )  # fmt: skip
-    records = np.array(records)
-    scan_ends = np.array([n], np.int32)
-    if is_dense:
-        gather_as_they_came(records, scan_ends, counts, points_out)
-        sort_cells(points_out, starts, n_cells, scratch)
-    else:
-        order_by_height(records, n, (min(heights), max(heights)), scratch, order)
-        gather_points(records, n, order, scan_ends, scan_of, counts, points_out)
+    gather_points(np.array(records), np.array([n], np.int32), counts, points_out)
+    sort_cells(points_out, starts, n_cells, scratch)
     mark_cells(starts, n_cells, addresses, counts, begins)
     k = merge_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
     assert not counts.any()

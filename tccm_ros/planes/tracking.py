@@ -1,7 +1,8 @@
 """Tracking of planes from tilt cycle to tilt cycle.
 
-A plane matches a track if normals and offsets agree and the outlines overlap. The map's frame is
-the odometry frame, so that the robot's motion has no effect.
+A plane matches a track if normals and offsets agree and the outlines overlap; of several, those with
+the largest intersection over union match. The map's frame is the odometry frame, so that the
+robot's motion has no effect.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.arrays import Bool
 from tccm_ros.config import Config
-from tccm_ros.outlines.overlap import overlap_fractions
+from tccm_ros.outlines.overlap import overlaps
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PlaneRecord
 
@@ -79,10 +80,10 @@ class PlaneTracker:
             return [None] * len(fits)
         pairs = np.argwhere(self._may_match(fits))
         score = np.zeros((len(fits), len(self._tracks)))
-        score[pairs[:, 0], pairs[:, 1]] = overlap_fractions(
-            *_joined([f.boundary for f in fits]),
+        score[pairs[:, 0], pairs[:, 1]] = overlaps(
+            [f.boundary for f in fits],
             np.array([f.normal for f in fits]),
-            *_joined([t.record.boundary for t in self._tracks]),
+            [t.record.boundary for t in self._tracks],
             pairs,
         )
         rows, columns = linear_sum_assignment(-score)
@@ -101,11 +102,6 @@ class PlaneTracker:
         distance = np.minimum(np.abs(step), np.abs(back))
         parallel = n @ m.T >= math.cos(self._config.track_angle)
         return np.asarray(parallel & (distance <= self._config.track_distance))
-
-
-def _joined(rings: list[Float64]) -> tuple[Float64, Int64]:
-    """Return the concatenated corners of rings, and the end index of each ring."""
-    return np.concatenate(rings), np.cumsum([len(ring) for ring in rings])
 
 
 def plane_record(fit: PlaneFit, identity: int) -> PlaneRecord:

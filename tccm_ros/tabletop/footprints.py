@@ -1,9 +1,7 @@
 """Kernels of `objects`: cuboids above a surface, their clusters, hulls and rectangles.
 
 `shapely` is not used for hull and rectangle: of rectangles of equal size the first one is taken
-here, so that the yaw of an object does not depend on rounding. Distances from outlines are computed
-200 times in a full tilt cycle: with `shapely` the detection of objects took 1.2 to 1.5 times as
-long on the fullest cycles of bags/flat (the row "objects" of `bench/bench_cycle.py`).
+here, so that the yaw of an object does not depend on rounding.
 """
 
 import math
@@ -271,69 +269,3 @@ def rectangle(hull: Float64) -> tuple[float, float, float, float, float]:
     while yaw <= -0.5 * math.pi:
         yaw += math.pi
     return x, y, length, width, yaw
-
-
-@kernel
-def point_to_side(px: float, py: float, ring: Float64, i: int, j: int) -> float:
-    """Return the squared distance of a point from a side of a ring.
-
-    Parameters
-    ----------
-    px, py
-        The point.
-    ring
-        float64 (N, 2), open.
-    i, j
-        Indices of the corners at the side's ends.
-    """
-    dx, dy = ring[j, 0] - ring[i, 0], ring[j, 1] - ring[i, 1]
-    x, y = px - ring[i, 0], py - ring[i, 1]
-    length2 = dx * dx + dy * dy
-    t = min(max((x * dx + y * dy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
-    x, y = x - t * dx, y - t * dy
-    return x * x + y * y
-
-
-@kernel
-def distance_to_ring(shape: Float64, ring: Float64) -> float:
-    """Return the distance of a shape from the polygon of a ring; 0 where they overlap.
-
-    Parameters
-    ----------
-    shape
-        float64 (M, 2), corners of a polygon; one corner is a point.
-    ring
-        float64 (N, 2), N > 2.
-    """
-    for k in range(len(shape)):
-        if is_inside(ring, shape[k, 0], shape[k, 1]):
-            return 0.0
-    if len(shape) > 2 and is_inside(shape, ring[0, 0], ring[0, 1]):
-        return 0.0
-    nearest = np.inf
-    for i in range(len(ring)):
-        j = i + 1 if i + 1 < len(ring) else 0
-        for k in range(len(shape)):
-            m = k + 1 if k + 1 < len(shape) else 0
-            nearest = min(nearest, point_to_side(shape[k, 0], shape[k, 1], ring, i, j))
-            if len(shape) > 1:
-                nearest = min(nearest, point_to_side(ring[i, 0], ring[i, 1], shape, k, m))
-                if sides_cross(shape[k], shape[m], ring[i], ring[j]):
-                    return 0.0
-    return math.sqrt(nearest)
-
-
-@kernel
-def sides_cross(p: Float64, q: Float64, r: Float64, s: Float64) -> bool:
-    """Return whether two sides cross at a point inside both.
-
-    Parameters
-    ----------
-    p, q, r, s
-        float64 (2,), ends of the sides p q and r s.
-    """
-    a = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-    b = (q[0] - p[0]) * (s[1] - p[1]) - (q[1] - p[1]) * (s[0] - p[0])
-    c = (s[0] - r[0]) * (p[1] - r[1]) - (s[1] - r[1]) * (p[0] - r[0])
-    d = (s[0] - r[0]) * (q[1] - r[1]) - (s[1] - r[1]) * (q[0] - r[0])
-    return a * b < 0.0 and c * d < 0.0

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.config import Config
@@ -19,7 +20,6 @@ from tccm_ros.tabletop.footprints import (
     cluster_footprints,
     convex_hull,
     cuboids_above,
-    distance_to_ring,
     footprint_corners,
     loose_cuboids,
     rectangle,
@@ -163,10 +163,15 @@ def _carries(item: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
         if (
             abs((plane.offset - nx * x - ny * y) / nz - top) < SEAM
             and plane.id != item.plane
-            and distance_to_ring(item.center[None, :2], plane.boundary[:, :2]) < SEAM
+            and _outline(plane).distance(shapely.Point(x, y)) < SEAM
         ):
             return True
     return False
+
+
+def _outline(plane: PlaneRecord) -> shapely.Polygon:
+    """Return the outline of a plane seen from above, without its holes."""
+    return shapely.Polygon(plane.boundary[:, :2])
 
 
 def _object(
@@ -192,7 +197,7 @@ def _object(
     lift = float(loose.low[cluster, 2].min()) - floor
     if not -SEAM <= lift <= max(0.5 * height, config.objects.cluster_distance):
         return None
-    if distance_to_ring(hull, plane.boundary[:, :2]) > config.objects.cluster_distance:
+    if _outline(plane).distance(shapely.Polygon(hull)) > config.objects.cluster_distance:
         return None
     return TabletopObject(
         id=-1,

@@ -15,7 +15,6 @@ from tccm_ros.tabletop.footprints import (
     cluster_footprints,
     convex_hull,
     cuboids_above,
-    distance_to_ring,
     rectangle,
 )
 
@@ -48,19 +47,6 @@ def test_rectangle_is_the_smallest_around_the_hull(seed, n):
     assert -np.pi / 2 < yaw <= np.pi / 2
     local = (hull - (x, y)) @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     np.testing.assert_allclose(np.abs(local).max(axis=0), (length / 2, width / 2))
-
-
-@settings(deadline=None)
-@given(SEEDS, st.integers(1, 12), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
-def test_distance_is_that_of_the_polygons(seed, n, x, y):
-    rng = np.random.default_rng(seed)
-    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 15))
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * rng.uniform(0.3, 1.0, (15, 1))
-    shape = convex_hull(0.4 * rng.normal(size=(n, 2)) + (x, y)) if n > 1 else np.array([[x, y]])
-    if n == 2 or not Polygon(ring).is_valid:
-        return
-    other = Polygon(shape) if n > 2 else shapely.Point(x, y)
-    assert distance_to_ring(shape, ring) == pytest.approx(Polygon(ring).distance(other), abs=1e-9)
 
 
 @settings(deadline=None)

@@ -45,13 +45,6 @@ SPLIT_FRACTION = 0.7
 """A run is split if two straight lines leave less than this fraction of the squared residuals of
 one line. Chosen."""
 
-MAX_SLANT = 4.0
-"""Maximum ratio of the distance of neighbours in a run, less `POINT_NOISE`, to their distance
-across the line of sight. Chosen."""
-
-POINT_NOISE = 0.02
-"""Noise of the difference of two ranges, m. Chosen."""
-
 RUN = np.dtype(
     [
         ("line", np.int64),
@@ -330,8 +323,8 @@ def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tupl
     runs : (R,), `RUN`
     """
     n = len(scan)
-    of_point, taken = np.full(n, -1, np.int64), np.zeros(n, np.bool_)
-    members, sums = np.empty(n, np.int64), np.zeros((n + 1, 5))
+    of_point, members = np.full(n, -1, np.int64), np.empty(n, np.int64)
+    sums = np.zeros((n + 1, 5))
     runs = np.empty(n // MIN_BEAMS + 1, RUN)
     ranges = np.empty((n + 1, 2), np.int64)
     found, first = 0, 0
@@ -339,8 +332,7 @@ def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tupl
         count, total = 0, 0.0
         i, last = first, first
         while i < n and scan[i] == scan[first] and azimuth[i] - azimuth[last] <= MAX_BEAMS * step:
-            close = count == 0 or abs(seen[i, 2] - total / count) <= TOLERANCE
-            if close and not taken[i] and are_near(seen, last, i):
+            if count == 0 or abs(seen[i, 2] - total / count) <= TOLERANCE:
                 members[count] = last = i
                 count += 1
                 total += seen[i, 2]
@@ -357,7 +349,6 @@ def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tupl
                 write_run(scan, seen, azimuth, members, low, high, runs[found])
                 for k in range(low, high):
                     of_point[members[k]] = found
-                    taken[members[k]] = True
                 found += 1
                 continue
             middle = best_split(sums, low, high)
@@ -481,20 +472,3 @@ def write_run(
         for axis in range(2):
             run.begin[axis] += seen[a, axis] / half
             run.end[axis] += seen[b, axis] / half
-
-
-@kernel
-def are_near(seen: Float64, a: int, b: int) -> bool:
-    """Return whether two neighbours in a line may lie on one surface, by their distance.
-
-    Parameters
-    ----------
-    seen
-        float64 (N, 3), the points relative to the laser, m.
-    a, b
-        Indices of the points.
-    """
-    dx, dy = seen[b, 0] - seen[a, 0], seen[b, 1] - seen[a, 1]
-    cross = abs(seen[a, 0] * seen[b, 1] - seen[a, 1] * seen[b, 0])
-    across = cross / math.sqrt(seen[a, 0] ** 2 + seen[a, 1] ** 2 + 1e-12)
-    return dx * dx + dy * dy <= (MAX_SLANT * across + POINT_NOISE) ** 2

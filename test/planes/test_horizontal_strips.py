@@ -22,7 +22,6 @@ from tccm_ros.planes.horizontal_strips import (
     SPLIT_FRACTION,
     TOLERANCE,
     VERTICAL_FRACTION,
-    are_near,
     find_runs,
     find_vertical_runs,
     horizontal_strips,
@@ -234,7 +233,7 @@ def sorted_cycle(seed, sigma=0.004):
 
 
 def expected_runs(lines, seen, azimuth):
-    """The runs of find_runs in plain Python: what is near and as high, cut where it bends."""
+    """The runs of find_runs in plain Python: neighbours of one height, cut where they bend."""
     of_point, found = np.full(len(lines), -1), 0
     start = 0
     while start < len(lines):
@@ -244,11 +243,7 @@ def expected_runs(lines, seen, azimuth):
             if azimuth[k] - azimuth[last] > MAX_BEAMS * BEAM:
                 break
             height = np.mean(seen[members, 2]) if members else seen[k, 2]
-            if (
-                of_point[k] < 0
-                and abs(seen[k, 2] - height) <= TOLERANCE
-                and are_near(seen, last, k)
-            ):
+            if abs(seen[k, 2] - height) <= TOLERANCE:
                 members.append(k)
                 last = k
             k += 1

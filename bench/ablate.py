@@ -1,12 +1,17 @@
-"""Effect of each named constant, and of some rules, of surfaces and outlines on saved views.
+"""Effect of each named constant, and of some rules, of the rooms from points to surfaces.
 
     python bench/ablate.py --out TABLE.md RESULT=BAG ... [--only NAME ...]
+    python bench/ablate.py --out TABLE.md FILE.pkl ... [--only NAME ...]
 
 RESULT is the folder of a `tccm replay` of BAG, whose truth.json holds the true surfaces. The map of
 its views, outlined anew, at their poses, is built with one constant halved, doubled or set to zero,
 or with one rule switched off. A row has for each recording the mean overlap with the true surfaces,
-surfaces of 0.1 m2 that are none, and objects. Trials that the table has are not run again.
-Registration, the patches of views and the cycle are not tried.
+surfaces of 0.1 m2 that are none, and objects. Registration and the patches of views are not tried
+in this way.
+
+FILE.pkl holds tilt cycles (`saved_cycles.py`), for constants and rules of planes and objects on
+them; its rows are those of `saved_cycles`. A constant of a kernel is compiled into it, and each
+trial compiles it anew. Trials that the table has are not run again.
 """
 
 from __future__ import annotations
@@ -24,12 +29,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from saved_cycles import load as load_cycles
 from shapely import Polygon
 
 import tccm_ros
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.kernels import kernel
 from tccm_ros.records import SensorKind
 from tccm_ros.results.map_file import load_map
 from tccm_ros.surfaces import outline as outline_module
@@ -39,6 +46,8 @@ from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import Patch, View
 
 ROOMS = ("surfaces", "outlines")
+CYCLE_ROOMS = ("planes", "tabletop", "cuboids", "mapping")
+"""Rooms whose constants are tried on views, and on tilt cycles."""
 
 MAX_HEIGHT_ERROR = 0.04
 """A mapped surface may be a true one within this height, m."""
@@ -62,6 +71,39 @@ RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "_is_part": ("tccm_ros.surfaces.scene_objects", lambda *_: False),
 }
 """Rules that are switched off: module of a function, and what stands in for it."""
+
+CYCLE_RULES: dict[str, tuple[str, Callable[..., Any]]] = {
+    "horizontal_strips": ("tccm_ros.mapping.surface_message", lambda _, __, surface, ___: surface),
+    "top_planes": (
+        "tccm_ros.mapping.surface_message",
+        lambda points, *_: np.full(len(points), -1, np.int64),
+    ),
+    "are_too_thick": (
+        "tccm_ros.mapping.surface_message",
+        lambda _, __, normals, *___: np.zeros(len(normals), np.bool_),
+    ),
+    "best_split": ("tccm_ros.planes.horizontal_strips", kernel(lambda sums, low, high: -1)),
+    "find_vertical_runs": (
+        "tccm_ros.planes.horizontal_strips",
+        lambda *arguments: np.zeros(len(arguments[-1]), np.bool_),
+    ),
+    "_plane_of_runs": (
+        "tccm_ros.planes.horizontal_strips",
+        lambda _, __, runs: np.full(runs, -1, np.int64),
+    ),
+    "part_by_height": ("tccm_ros.tabletop.objects", lambda mean, *_: [np.arange(len(mean))]),
+    "part_around": ("tccm_ros.tabletop.objects", lambda mean, *_: [np.arange(len(mean))]),
+    "_carries": ("tccm_ros.tabletop.objects", lambda *_: False),
+    "drop_edge_planes": (
+        "tccm_ros.planes.search",
+        kernel(lambda cuboids, blocks, labels, planes, is_vertical: planes),
+    ),
+    "reassign_inliers": (
+        "tccm_ros.planes.search",
+        kernel(lambda M, blocks, labels, planes, is_vertical: planes),
+    ),
+}
+"""The same for tilt cycles."""
 
 
 class Saved(NamedTuple):
@@ -146,10 +188,10 @@ def _height(surface: dict[str, Any], truth: dict[str, Any]) -> float:
     return float(np.mean([p[2] for p in surface["boundary"]])) - float(truth.get("floor_z") or 0.0)
 
 
-def constants() -> Iterator[tuple[str, str, Any]]:
-    """Return module, name and value of each numeric constant of the rooms."""
+def constants(rooms: Sequence[str]) -> Iterator[tuple[str, str, Any]]:
+    """Return module, name and value of each numeric constant of some rooms."""
     root = Path(tccm_ros.__file__).parent
-    for room in ROOMS:
+    for room in rooms:
         for path in sorted((root / room).glob("*.py")):
             module = f"tccm_ros.{room}.{path.stem}"
             for node in ast.parse(path.read_text()).body:
@@ -179,24 +221,24 @@ def scaled(value: Any, factor: float) -> Any:
     return value * factor
 
 
-def trial(change: tuple[str, str, str], recordings: Sequence[Saved], results: Any) -> None:
+def trial(change: tuple[str, str, str], recordings: Sequence[Any], results: Any) -> None:
     """Run one trial in a process of its own, and put its scores into `results`."""
     module, name, how = change
     if how == "off":
         function = getattr(importlib.import_module(module), name)
-        set_everywhere(name, function, RULES[name][1])
+        set_everywhere(name, function, (RULES | CYCLE_RULES)[name][1])
     elif module:
         value = getattr(importlib.import_module(module), name)
         set_everywhere(name, value, scaled(value, FACTORS[how]))
     for saved in recordings:
         try:
-            results.put(scores(saved))
+            results.put(scores(saved) if isinstance(saved, Saved) else saved.row())
         except Exception as error:  # a trial may break what it tries
             results.put((type(error).__name__,))
     results.put(None)
 
 
-def run(change: tuple[str, str, str], recordings: Sequence[Saved]) -> list[Any]:
+def run(change: tuple[str, str, str], recordings: Sequence[Any]) -> list[Any]:
     """Return the scores of one trial."""
     context = multiprocessing.get_context("fork")
     results = context.Queue()
@@ -209,31 +251,38 @@ def run(change: tuple[str, str, str], recordings: Sequence[Saved]) -> list[Any]:
 
 def row_of(change: tuple[str, str, str], rows: list[Any]) -> str:
     """Return a row of the table."""
-    cells = [f"{row[0]:.4f} {row[1]} {row[2]}" if len(row) > 1 else str(row[0]) for row in rows]
+    cells = [
+        row if isinstance(row, str) else f"{row[0]:.4f} {row[1]} {row[2]}" if row[1:] else row[0]
+        for row in rows
+    ]
     return " | ".join(("| " + change[0].removeprefix("tccm_ros."), *change[1:], *cells)) + " |"
 
 
 def main() -> None:
     """Run the trials that the table does not have."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("saved", nargs="+", help="RESULT=BAG")
+    parser.add_argument("saved", nargs="+", help="RESULT=BAG, or FILE.pkl")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", nargs="*", default=[], help="names of constants, rules, modules")
     parser.add_argument("--how", nargs="*", default=list(FACTORS), choices=list(FACTORS))
     arguments = parser.parse_args()
     pairs = [argument.partition("=") for argument in arguments.saved]
-    recordings = [load(Path(result), Path(bag)) for result, _, bag in pairs]
+    recordings: list[Any] = [
+        load(Path(name), Path(bag)) if bag else load_cycles(Path(name)) for name, _, bag in pairs
+    ]
+    of_cycles = not pairs[0][2]
+    rooms, rules = (CYCLE_ROOMS, CYCLE_RULES) if of_cycles else (ROOMS, RULES)
     out, only = arguments.out, set(arguments.only)
     if not out.exists():
-        titles = " | ".join(Path(bag).name for _, _, bag in pairs)
+        titles = " | ".join(Path(bag or name).stem for name, _, bag in pairs)
         rule = "|---" * (len(pairs) + 3)
         out.write_text(f"| module | name | change | {titles} |\n{rule}|\n")
     done = {tuple(line.split(" | ")[:3]) for line in out.read_text().splitlines()}
     changes = [("", "", "none")]
-    for module, name, _ in constants():
+    for module, name, _ in constants(rooms):
         if not only or only & {name, module.rsplit(".", 1)[-1]}:
             changes += [(module, name, how) for how in arguments.how]
-    changes += [(rule[0], name, "off") for name, rule in RULES.items() if not only or name in only]
+    changes += [(rule[0], name, "off") for name, rule in rules.items() if not only or name in only]
     for change in changes:
         if ("| " + change[0].removeprefix("tccm_ros."), *change[1:]) not in done:
             line = row_of(change, run(change, recordings))

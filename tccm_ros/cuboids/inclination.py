@@ -15,8 +15,8 @@ OUTLINED_BY_COLUMNS = 0.35
 above, a cell would be stretched threefold on the plane, 1 / 0.35."""
 
 SEEN_AS_WALL = OUTLINED_BY_COLUMNS
-"""Below this, a plane supports nothing: no horizontal strip is on it, and points near it may belong
-to a wall behind a board. These planes are outlined from their front."""
+"""Below this, a plane supports nothing: no horizontal strip is on it. These planes are outlined
+from their front."""
 
 CROSSES_CELLS_ONCE = 0.8
 """Above this (37 deg and flatter), a plane rises by less than a cell per cell, as tan 37 deg is

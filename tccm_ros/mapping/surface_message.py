@@ -19,7 +19,6 @@ from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.planes.front_tops import top_planes
 from tccm_ros.planes.horizontal_strips import horizontal_strips
 from tccm_ros.planes.plane_noise import are_too_thick, range_noise
-from tccm_ros.planes.wall_contact import lie_on_walls
 from tccm_ros.records import (
     ObjectBoxes,
     PlaneKind,
@@ -157,8 +156,6 @@ def _horizontal_points(
     rows = np.flatnonzero(~is_wall[labels] & in_line)
     surface[rows] = horizontal_strips(points[rows], part.lines(rows), surface[rows], viewpoint)
     surface = _kept(points, in_line, surface, voxel)
-    rows = np.flatnonzero(surface >= 0)
-    surface[rows[lie_on_walls(points[rows], surface[rows], fits, is_wall)]] = -1
     if seen:
         of_map = _map_cuboids(part, fits)[part.point_cuboids()]
         tops = top_planes(points, of_map, labels, surface, seen, fits)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import pickle
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.cuboids.caps import no_caps  # noqa: E402
 from tccm_ros.cuboids.cuboids import Cuboids  # noqa: E402
 from tccm_ros.cuboids.cycle_builder import TiltCycleData  # noqa: E402
-from tccm_ros.geometry import inverse, transform  # noqa: E402
+from tccm_ros.geometry import transform  # noqa: E402
 from tccm_ros.mapping.surface_message import object_boxes, surface_cloud, view_intervals  # noqa: E402
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor  # noqa: E402
 from tccm_ros.planes import find_planes  # noqa: E402
@@ -141,8 +141,6 @@ class Situations:
 
 def without_caps(cuboids: Cuboids) -> Cuboids:
     """Return cuboids as those of an integration map."""
-    from dataclasses import replace
-
     return replace(cuboids, caps=no_caps())
 
 

@@ -87,7 +87,7 @@ def _insert_each(points: Any, first: Any, n: Any) -> None:
     """Sort the n points from `first` on by ascending height; stable."""
     for i in range(first + _U1, first + n):
         one, other = points[_U2 * i], points[_U2 * i + _U1]
-        j = i
+        j: Any = i
         while j > first and points[_U2 * (j - _U1)] >> 32 > one >> 32:
             points[_U2 * j] = points[_U2 * (j - _U1)]
             points[_U2 * j + _U1] = points[_U2 * (j - _U1) + _U1]

@@ -1,7 +1,7 @@
 """Tracking of planes from tilt cycle to tilt cycle.
 
-A plane matches a track if normals and offsets agree and the outlines overlap; of several, those with
-the largest intersection over union match. The map's frame is the odometry frame, so that the
+A plane matches a track if normals and offsets agree and the outlines overlap; of several, those
+with the largest intersection over union match. The map's frame is the odometry frame, so that the
 robot's motion has no effect.
 """
 

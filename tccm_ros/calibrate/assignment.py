@@ -60,10 +60,10 @@ def assigned(
     plane = assign(centers, normals, places, patches.spread, planes, gates)
     of_hit = plane[patches.patch]
     everywhere = model.transform_points(patches.hits, values)
-    at = places[patches.patch]
-    on = (of_hit != NO_PLANE) & ~near_another(everywhere, at, of_hit, planes)
-    hits, place = patches.hits.take(on), places[patches.patch[on]]
-    problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
+    place_of_hit = places[patches.patch]
+    on_plane = (of_hit != NO_PLANE) & ~near_another(everywhere, place_of_hit, of_hit, planes)
+    hits, place = patches.hits.take(on_plane), places[patches.patch[on_plane]]
+    problem = replace(problem, hits=hits, plane=of_hit[on_plane], place=place)
     tilt_hits = model.transform_points(hits, values)
     level = tuple(
         _on_walls(problem, x, scans, at, tilt_hits, level_gate)

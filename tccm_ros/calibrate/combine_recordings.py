@@ -14,7 +14,7 @@ from tccm_ros.calibrate.recording import CycleScans, LevelScans, Recording
 from tccm_ros.errors import FrameError
 from tccm_ros.robot.chain import JointReading
 
-SAME = 1e-4
+MOUNT_TOLERANCE = 1e-4
 """Tolerance of equal fixed transforms, m and 1 (chosen: rounding in robot descriptions)."""
 
 
@@ -62,7 +62,7 @@ def _check_same_rig(first: Recording, other: Recording) -> None:
     if difference is not None:
         raise FrameError(f"{where}: {difference}")
     mounts = [scans.T_base_laser for scans in (*first.level.values(), *other.level.values())]
-    if any(np.abs(T - mounts[0]).max() > SAME for T in mounts):
+    if any(np.abs(T - mounts[0]).max() > MOUNT_TOLERANCE for T in mounts):
         raise FrameError(f"{where}: the level laser is mounted elsewhere")
     if first.footprint_z != other.footprint_z:
         raise FrameError(f"{where}: the footprint is at another height")
@@ -80,11 +80,11 @@ def _difference(a: CycleScans, b: CycleScans) -> str | None:
         if (
             isinstance(one, JointReading)
             and isinstance(two, JointReading)
-            and np.abs(one.axis - two.axis).max() > SAME
+            and np.abs(one.axis - two.axis).max() > MOUNT_TOLERANCE
         ):
             return f"joint '{one.name}' turns about another axis"
     off = np.abs(a.chain.fixed - b.chain.fixed).max(axis=(1, 2))
-    if (off > SAME).any():
+    if (off > MOUNT_TOLERANCE).any():
         names[0].append("the laser")
         return f"the transform before {names[0][int(np.argmax(off))]} is another one"
     return None

@@ -156,20 +156,20 @@ class Problem:
         return Linearised(residuals / sigma, J / sigma[:, None], sigma, cluster, is_level)
 
     def _level_part(self, x: Float64, level: LevelHits) -> Linearised:
-        layout, on = self.layout, level.wall >= 0
-        T, points = (of_all[on] for of_all in self.level_points(x, level.scans))
-        place = np.full(on.sum(), level.place)
-        plane = level.wall[on] + FIRST_WALL
+        layout, has_wall = self.layout, level.wall >= 0
+        T, points = (of_all[has_wall] for of_all in self.level_points(x, level.scans))
+        place = np.full(has_wall.sum(), level.place)
+        plane = level.wall[has_wall] + FIRST_WALL
         residuals, J, normals = self._against_planes(x, points, plane, place)
-        R = level.scans.T_place_base[on][:, :3, :3]
+        R = level.scans.T_place_base[has_wall][:, :3, :3]
         J[:, layout.level.start : layout.level.start + 2] = np.einsum(
             "ni,nij->nj", normals, R[:, :, :2]
         )
         arm = points - T[:, :3, 3]
         J[:, layout.level.stop - 1] = normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]
-        beams = arm / np.maximum(level.scans.ranges[on], 1e-3)[:, None]
+        beams = arm / np.maximum(level.scans.ranges[has_wall], 1e-3)[:, None]
         cluster = _clusters(points, plane, place, normals)
-        sigma = self._sigma(np.sum(normals * beams, axis=1), level.scans.ranges[on], cluster)
+        sigma = self._sigma(np.sum(normals * beams, axis=1), level.scans.ranges[has_wall], cluster)
         is_level = np.ones(len(sigma), bool)
         return Linearised(residuals / sigma, J / sigma[:, None], sigma, -1 - cluster, is_level)
 
@@ -214,23 +214,23 @@ class Problem:
 
         Here x and y are in the frame of the bag's first place.
         """
-        on = np.flatnonzero(plane == CEILING)
-        at = self.poses[place[on]]
+        rows = np.flatnonzero(plane == CEILING)
+        at = self.poses[place[rows]]
         c, s = np.cos(at[:, 2]), np.sin(at[:, 2])
-        first = self.layout.first_ceiling + 3 * self.bag[place[on]]
-        J[on, first] = 1.0
-        J[on, first + 1] = at[:, 0] + c * points[on, 0] - s * points[on, 1]
-        J[on, first + 2] = at[:, 1] + s * points[on, 0] + c * points[on, 1]
+        first = self.layout.first_ceiling + 3 * self.bag[place[rows]]
+        J[rows, first] = 1.0
+        J[rows, first + 1] = at[:, 0] + c * points[rows, 0] - s * points[rows, 1]
+        J[rows, first + 2] = at[:, 1] + s * points[rows, 0] + c * points[rows, 1]
 
     def _wall_derivatives(self, J: Float64, x: Float64, points: Float64, plane: Int64) -> None:
         for number in range(self.layout.walls):
-            on, columns = plane == FIRST_WALL + number, self.layout.wall(number)
+            mine, columns = plane == FIRST_WALL + number, self.layout.wall(number)
             phi, _, tilt = x[columns]
             c, s = np.cos(phi), np.sin(phi)
-            J[on, columns.start] = (points[on, 1] * c - points[on, 0] * s) * np.cos(tilt)
-            J[on, columns.start + 1] = -1.0
-            J[on, columns.start + 2] = points[on, 2] * np.cos(tilt) - np.sin(tilt) * (
-                points[on, 0] * c + points[on, 1] * s
+            J[mine, columns.start] = (points[mine, 1] * c - points[mine, 0] * s) * np.cos(tilt)
+            J[mine, columns.start + 1] = -1.0
+            J[mine, columns.start + 2] = points[mine, 2] * np.cos(tilt) - np.sin(tilt) * (
+                points[mine, 0] * c + points[mine, 1] * s
             )
 
     def planes(self, x: Float64) -> Planes:

@@ -143,26 +143,43 @@ def _horizontal_points(
     part, voxel = cycle.part, config.views.voxel_size
     labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
     record = part.lines(np.arange(len(points)))
-    seen = [f for f in fits if f.kind == PlaneKind.HORIZONTAL and f.normal @ viewpoint > f.offset]
-    is_depth = cycle.is_of(SensorKind.DEPTH_IMAGE)[record]
-    surface = np.full(len(points), -1, np.int64)
-    on = _on_planes(points, labels, seen, len(fits))
-    surface[on] = labels[on]
-    thick = _are_too_thick(points, labels, surface, is_depth, fits, viewpoint, config)
-    seen = [f for f in seen if not thick[f.index]]
-    surface[thick[surface]] = -1
+    is_depth, in_line = cycle.is_of(SensorKind.DEPTH_IMAGE)[record], cycle.is_line()[record]
     is_wall = np.array([abs(f.normal[2]) < SEEN_AS_WALL for f in fits] + [False])
-    in_line = cycle.is_line()[record]
+    on_planes, seen = _on_thin_planes(points, labels, is_depth, fits, viewpoint, config)
+    with_strips = on_planes.copy()
     rows = np.flatnonzero(~is_wall[labels] & in_line)
-    surface[rows] = horizontal_strips(points[rows], part.lines(rows), surface[rows], viewpoint)
-    surface = _kept(points, in_line, surface, voxel)
+    with_strips[rows] = horizontal_strips(
+        points[rows], part.lines(rows), on_planes[rows], viewpoint
+    )
+    surface = _kept(points, in_line, with_strips, voxel)
     if seen:
-        of_map = _map_cuboids(part, fits)[part.point_cuboids()]
-        tops = top_planes(points, of_map, labels, surface, seen, fits)
+        map_cuboid = _map_cuboids(part, fits)[part.point_cuboids()]
+        tops = top_planes(points, map_cuboid, labels, surface, seen, fits)
         surface = np.maximum(surface, _kept(points, in_line, tops, voxel))
     is_surface = surface >= 0
-    _, surface = np.unique(surface[is_surface], return_inverse=True)
-    return points[is_surface], surface.reshape(-1)
+    _, number = np.unique(surface[is_surface], return_inverse=True)
+    return points[is_surface], number.reshape(-1)
+
+
+def _on_thin_planes(
+    points: Float64,
+    labels: Int32,
+    is_depth: Bool,
+    fits: PlaneFits,
+    viewpoint: Float64,
+    config: Config,
+) -> tuple[Int64, list[PlaneFit]]:
+    """Return the plane of each inlier, else -1, and the horizontal planes seen from above.
+
+    Planes that are thicker than noise are left out.
+    """
+    seen = [f for f in fits if f.kind == PlaneKind.HORIZONTAL and f.normal @ viewpoint > f.offset]
+    plane = np.full(len(points), -1, np.int64)
+    inliers = _on_planes(points, labels, seen, len(fits))
+    plane[inliers] = labels[inliers]
+    is_thick = _are_too_thick(points, labels, plane, is_depth, fits, viewpoint, config)
+    plane[is_thick[plane]] = -1
+    return plane, [f for f in seen if not is_thick[f.index]]
 
 
 def _are_too_thick(
@@ -206,9 +223,9 @@ def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: i
         normals[fit.index], offsets[fit.index] = fit.normal, fit.offset
         slack[fit.index] = PLANE_SIGMAS * fit.rms + PLANE_SLACK
     rows = np.flatnonzero(is_chosen[labels])
-    of = labels[rows]
-    distance = np.abs(np.einsum("ij,ij->i", points[rows], normals[of]) - offsets[of])
-    return rows[distance <= slack[of]]
+    plane = labels[rows]
+    distance = np.abs(np.einsum("ij,ij->i", points[rows], normals[plane]) - offsets[plane])
+    return rows[distance <= slack[plane]]
 
 
 def view_intervals(
@@ -271,9 +288,9 @@ def hits_near(
     near = np.zeros(cells.max(axis=0) + 3, np.bool_)  # a border of cells all around
     for x, y in product((-1, 0, 1), repeat=2):
         near[cells[:, 0] + 1 + x, cells[:, 1] + 1 + y] = True
-    of = np.floor(points[rows, :2] / HITS_DISTANCE).astype(np.int64) - corner + 1
-    inside = ((of >= 0) & (of < near.shape)).all(axis=1)
-    rows = rows[inside][near[tuple(of[inside].T)]]
+    cell = np.floor(points[rows, :2] / HITS_DISTANCE).astype(np.int64) - corner + 1
+    inside = ((cell >= 0) & (cell < near.shape)).all(axis=1)
+    rows = rows[inside][near[tuple(cell[inside].T)]]
     on_plane = np.zeros(len(rows), np.bool_)
     for fit in fits:
         if fit.kind == PlaneKind.HORIZONTAL:

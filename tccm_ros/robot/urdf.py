@@ -244,7 +244,7 @@ def _movement(element: ElementTree.Element, joint: Joint) -> Joint:
     where = f"joint '{joint.name}'"
     kind = element.get("type", "")
     if kind not in (*MOVING, "fixed", "floating", "planar"):
-        raise UrdfError(f"robot description: {where} has no type '{kind}'")
+        raise UrdfError(f"robot description: {where} has the unknown type '{kind}'")
     axis = joint.axis
     found = element.find("axis")
     if found is not None and kind in MOVING:

@@ -113,7 +113,7 @@ def test_broken_descriptions_are_one_clean_error(text, message):
 
 
 FAULTS = {
-    "an unknown type": (TILTING.replace("revolute", "ball"), "has no type 'ball'"),
+    "an unknown type": (TILTING.replace("revolute", "ball"), "has the unknown type 'ball'"),
     "no number": (TILTING.replace("0.1 0 1.0", "0.1 0 high"), "3 numbers expected"),
     "not finite": (TILTING.replace("0.1 0 1.0", "0.1 0 nan"), "3 numbers expected"),
     "two numbers": (TILTING.replace("0.1 0 1.0", "0.1 0"), "3 numbers expected"),

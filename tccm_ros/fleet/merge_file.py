@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tccm_ros.results.models import Vector
+from tccm_ros.arrays import Vector
 
 RECORD = "merge.json"
 """File in the folder of a merged map with its maps, pairs and table of ids."""

@@ -20,8 +20,9 @@ import pyarrow as pa
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, Vector
 from tccm_ros.geometry import transform2
+from tccm_ros.records import Wall
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import (
     FreePlacesEntry,
@@ -31,8 +32,6 @@ from tccm_ros.results.models import (
     SignsFile,
     SurfaceEntry,
     SurfacesFile,
-    Vector,
-    WallEntry,
     WallsFile,
 )
 
@@ -242,7 +241,7 @@ TABLES = (
         (("height_above_floor", pa.float64()), ("free_area", pa.float64())),
     ),
     Table("objects", ObjectEntry, _object_rows, (("last_seen", TIME),)),
-    Table("walls", WallEntry, _wall_rows, (("length", pa.float64()),)),
+    Table("walls", Wall, _wall_rows, (("length", pa.float64()),)),
     Table("signs", SignEntry, _sign_rows, (("first_seen", TIME), ("last_seen", TIME))),
 )
 """The tables of the catalogue."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PointStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
@@ -17,14 +16,19 @@ from tccm_ros.approach.names import NamedSpot, check_name, read_names, write_nam
 from tccm_ros.approach.settings import Goal, Robot, Surroundings
 from tccm_ros.approach.standing import standing_poses
 from tccm_ros.arrays import Float64
-from tccm_ros.errors import MotionError, RequestError, TccmError, one_line, suggest
+from tccm_ros.errors import MotionError, RequestError, suggest
 from tccm_ros.geometry import inverse2, planar, spatial, transform2
-from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.client_requests import stamped_point
+from tccm_ros.nodes.interfaces import offer_service
 from tccm_ros.nodes.map_records import MapSurface
 from tccm_ros.ros.types import MessageTypes, pose_message
 
 MAX_BASE_POSES = 10
 """Most base poses in one response. Chosen."""
+
+
+class NoSurfaceError(RequestError):
+    """No surface of the map meets the conditions of a goal or a name."""
 
 
 class SpotNames:
@@ -63,9 +67,9 @@ class SpotNames:
         group = ReentrantCallbackGroup()
         for kind, name, callback in (
             ("ResolveName", "~/resolve_name", self._resolve),
-            ("SetName", "~/set_name", self._set),
+            ("SetName", "~/set_name", self._write),
         ):
-            node.create_service(service_class(kind), name, callback, callback_group=group)
+            offer_service(node, kind, name, callback, callback_group=group)
 
     def spot(self, name: str) -> NamedSpot:
         """Return the spot of a name.
@@ -80,25 +84,20 @@ class SpotNames:
             raise RequestError(f"no spot is called {name!r}{suggest(name, names)}")
         return names[name]
 
-    async def _resolve(self, request: Any, response: Any) -> Any:
-        try:
-            spot = self.spot(request.name)
-            surface = await self._find_surface(filter_of(spot))
-            place = place_on(surface, spot)
-            goal = self._goal(spot=stamped_point(place, self._map_frame))
-            if spot.side is not None:
-                goal.has_side, goal.side = True, spot.side
-            planned = self._plan(goal, surface)
-        except (TccmError, LookupError) as error:
-            response.success, response.message = False, one_line(error)
-            return response
-        response.success, response.surface = True, surface.message
+    async def _resolve(self, request: Any, response: Any) -> str:
+        spot = self.spot(request.name)
+        surface = await self._find_surface(filter_of(spot))
+        place = place_on(surface, spot)
+        goal = self._goal(spot=stamped_point(place, self._map_frame))
+        if spot.side is not None:
+            goal.has_side, goal.side = True, spot.side
+        poses = self._base_poses(*self._plan(goal, surface))
+        response.surface, response.base_poses = surface.message, poses
         response.spot = stamped_point(place, self._map_frame)
         response.spot.point.z = float(surface.T_map_surface[2, 3])
-        response.base_poses = self._base_poses(*planned)
-        if not response.base_poses:
-            response.message = "no free floor around it is within the arm's length of the spot"
-        return response
+        if poses:
+            return ""
+        return "no free floor around it is within the arm's length of the spot"
 
     def _base_poses(self, robot: Robot, goal: Goal, around: Surroundings) -> list[Any]:
         floor = Floor(around.grid, [*around.overhangs, goal.target.outline])
@@ -122,15 +121,7 @@ class SpotNames:
             for found in poses[:MAX_BASE_POSES]
         ]
 
-    async def _set(self, request: Any, response: Any) -> Any:
-        try:
-            response.message = await self._write(request)
-            response.success = True
-        except (TccmError, LookupError) as error:
-            response.success, response.message = False, one_line(error)
-        return response
-
-    async def _write(self, request: Any) -> str:
+    async def _write(self, request: Any, _: Any) -> str:
         """Write or remove a name; return a sentence with its previous meaning."""
         check_name(request.name)
         found = None if request.forget else await self._spot_of(request)
@@ -178,11 +169,3 @@ def place_on(surface: MapSurface, spot: NamedSpot) -> Float64:
     local = np.array([spot.spot or (0.0, 0.0)])
     place: Float64 = transform2(planar(surface.T_map_surface), local)[0]
     return place
-
-
-def stamped_point(xy: Float64, frame_id: str) -> PointStamped:
-    """Return a position float64 (2,) as a message."""
-    message = PointStamped()
-    message.header.frame_id = frame_id
-    message.point.x, message.point.y = xy.tolist()
-    return message

@@ -46,8 +46,9 @@ from tccm_ros.nodes.approach_goals import (
     robot_of,
     surroundings_of,
 )
-from tccm_ros.nodes.approach_names import SpotNames, filter_of, place_on, stamped_point
+from tccm_ros.nodes.approach_names import NoSurfaceError, SpotNames, filter_of, place_on
 from tccm_ros.nodes.base_senses import BaseSenses
+from tccm_ros.nodes.client_requests import stamped_point
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.map_records import MapSurface
@@ -364,7 +365,7 @@ class ApproachNode(Node):
         ------
         TccmError
             If the map's node does not answer.
-        LookupError
+        NoSurfaceError
             If no surface meets the filter, or the first one is the floor.
         """
         if not wanted.near.header.frame_id:
@@ -374,9 +375,9 @@ class ApproachNode(Node):
                 wanted.near.point.x, wanted.near.point.y = known.T_map_base[:2, 3].tolist()
         found = await self._answer(self._client.find_surfaces(wanted))
         if not found:
-            raise LookupError(f"no surface of the map meets the conditions: {found.message}")
+            raise NoSurfaceError(f"no surface of the map meets the conditions: {found.message}")
         if found[0].label == "floor":
-            raise LookupError("the floor is no surface to approach")
+            raise NoSurfaceError("the floor is no surface to approach")
         return found[0]
 
     def _plan(self, request: Any, surface: MapSurface) -> tuple[Robot, Goal, Surroundings]:
@@ -495,7 +496,7 @@ class ApproachNode(Node):
             self._drive = Drive(machine, robot, done, handle, partial(tell, machine))
             outcome: Outcome = await done
             return outcome
-        except LookupError as error:
+        except NoSurfaceError as error:
             return Outcome(Reason.NO_SURFACE, one_line(error))
         except TccmError as error:
             return Outcome(Reason.BAD_GOAL, one_line(error))

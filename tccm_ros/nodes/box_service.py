@@ -9,9 +9,9 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.cuboids.queries import MapQuery
-from tccm_ros.errors import FrameError, MessageError, TccmError, one_line
+from tccm_ros.errors import FrameError, MessageError
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.interfaces import offer_service
 from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.records.building import pose_from_message
@@ -45,21 +45,17 @@ class BoxService:
         self._query: MapQuery | None = None
         self._noted = 0
         self._is_asked = False
-        node.create_service(service_class("CheckBox"), "~/check_box", self._check)
+        offer_service(node, "CheckBox", "~/check_box", self._check)
 
-    async def _check(self, request: Any, response: Any) -> Any:
-        try:
-            T, size = self._box(request)
-            self._is_asked = True
-            query = self._query or await self._node.worker.call(self._prepare, self._node)
-            found = query.box(T, size)
-            response.state = STATES[int(found.occupancy)]
-            response.cycle = found.cycle
-            response.stamp = stamp_message(self._node.types, max(found.stamp_ns, 0))
-            response.success = True
-        except TccmError as error:
-            response.success, response.message = False, one_line(error)
-        return response
+    async def _check(self, request: Any, response: Any) -> str:
+        T, size = self._box(request)
+        self._is_asked = True
+        query = self._query or await self._node.worker.call(self._prepare, self._node)
+        found = query.box(T, size)
+        response.state = STATES[int(found.occupancy)]
+        response.cycle = found.cycle
+        response.stamp = stamp_message(self._node.types, max(found.stamp_ns, 0))
+        return ""
 
     def _box(self, request: Any) -> tuple[Float64, Float64]:
         """Return pose (4, 4) in odom and edges (3,) of a box; raise TccmError if it is invalid."""

@@ -11,7 +11,6 @@ from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
 from tccm_ros.nodes.keepout import VectorShapes
 from tccm_ros.nodes.known_frames import KnownFrames
-from tccm_ros.nodes.label_service import offer_labels
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_services import MapServices
 from tccm_ros.nodes.ros_types import is_installed
@@ -64,10 +63,9 @@ class ClientApi:
         self._view_action: ViewAction | None = None
         if has_interfaces():
             frames = KnownFrames(node.robot, node.config)
-            self._surfaces = SurfaceServices(node, node.types, live, frames)
+            self._surfaces = SurfaceServices(node, node.types, live, frames, correct_label)
             self._view_action = offer_scan_here(node, frames, self._surfaces)
             MapServices(node, begin_save, load)
-            offer_labels(node, self._surfaces, correct_label)
 
     def receive(self, solved: Solved) -> None:
         """Prepare a solution for queries (in the thread that receives solutions)."""

@@ -13,8 +13,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from tccm_ros.errors import TccmError, one_line
-from tccm_ros.nodes.interfaces import has_interfaces, service_class
+from tccm_ros.nodes.interfaces import has_interfaces, offer_service
 from tccm_ros.nodes.ros_types import is_installed, message_class
 from tccm_ros.ros.collision_messages import (
     COLLISION_OBJECT,
@@ -61,8 +60,7 @@ class CollisionObjects:
                 message_class(PLANNING_SCENE), "planning_scene", CHANGES_PROFILE
             )
             if has_interfaces():
-                kind = service_class("SetSceneObject")
-                node.create_service(kind, "~/set_scene_object", self._set_state)
+                offer_service(node, "SetSceneObject", "~/set_scene_object", self._set_state)
 
     @property
     def has_listeners(self) -> bool:
@@ -107,15 +105,11 @@ class CollisionObjects:
                 planning_scene_message(self._types, self._stamp_ns, self._frame_id, changes)
             )
 
-    def _set_state(self, request: Any, response: Any) -> Any:
+    def _set_state(self, request: Any, _: Any) -> str:
         """Answer ~/set_scene_object."""
         links = request.link_name, tuple(request.touch_links)
-        try:
-            with self._lock:
-                changes = self._scene.set_state(request.object_id, request.state, *links)
-                self._publish_changes(changes)
-            state = ObjectState(request.state).name.lower().replace("_", " ")
-            response.success, response.message = True, f"object {request.object_id} is {state}"
-        except TccmError as error:
-            response.success, response.message = False, one_line(error)
-        return response
+        with self._lock:
+            changes = self._scene.set_state(request.object_id, request.state, *links)
+            self._publish_changes(changes)
+        state = ObjectState(request.state).name.lower().replace("_", " ")
+        return f"object {request.object_id} is {state}"

@@ -1,12 +1,18 @@
-"""Availability of tccm_interfaces in this version, and its service classes."""
+"""Availability of tccm_interfaces in this version, and services of its types."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from inspect import iscoroutinefunction
 from typing import Any
 
+from rclpy.node import Node
+
 from tccm_ros.bags.typestore import DEFINITIONS, TypestoreMessages
+from tccm_ros.errors import TccmError, one_line
 
 MISSING = (
     "tccm_interfaces is not installed: no typed messages, events and questions; build it "
@@ -50,3 +56,45 @@ def has_interfaces() -> bool:
 def service_class(name: str) -> Any:
     """Return the class of a service such as ``FindSurfaces``."""
     return getattr(import_module("tccm_interfaces.srv"), name)
+
+
+@contextmanager
+def _told(response: Any) -> Iterator[None]:
+    """Set a response's success, and the message of an error."""
+    try:
+        yield
+        response.success = True
+    except (TccmError, OSError) as error:
+        response.success, response.message = False, one_line(error)
+
+
+def offer_service(
+    node: Node, kind: str, name: str, answer: Callable[[Any, Any], Any], **options: Any
+) -> None:
+    """Create a service whose response has the fields `success` and `message`.
+
+    Parameters
+    ----------
+    node
+        Node of the service.
+    kind, name
+        Its type, such as ``FindSurfaces``, and its name.
+    answer
+        Function or coroutine that fills the response to a request and returns its message; a
+        TccmError or OSError becomes the message of a failure.
+    options
+        Further arguments of `Node.create_service`.
+    """
+
+    def call(request: Any, response: Any) -> Any:
+        with _told(response):
+            response.message = answer(request, response)
+        return response
+
+    async def await_answer(request: Any, response: Any) -> Any:
+        with _told(response):
+            response.message = await answer(request, response)
+        return response
+
+    callback = await_answer if iscoroutinefunction(answer) else call
+    node.create_service(service_class(kind), name, callback, **options)

@@ -17,6 +17,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.nodes.ending import Ending
+from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.slam_node import SlamNode
 from tccm_ros.nodes.stopping import leave
@@ -190,3 +191,13 @@ class ManagedTccmNode(ManagedNode, TccmNode):
 
 class ManagedSlamNode(ManagedNode, SlamNode):
     """slam_node as a lifecycle node."""
+
+
+def main_tccm() -> None:
+    """Run `ManagedTccmNode` until it is asked to stop."""
+    run(ManagedTccmNode)
+
+
+def main_slam() -> None:
+    """Run `ManagedSlamNode` until it is asked to stop."""
+    run(ManagedSlamNode)

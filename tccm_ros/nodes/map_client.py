@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, Vector3
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
 from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.task import Future
+from tccm_interfaces.action import ApproachSurface, Retreat
 from tccm_interfaces.msg import Localisation, SurfaceEvent, SurfaceFilter, SurfaceMap
 from tccm_interfaces.srv import (
     CheckBox,
@@ -21,16 +22,19 @@ from tccm_interfaces.srv import (
     FindSurfaces,
     ListMaps,
     LoadMap,
+    ResolveName,
     SaveMap,
     SetLabel,
+    SetName,
     SetPose,
 )
 
 from tccm_ros.nodes.approach_client import ApproachClient
-from tccm_ros.nodes.asking import ask
+from tccm_ros.nodes.client_requests import ask, filled, stamped_point
 from tccm_ros.nodes.map_records import (
     BoxState,
     Found,
+    MapApproach,
     MapCompartment,
     MapEvent,
     MapFoundObject,
@@ -38,6 +42,7 @@ from tccm_ros.nodes.map_records import (
     MapObject,
     MapPlacement,
     MapSign,
+    MapSpot,
     MapSurface,
     MapWall,
     SavedMap,
@@ -61,10 +66,6 @@ MAP_SERVICES = {
     ListMaps: "list_maps",
 }
 """Services of the node that owns the map."""
-
-
-ANYWHERE, ANY_OBJECT = FindPlacements.Request(), FindObjects.Request()
-"""Hold the default values of the requests."""
 
 
 class SurfaceMapClient:
@@ -186,21 +187,7 @@ class SurfaceMapClient:
         )
 
     def find_placements(
-        self,
-        size: Sequence[float],
-        filter: SurfaceFilter | None = None,
-        *,
-        clearance: float = ANYWHERE.clearance,
-        approach: int = ANYWHERE.approach,
-        hand_width: float = ANYWHERE.hand_width,
-        hand_height: float = ANYWHERE.hand_height,
-        base: int = ANYWHERE.base,
-        reach: float = ANYWHERE.reach,
-        min_reach_height: float = ANYWHERE.min_reach_height,
-        max_reach_height: float = ANYWHERE.max_reach_height,
-        robot_radius: float = ANYWHERE.robot_radius,
-        max_count: int = ANYWHERE.max_count,
-        max_base_poses: int = ANYWHERE.max_base_poses,
+        self, size: Sequence[float], filter: SurfaceFilter | None = None, **conditions: Any
     ) -> Future:
         """Find placements of an object; the future resolves to `Found` of `MapPlacement`.
 
@@ -210,86 +197,43 @@ class SurfaceMapClient:
             (3,), length, width and height of the object, m.
         filter
             Conditions for surfaces; by default all except the floor, including seats and steps.
-        clearance, approach, hand_width, hand_height
-            As in the request tccm_interfaces/FindPlacements; `approach` is one of its constants.
-        base, reach, min_reach_height, max_reach_height, robot_radius
-            As there; `base` is one of its constants.
-        max_count, max_base_poses
-            Maximum numbers.
+        conditions
+            Other fields of the request tccm_interfaces/FindPlacements: `clearance`, `approach`,
+            `hand_width`, `hand_height`, `base`, `reach`, `min_reach_height`, `max_reach_height`,
+            `robot_radius`, `max_count`, `max_base_poses`.
 
         Raises
         ------
         TypeError, ValueError
-            If the filter or the size is invalid.
+            If the filter, the size or the name of a condition is invalid.
         """
         x, y, z = _lengths(size)
-        request = FindPlacements.Request(
-            filter=_checked(filter),
-            size_x=x,
-            size_y=y,
-            height=z,
-            clearance=float(clearance),
-            approach=approach,
-            hand_width=float(hand_width),
-            hand_height=float(hand_height),
-            base=base,
-            reach=float(reach),
-            min_reach_height=float(min_reach_height),
-            max_reach_height=float(max_reach_height),
-            robot_radius=float(robot_radius),
-            max_count=max_count,
-            max_base_poses=max_base_poses,
-        )
+        lengths = {"size_x": x, "size_y": y, "height": z}
+        request = filled(FindPlacements.Request(filter=_checked(filter)), **lengths, **conditions)
         return self._ask_map(
             FindPlacements,
             request,
             lambda answer: Found(map(MapPlacement.of, answer.placements), answer.message),
         )
 
-    def find_objects(
-        self,
-        labels: Sequence[str] = (),
-        *,
-        surface_ids: Sequence[int] = (),
-        min_size: float = ANY_OBJECT.min_size,
-        max_size: float = ANY_OBJECT.max_size,
-        near: PointStamped | None = None,
-        max_distance: float = ANY_OBJECT.max_distance,
-        hand_width: float = ANY_OBJECT.hand_width,
-        hand_height: float = ANY_OBJECT.hand_height,
-        clearance: float = ANY_OBJECT.clearance,
-        max_count: int = ANY_OBJECT.max_count,
-    ) -> Future:
-        """Ask for objects, and from where a hand can take each; `MapFoundObject` as `Found`.
+    def find_objects(self, labels: Sequence[str] = (), **conditions: Any) -> Future:
+        """Find objects; the future resolves to `Found` of `MapFoundObject`.
 
         Parameters
         ----------
         labels
-            Classes that detectors gave; any by default.
-        surface_ids, min_size, max_size, max_distance, hand_width, hand_height, clearance, max_count
-            As in the request tccm_interfaces/FindObjects.
-        near
-            A point in any frame that is known.
+            Classes assigned by detectors; any by default.
+        conditions
+            Other fields of the request tccm_interfaces/FindObjects: `surface_ids`, `min_size`,
+            `max_size`, `near`, `max_distance`, `hand_width`, `hand_height`, `clearance`,
+            `max_count`.
 
         Raises
         ------
         TypeError
-            For a text where a list of labels is expected.
+            If `labels` is a string, or the name of a condition is invalid.
         """
-        if isinstance(labels, str):
-            raise TypeError(f"labels is {labels!r}; expected a list of labels")
-        request = FindObjects.Request(
-            labels=list(labels),
-            surface_ids=list(surface_ids),
-            min_size=float(min_size),
-            max_size=float(max_size),
-            near=PointStamped() if near is None else near,
-            max_distance=float(max_distance),
-            hand_width=float(hand_width),
-            hand_height=float(hand_height),
-            clearance=float(clearance),
-            max_count=max_count,
-        )
+        request = filled(FindObjects.Request(), labels=labels, **conditions)
         return self._ask_map(
             FindObjects,
             request,
@@ -346,15 +290,23 @@ class SurfaceMapClient:
         side, gap, reach
             As in the goal of tccm_interfaces/ApproachSurface; None and 0 for the node's defaults.
         """
-        return self._driver.approach(name, _checked(filter), spot, frame, side, gap, reach)
+        goal = filled(
+            ApproachSurface.Goal(filter=_checked(filter)),
+            name=name,
+            gap=gap,
+            reach=reach,
+            **_spot(spot, frame, side),
+        )
+        return self._driver.drive(ApproachSurface, goal, MapApproach.of)
 
     def retreat(self, distance: float = 0.0) -> Future:
         """Drive the base straight back, m; the future resolves to the distance driven."""
-        return self._driver.retreat(distance)
+        goal = filled(Retreat.Goal(), distance=distance)
+        return self._driver.drive(Retreat, goal, lambda result: float(result.distance))
 
     def resolve_name(self, name: str) -> Future:
         """Find a named spot in the present map; the future resolves to a `MapSpot`."""
-        return self._driver.resolve_name(name)
+        return self._driver.ask(ResolveName, ResolveName.Request(name=name), MapSpot.of)
 
     def set_name(
         self,
@@ -377,11 +329,14 @@ class SurfaceMapClient:
         spot, frame, side
             As in `approach`; both move with the surface.
         """
-        return self._driver.set_name(name, _checked(filter), spot, frame, side)
+        request = SetName.Request(name=name, filter=_checked(filter))
+        filled(request, **_spot(spot, frame, side))
+        return self._driver.ask(SetName, request, lambda answer: str(answer.message))
 
     def forget_name(self, name: str) -> Future:
         """Remove a name; the future resolves to a sentence with its meaning."""
-        return self._driver.forget_name(name)
+        request = SetName.Request(name=name, forget=True)
+        return self._driver.ask(SetName, request, lambda answer: str(answer.message))
 
     def cancel(self) -> None:
         """Stop the base: the active goal ends, and its future raises `RequestError`."""
@@ -504,6 +459,12 @@ def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:
     if isinstance(filter.labels, str):
         raise TypeError(f"filter.labels is {filter.labels!r}; expected a list of labels")
     return filter
+
+
+def _spot(spot: Sequence[float] | None, frame: str, side: float | None) -> dict[str, Any]:
+    """Return the fields `spot`, `has_side` and `side` of a goal or a request, if they are given."""
+    fields: dict[str, Any] = {} if spot is None else {"spot": stamped_point(spot, frame)}
+    return fields if side is None else {**fields, "has_side": True, "side": side}
 
 
 def _rigid(T: ArrayLike) -> NDArray[np.float64]:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from array import array
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+from typing import Any, Self, TypeVar
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Vector3
 from tccm_interfaces.msg import Compartment, FoundObject, Localisation, SurfaceEvent
 from tccm_interfaces.srv import CheckBox
 
@@ -16,24 +20,85 @@ from tccm_ros.racks.compartment import OpenPart
 from tccm_ros.records.building import pose_from_message, stamp_ns_from_message
 
 
-def _names(kind: Any, names: str, prefix: str = "") -> dict[int, str]:
-    """Return the names of constants of a message type, in lower case, by value."""
-    return {getattr(kind, prefix + name): name.lower() for name in names.split()}
+def _vector(message: Any) -> Float64:
+    return np.array([message.x, message.y, message.z])
 
 
-EVENT_KINDS = _names(SurfaceEvent, "APPEARED MOVED MERGED SPLIT GONE OBJECT_APPEARED OBJECT_LEFT")
-LOCALISATION_STATES = _names(Localisation, "UNKNOWN TRACKING SEARCHING LOST")
-FACE_STATES = _names(Compartment, "UNKNOWN MEASURED OPEN", "FACE_")
-ACCESS_STATES = _names(FoundObject, "UNKNOWN FREE BLOCKED", "ACCESS_")
-BOX_STATES = _names(CheckBox.Response, "UNKNOWN FREE OCCUPIED")
-
-Kind = TypeVar("Kind")
+def _points(messages: Iterable[Any]) -> Float64:
+    """Return points as float64 (N, 3)."""
+    return np.array([_vector(point) for point in messages]).reshape(-1, 3)
 
 
-def _record(kind: type[Kind], source: Any, /, **others: Any) -> Kind:
-    """Return the record of a message: its fields of the same names, except those in `others`."""
-    names, known = kind.__dataclass_fields__, {"message": source, **others}  # type: ignore[attr-defined]
-    return kind(**{n: known[n] if n in known else getattr(source, n) for n in names})
+def _bases(messages: Iterable[Any]) -> Float64:
+    """Return the poses float64 (N, 4, 4) of tccm_interfaces/BasePose messages."""
+    return np.array([pose_from_message(base.pose) for base in messages]).reshape(-1, 4, 4)
+
+
+def _open_parts(space: Any) -> tuple[OpenPart, ...]:
+    """Return the open doors and drawers of a tccm_interfaces/Compartment."""
+    boxes = zip(space.open_parts, space.open_part_sizes)
+    return tuple(OpenPart(pose_from_message(T), _vector(size)) for T, size in boxes)
+
+
+def _known_pose(pose: Any) -> Float64 | None:
+    """Return a pose float64 (4, 4); None if its position is nan."""
+    return None if math.isnan(pose.position.x) else pose_from_message(pose)
+
+
+def _names(kind: Any, names: str, prefix: str = "") -> Callable[[int], str]:
+    """Return the function from values of a message's constants to their names in lower case."""
+    known = {getattr(kind, prefix + name): name.lower() for name in names.split()}
+    return lambda value: known.get(value, "unknown")
+
+
+EVENT_KIND = _names(SurfaceEvent, "APPEARED MOVED MERGED SPLIT GONE OBJECT_APPEARED OBJECT_LEFT")
+LOCALISATION_STATE = _names(Localisation, "UNKNOWN TRACKING SEARCHING LOST")
+FACE_STATE = _names(Compartment, "UNKNOWN MEASURED OPEN", "FACE_")
+ACCESS_STATE = _names(FoundObject, "UNKNOWN FREE BLOCKED", "ACCESS_")
+BOX_STATE = _names(CheckBox.Response, "UNKNOWN FREE OCCUPIED")
+
+CONVERSIONS: Mapping[type, Callable[[Any], Any]] = {
+    Pose: pose_from_message,
+    Point: _vector,
+    Vector3: _vector,
+    Time: stamp_ns_from_message,
+    list: tuple,
+    array: tuple,
+}
+"""Conversion of a message's field by its type; all others are kept as they are."""
+
+
+def _from(path: str, convert: Callable[[Any], Any] | None = None) -> dict[str, Any]:
+    """Return the metadata of a record's field that differs from the message's field.
+
+    Parameters
+    ----------
+    path
+        Field of the message, with dots into its parts; empty for the whole message.
+    convert
+        Conversion of its value; by default that of `CONVERSIONS`.
+    """
+    return {"path": path, "convert": convert}
+
+
+WHOLE = _from("")
+
+
+class _Record:
+    """Base of the records: their fields are those of a message, unless their metadata differ."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, message: Any) -> Self:
+        """Return the record of a message."""
+        values = {}
+        for known in fields(cls):  # type: ignore[arg-type]  # each subclass is a dataclass
+            path = known.metadata.get("path", known.name)
+            value = attrgetter(path)(message) if path else message
+            convert = known.metadata.get("convert") or CONVERSIONS.get(type(value))
+            values[known.name] = value if convert is None else convert(value)
+        return cls(**values)
 
 
 Item = TypeVar("Item")
@@ -54,7 +119,7 @@ class Found(list[Item]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSurface:
+class MapSurface(_Record):
     """A surface of the map.
 
     Attributes
@@ -80,29 +145,17 @@ class MapSurface:
     id: int
     label: str
     room: str
-    T_map_surface: Float64
-    size: Float64
+    T_map_surface: Float64 = field(metadata=_from("pose"))
+    size: Float64 = field(metadata=_from("", lambda m: np.array([m.size_x, m.size_y])))
     height: float
     area: float
-    boundary: Float64
+    boundary: Float64 = field(metadata=_from("boundary.points", _points))
     near_signs: tuple[str, ...]
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapSurface:
-        """Return the record of a tccm_interfaces/Surface."""
-        return _record(
-            cls,
-            message,
-            T_map_surface=pose_from_message(message.pose),
-            size=np.array([message.size_x, message.size_y]),
-            boundary=np.array([_vector(p) for p in message.boundary.points]).reshape(-1, 3),
-            near_signs=tuple(message.near_signs),
-        )
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapObject:
+class MapObject(_Record):
     """An object on a surface.
 
     Attributes
@@ -123,19 +176,13 @@ class MapObject:
     surface_id: int
     label: str
     confidence: float
-    T_map_object: Float64
+    T_map_object: Float64 = field(metadata=_from("pose"))
     size: Float64
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapObject:
-        """Return the record of a tccm_interfaces/SurfaceObject."""
-        T, size = pose_from_message(message.pose), _vector(message.size)
-        return _record(cls, message, T_map_object=T, size=size)
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapFoundObject:
+class MapFoundObject(_Record):
     """An object, and from where a hand can take it.
 
     Attributes
@@ -149,20 +196,14 @@ class MapFoundObject:
         The whole message, with the obstacles: tccm_interfaces/FoundObject.
     """
 
-    item: MapObject
-    above: str
-    front: str
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapFoundObject:
-        """Return the record of a tccm_interfaces/FoundObject."""
-        above, front = (ACCESS_STATES.get(n, "unknown") for n in (message.above, message.front))
-        return cls(MapObject.of(message.object), above, front, message)
+    item: MapObject = field(metadata=_from("object", MapObject.of))
+    above: str = field(metadata=_from("above", ACCESS_STATE))
+    front: str = field(metadata=_from("front", ACCESS_STATE))
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapCompartment:
+class MapCompartment(_Record):
     """The space over a board of a rack.
 
     Attributes
@@ -183,32 +224,20 @@ class MapCompartment:
 
     rack_id: int
     board_id: int
-    T_map_front: Float64
+    T_map_front: Float64 = field(metadata=_from("front"))
     width: float
     depth: float
     height: float
-    left: str
-    right: str
-    back: str
-    ceiling: str
-    open_parts: tuple[OpenPart, ...]
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapCompartment:
-        """Return the record of a tccm_interfaces/Compartment."""
-        faces = {
-            side: FACE_STATES.get(getattr(message, side), "unknown")
-            for side in ("left", "right", "back", "ceiling")
-        }
-        boxes = zip(message.open_parts, message.open_part_sizes)
-        parts = tuple(OpenPart(pose_from_message(T), _vector(size)) for T, size in boxes)
-        front = pose_from_message(message.front)
-        return _record(cls, message, T_map_front=front, open_parts=parts, **faces)
+    left: str = field(metadata=_from("left", FACE_STATE))
+    right: str = field(metadata=_from("right", FACE_STATE))
+    back: str = field(metadata=_from("back", FACE_STATE))
+    ceiling: str = field(metadata=_from("ceiling", FACE_STATE))
+    open_parts: tuple[OpenPart, ...] = field(metadata=_from("", _open_parts))
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapPlacement:
+class MapPlacement(_Record):
     """A position where an object can be put down.
 
     Attributes
@@ -226,20 +255,14 @@ class MapPlacement:
     """
 
     surface_id: int
-    T_map_object: Float64
+    T_map_object: Float64 = field(metadata=_from("pose"))
     clearance: float
     free_height: float
-    T_map_bases: Float64
-
-    @classmethod
-    def of(cls, message: Any) -> MapPlacement:
-        """Return the record of a tccm_interfaces/Placement."""
-        T, bases = pose_from_message(message.pose), _bases(message.base_poses)
-        return _record(cls, message, T_map_object=T, T_map_bases=bases)
+    T_map_bases: Float64 = field(metadata=_from("base_poses", _bases))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapEvent:
+class MapEvent(_Record):
     """A change of the map.
 
     Attributes
@@ -259,36 +282,18 @@ class MapEvent:
         Of the view that shows the change, ns.
     """
 
-    kind: str
-    ids_before: tuple[int, ...]
-    ids_after: tuple[int, ...]
+    kind: str = field(metadata=_from("kind", EVENT_KIND))
+    ids_before: tuple[int, ...] = field(metadata=_from("surface_ids_before"))
+    ids_after: tuple[int, ...] = field(metadata=_from("surface_ids_after"))
     object_id: int
     label: str
-    T_before: Float64 | None
-    T_after: Float64 | None
-    stamp_ns: int
-
-    @classmethod
-    def of(cls, message: Any) -> MapEvent:
-        """Return the record of a tccm_interfaces/SurfaceEvent."""
-        before, after = (
-            None if math.isnan(pose.position.x) else pose_from_message(pose)
-            for pose in (message.pose_before, message.pose_after)
-        )
-        return _record(
-            cls,
-            message,
-            kind=EVENT_KINDS.get(message.kind, "unknown"),
-            ids_before=tuple(message.surface_ids_before),
-            ids_after=tuple(message.surface_ids_after),
-            T_before=before,
-            T_after=after,
-            stamp_ns=stamp_ns_from_message(message.header.stamp),
-        )
+    T_before: Float64 | None = field(metadata=_from("pose_before", _known_pose))
+    T_after: Float64 | None = field(metadata=_from("pose_after", _known_pose))
+    stamp_ns: int = field(metadata=_from("header.stamp"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapWall:
+class MapWall(_Record):
     """A wall of the map.
 
     Attributes
@@ -302,17 +307,12 @@ class MapWall:
     """
 
     id: int
-    endpoints: Float64
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapWall:
-        """Return the record of a tccm_interfaces/Wall."""
-        return cls(message.id, np.array([_vector(p) for p in message.endpoints]), message)
+    endpoints: Float64 = field(metadata=_from("endpoints", _points))
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSign:
+class MapSign(_Record):
     """A door sign.
 
     Attributes
@@ -329,17 +329,11 @@ class MapSign:
     text: str
     position: Float64
     normal: Float64
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapSign:
-        """Return the record of a tccm_interfaces/Sign."""
-        position, normal = _vector(message.position), _vector(message.normal)
-        return cls(message.id, message.text, position, normal, message)
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapLocalisation:
+class MapLocalisation(_Record):
     """Localisation state of the robot.
 
     Attributes
@@ -354,20 +348,14 @@ class MapLocalisation:
         The complete message: tccm_interfaces/Localisation.
     """
 
-    state: str
+    state: str = field(metadata=_from("state", LOCALISATION_STATE))
     reason: str
-    T_map_base: Float64
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapLocalisation:
-        """Return the record of a tccm_interfaces/Localisation."""
-        state = LOCALISATION_STATES.get(message.state, "unknown")
-        return cls(state, message.reason, pose_from_message(message.pose.pose), message)
+    T_map_base: Float64 = field(metadata=_from("pose.pose"))
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapApproach:
+class MapApproach(_Record):
     """How the base stands at a surface, as tilt cycles measured it.
 
     Attributes
@@ -391,18 +379,12 @@ class MapApproach:
     yaw_error: float
     distance: float
     has_moved: bool
-    T_map_surface: Float64
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> MapApproach:
-        """Return the record of a result of tccm_interfaces/ApproachSurface."""
-        T = pose_from_message(message.surface_pose)
-        return _record(cls, message, T_map_surface=T)
+    T_map_surface: Float64 = field(metadata=_from("surface_pose"))
+    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSpot:
+class MapSpot(_Record):
     """A named spot in the present map.
 
     Attributes
@@ -415,19 +397,13 @@ class MapSpot:
         float64 (N, 4, 4), base poses from which the arm gets to the spot, the best first.
     """
 
-    surface: MapSurface
-    position: Float64
-    T_map_bases: Float64
-
-    @classmethod
-    def of(cls, answer: Any) -> MapSpot:
-        """Return the record of a response of tccm_interfaces/ResolveName."""
-        surface = MapSurface.of(answer.surface)
-        return cls(surface, _vector(answer.spot.point), _bases(answer.base_poses))
+    surface: MapSurface = field(metadata=_from("surface", MapSurface.of))
+    position: Float64 = field(metadata=_from("spot.point"))
+    T_map_bases: Float64 = field(metadata=_from("base_poses", _bases))
 
 
 @dataclass(frozen=True, slots=True)
-class BoxState:
+class BoxState(_Record):
     """Occupancy of a box.
 
     Attributes
@@ -438,18 +414,13 @@ class BoxState:
         The newest tilt cycle that observed it, and its stamp; -1 and 0 if none did.
     """
 
-    state: str
+    state: str = field(metadata=_from("state", BOX_STATE))
     cycle: int
-    stamp_ns: int
-
-    @classmethod
-    def of(cls, answer: Any) -> BoxState:
-        """Return the record of a response of tccm_interfaces/CheckBox."""
-        return cls(BOX_STATES[answer.state], answer.cycle, stamp_ns_from_message(answer.stamp))
+    stamp_ns: int = field(metadata=_from("stamp"))
 
 
 @dataclass(frozen=True, slots=True)
-class SavedMap:
+class SavedMap(_Record):
     """A map that was saved under a name.
 
     Attributes
@@ -463,19 +434,5 @@ class SavedMap:
     """
 
     name: str
-    saved_ns: int
-    message: Any
-
-    @classmethod
-    def of(cls, message: Any) -> SavedMap:
-        """Return the record of a tccm_interfaces/MapInfo."""
-        return cls(message.name, stamp_ns_from_message(message.saved), message)
-
-
-def _bases(messages: Iterable[Any]) -> Float64:
-    """Return the poses float64 (N, 4, 4) of tccm_interfaces/BasePose messages."""
-    return np.array([pose_from_message(base.pose) for base in messages]).reshape(-1, 4, 4)
-
-
-def _vector(message: Any) -> Float64:
-    return np.array([message.x, message.y, message.z])
+    saved_ns: int = field(metadata=_from("saved"))
+    message: Any = field(metadata=WHOLE)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from rclpy.task import Future
 
-from tccm_ros.errors import MapError, TccmError, one_line
-from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.errors import MapError, TccmError
+from tccm_ros.nodes.interfaces import offer_service
 from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.nodes.previous_map import PREVIOUS
 from tccm_ros.nodes.sensor_node import SensorNode
-from tccm_ros.results.map_file import MapSummary, read_summary
-from tccm_ros.ros.surface_messages import PACKAGE
+from tccm_ros.results.map_file import read_content
+from tccm_ros.ros.surface_messages import PACKAGE, message_of
 from tccm_ros.ros.types import stamp_message
 
 NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
@@ -43,68 +44,49 @@ class MapServices:
         load: Callable[[Path, str], str],
     ):
         self._node, self._begin_save, self._load_folder = node, begin_save, load
-        node.create_service(service_class("SaveMap"), "~/save_named_map", self._save)
-        node.create_service(service_class("LoadMap"), "~/load_named_map", self._load)
-        node.create_service(service_class("ListMaps"), "~/list_maps", self._list)
+        offer_service(node, "SaveMap", "~/save_named_map", self._save)
+        offer_service(node, "LoadMap", "~/load_named_map", self._load)
+        offer_service(node, "ListMaps", "~/list_maps", self._list)
 
-    async def _save(self, request: Any, response: Any) -> Any:
-        try:
-            folder = named_folder(self._node.save_folder(), request.name)
-            if (folder / MAP_FILE).exists() and not request.overwrite:
-                raise MapError(
-                    f"there is a map called '{request.name}'; set overwrite, or take another name"
-                )
-            with self._node.robot.lock:
-                self._node.robot.flush()
-                job = self._begin_save(folder)
-            response.message = await job
-            response.map = self._info(folder)
-            response.success = True
-        except (TccmError, OSError) as error:
-            response.success, response.message = False, one_line(error)
-        return response
+    async def _save(self, request: Any, response: Any) -> str:
+        folder = named_folder(self._node.save_folder(), request.name)
+        if (folder / MAP_FILE).exists() and not request.overwrite:
+            raise MapError(
+                f"there is a map called '{request.name}'; set overwrite, or take another name"
+            )
+        with self._node.robot.lock:
+            self._node.robot.flush()
+            job = self._begin_save(folder)
+        message: str = await job
+        response.map = self._info(folder)
+        return message
 
-    async def _load(self, request: Any, response: Any) -> Any:
-        try:
-            folder = named_folder(self._node.save_folder(), request.name)
-            if not (folder / MAP_FILE).exists():
-                raise MapError(f"there is no map called '{request.name}'; ~/list_maps has them")
-            await self._node.worker.call(lambda: self._load_folder(folder, folder.name), self._node)
-            response.map = self._info(folder)
-            response.success = True
-        except (TccmError, OSError) as error:
-            response.success, response.message = False, one_line(error)
-        return response
+    async def _load(self, request: Any, response: Any) -> str:
+        folder = named_folder(self._node.save_folder(), request.name)
+        if not (folder / MAP_FILE).exists():
+            raise MapError(f"there is no map called '{request.name}'; ~/list_maps has them")
+        await self._node.worker.call(lambda: self._load_folder(folder, folder.name), self._node)
+        response.map = self._info(folder)
+        return ""
 
-    def _list(self, _: Any, response: Any) -> Any:
-        try:
-            folders = saved_folders(self._node.save_folder())
-        except OSError as error:
-            response.success, response.message = False, one_line(error)
-            return response
+    def _list(self, _: Any, response: Any) -> str:
         maps = []
-        for folder in folders:
-            try:
+        for folder in saved_folders(self._node.save_folder()):
+            with suppress(TccmError):  # a damaged map cannot be loaded
                 maps.append(self._info(folder))
-            except TccmError:  # a damaged map cannot be loaded
-                continue
-        response.maps, response.success = maps, True
-        return response
+        response.maps = maps
+        return ""
 
     def _info(self, folder: Path) -> Any:
         """Return the tccm_interfaces/MapInfo of a folder."""
-        summary: MapSummary = read_summary(folder / MAP_FILE)
         saved_ns = (folder / MAP_FILE).stat().st_mtime_ns
         size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
-        return self._node.types.make(
+        return message_of(
+            self._node.types,
             PACKAGE + "MapInfo",
+            read_content(folder / MAP_FILE),
             name=folder.name,
             saved=stamp_message(self._node.types, saved_ns),
-            sessions=summary.sessions,
-            surfaces=summary.surfaces,
-            objects=summary.objects,
-            walls=summary.walls,
-            signs=summary.signs,
             size=size,
         )
 

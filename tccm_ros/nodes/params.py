@@ -29,29 +29,15 @@ INT64_MAX = 2**63 - 1
 
 ARRAYS = (RosParameter.Type.DOUBLE_ARRAY, RosParameter.Type.STRING_ARRAY)
 
+COMMON_GROUPS = frozenset({"frames", "rig", "scan", "qos"})
+MAPPING_GROUPS = COMMON_GROUPS | {"sensors", "localisation", "views", "surfaces", "objects", "save"}
 GROUPS = {
-    "tccm": frozenset(
-        {"frames", "rig", "scan", "sensors", "cycle", "map", "planes", "center_core", "objects"}
-        | {"localisation", "views", "surfaces", "qos", "save", "markers"}
-    ),
-    "slam": frozenset(
-        {
-            "frames",
-            "rig",
-            "scan",
-            "sensors",
-            "signs",
-            "lines",
-            "matching",
-            "odometry",
-            "walls",
-            "localisation",
-            "graph",
-        }
-        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
-    ),
-    "approach": frozenset({"frames", "rig", "scan", "qos", "approach"}),
-    "view": frozenset({"frames", "rig", "scan", "sensors", "localisation", "qos"}),
+    "tccm": MAPPING_GROUPS | {"cycle", "map", "planes", "center_core", "markers"},
+    "slam": MAPPING_GROUPS
+    | {"signs", "lines", "matching", "odometry", "walls", "graph", "loops", "labels", "tf"}
+    | {"scan_here"},
+    "approach": COMMON_GROUPS | {"approach"},
+    "view": COMMON_GROUPS | {"sensors", "localisation"},
 }
 """Parameter groups of each node, by `Stream.processor`; parameters without a group belong to
 all."""

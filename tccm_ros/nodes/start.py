@@ -16,19 +16,19 @@ from types import FrameType
 from tccm_ros.nodes.stopping import stopping_signals
 
 
-def _start(name: str, *, solves: bool = False) -> None:
-    """Run a node of the module of its name; with `solves`, fork the solver process first."""
+def _start(module: str, main: str = "main", *, solves: bool = False) -> None:
+    """Run the main function of a module; with `solves`, fork the solver process first."""
     leave_at_a_signal()
     find_wheels()
     if solves:
         import_module("tccm_ros.nodes.solver.forked").prepare()
-    import_module(f"tccm_ros.nodes.{name}").main()
+    getattr(import_module(f"tccm_ros.nodes.{module}"), main)()
 
 
 tccm_node = partial(_start, "tccm_node")
 slam_node = partial(_start, "slam_node", solves=True)
-managed_tccm_node = partial(_start, "managed_tccm_node")
-managed_slam_node = partial(_start, "managed_slam_node", solves=True)
+managed_tccm_node = partial(_start, "managed", "main_tccm")
+managed_slam_node = partial(_start, "managed", "main_slam", solves=True)
 player_node = partial(_start, "player_node")
 view_node = partial(_start, "view_node")
 approach_node = partial(_start, "approach_node")

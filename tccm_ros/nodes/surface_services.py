@@ -1,4 +1,4 @@
-"""Services that query the map: ~/find_surfaces, ~/find_placements and ~/find_objects of slam_node.
+"""Services of slam_node that query the map and correct its labels.
 
 They answer in the node's own process from the newest solution. An invalid request is answered with
 a sentence.
@@ -7,7 +7,7 @@ a sentence.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,13 +16,13 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from tccm_ros.arrays import Float64
-from tccm_ros.errors import FrameError, MessageError, TccmError, one_line
+from tccm_ros.errors import FrameError, MessageError
 from tccm_ros.geometry import pose, spatial
-from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.interfaces import offer_service
 from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.records import Surface
+from tccm_ros.records import LabelCorrection, Surface
 from tccm_ros.ros.surface_messages import (
     PACKAGE,
     SURFACE,
@@ -31,6 +31,7 @@ from tccm_ros.ros.surface_messages import (
 )
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 from tccm_ros.surfaces.base_poses import BasePose
+from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene import Scene
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -103,6 +104,8 @@ class SurfaceServices:
         Pose of the robot.
     frames
         Poses of the robot's frames.
+    correct_label
+        Queues the correction of a label.
 
     Attributes
     ----------
@@ -113,27 +116,22 @@ class SurfaceServices:
     """
 
     def __init__(
-        self, node: Node, types: MessageTypes, live: LivePosePublisher, frames: KnownFrames
+        self,
+        node: Node,
+        types: MessageTypes,
+        live: LivePosePublisher,
+        frames: KnownFrames,
+        correct_label: Callable[[LabelCorrection], Awaitable[object]],
     ):
         self._node, self._types, self._live, self._frames = node, types, live, frames
+        self._correct_label = correct_label
         self.prepared: dict[int, SceneQueries] = {}
         self._newest: SceneQueries | None = None
         self.number = -1
-        self._offer("FindSurfaces", "~/find_surfaces", self._find_surfaces)
-        self._offer("FindPlacements", "~/find_placements", self._find_placements)
-        self._offer("FindObjects", "~/find_objects", self._find_objects)
-
-    def _offer(self, kind: str, name: str, answer: Callable[[Any, Any], str]) -> None:
-        """Create a service; the result or error of `answer` becomes its message."""
-
-        def call(request: Any, response: Any) -> Any:
-            try:
-                response.message, response.success = answer(request, response), True
-            except TccmError as error:
-                response.message, response.success = one_line(error), False
-            return response
-
-        self._node.create_service(service_class(kind), name, call)
+        offer_service(node, "FindSurfaces", "~/find_surfaces", self._find_surfaces)
+        offer_service(node, "FindPlacements", "~/find_placements", self._find_placements)
+        offer_service(node, "FindObjects", "~/find_objects", self._find_objects)
+        offer_service(node, "SetLabel", "~/set_label", self._set_label)
 
     def answer_from(self, number: int) -> None:
         """Answer from a prepared solution, and free the older ones."""
@@ -280,6 +278,14 @@ class SurfaceServices:
         return x, y
 
     # --- find_objects ---
+
+    async def _set_label(self, request: Any, _: Any) -> str:
+        surface = self.surface(request.surface_id)
+        if request.label:
+            label_to_give(request.label)
+        ids = (surface.id, *surface.merged_ids)
+        await self._correct_label(LabelCorrection(ids, request.label))
+        return f"surface {surface.id} was '{surface.label}'"
 
     def _find_objects(self, request: Any, response: Any) -> str:
         for name in ("min_size", "max_size", "max_distance"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, Vector
 
 SIGN = "sign"
 """Landmark kind of door signs."""
@@ -80,5 +80,5 @@ class RefusedSign:
     """
 
     number: str
-    position: Float64
+    position: Vector
     reason: str

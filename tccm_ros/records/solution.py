@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Covariance2, Covariance3, Ends, Float64, KnownNumber, Ring2, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,9 +99,9 @@ class Wall:
     id: int
     phi: float
     rho: float
-    endpoints: Float64
+    endpoints: Ends
     observations: int
-    covariance: Float64
+    covariance: Covariance2
     corners: tuple[int, ...] = ()
     is_seen_from_origin: bool = True
 
@@ -181,9 +181,9 @@ class Landmark:
 
     kind: str
     id: int
-    position: Float64
-    covariance: Float64
-    observations: int
+    position: Vector
+    covariance: Covariance3
+    observations: int = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,10 +243,10 @@ class SurfaceEdge:
         Id of the occluding surface; None where another object occludes, or nothing does.
     """
 
-    start: Float64
-    end: Float64
+    start: Vector
+    end: Vector
     state: EdgeState
-    sigma: float
+    sigma: KnownNumber
     hidden_by: int | None = None
 
 
@@ -369,6 +369,6 @@ class Room:
 
     id: int
     name: str
-    boundary: Float64
+    boundary: Ring2
     area: float
     signs: tuple[int, ...] = ()

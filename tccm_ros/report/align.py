@@ -15,8 +15,9 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar, spatial, transform, transform2, wrap_angle
+from tccm_ros.records import Wall
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.models import SurfaceEntry
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.slam.map_matching import match_walls, median_pose
 from tccm_ros.slam.saved_walls import unpack_walls
@@ -98,7 +99,7 @@ def _moved_surface(surface: SurfaceEntry, T: Float64) -> SurfaceEntry:
     )
 
 
-def _moved_wall(wall: WallEntry, pose: Float64) -> WallEntry:
+def _moved_wall(wall: Wall, pose: Float64) -> Wall:
     phi = wall.phi + pose[2]
     rho = wall.rho + float(np.array([np.cos(phi), np.sin(phi)]) @ pose[:2])
     if rho < 0.0:

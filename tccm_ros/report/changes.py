@@ -13,8 +13,9 @@ from shapely.affinity import translate
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.records import Wall
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import SurfaceEntry, WallEntry, plan_polygon
+from tccm_ros.results.models import SurfaceEntry, plan_polygon
 
 
 class Kind(StrEnum):
@@ -52,7 +53,7 @@ MAX_WALL_DISTANCE_M = 0.15
 MIN_WALL_OVERLAP = 0.3
 """Smallest fraction of the shorter wall along which both extend; chosen."""
 
-Item = TypeVar("Item", SurfaceEntry, WallEntry)
+Item = TypeVar("Item", SurfaceEntry, Wall)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +146,7 @@ def _kind(a: shapely.Geometry, b: shapely.Geometry) -> Kind:
     return Kind.MOVED if moved else Kind.SAME
 
 
-def wall_changes(old: Sequence[WallEntry], new: Sequence[WallEntry]) -> list[Change[WallEntry]]:
+def wall_changes(old: Sequence[Wall], new: Sequence[Wall]) -> list[Change[Wall]]:
     """Match the walls of two maps in one frame."""
     costs = [
         (_wall_distance(a, b), i, j)
@@ -160,7 +161,7 @@ def wall_changes(old: Sequence[WallEntry], new: Sequence[WallEntry]) -> list[Cha
     return [*changes, *_unmatched(only_before, only_after)]
 
 
-def _wall_distance(a: WallEntry, b: WallEntry) -> float:
+def _wall_distance(a: Wall, b: Wall) -> float:
     """Return the larger distance of one wall's middle from the line of the other, m."""
     return max(
         abs(float(_normal(wall) @ other.endpoints.mean(axis=0)) - wall.rho)
@@ -168,11 +169,11 @@ def _wall_distance(a: WallEntry, b: WallEntry) -> float:
     )
 
 
-def _normal(wall: WallEntry) -> Float64:
+def _normal(wall: Wall) -> Float64:
     return np.array([np.cos(wall.phi), np.sin(wall.phi)])
 
 
-def _is_one_wall(a: WallEntry, b: WallEntry) -> bool:
+def _is_one_wall(a: Wall, b: Wall) -> bool:
     # The normal of a wall through the origin may point either way.
     angle = abs(float(wrap_angle(2.0 * (a.phi - b.phi)))) / 2.0  # of lines without a direction
     if angle > MAX_WALL_ANGLE_RAD or _wall_distance(a, b) > MAX_WALL_DISTANCE_M:

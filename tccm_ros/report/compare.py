@@ -15,13 +15,14 @@ import numpy as np
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
+from tccm_ros.records import Wall
 from tccm_ros.report.align import find_alignment, moved_results, pose_text
 from tccm_ros.report.changes import Change, Item, Kind, surface_changes, wall_changes
 from tccm_ros.report.tables import text_table
 from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.labels_file import MAP_FILE
 from tccm_ros.results.map_file import load_map
-from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.models import SurfaceEntry
 from tccm_ros.results.trajectory import Trajectory
 
 MAX_STAMP_DIFFERENCE_S = 0.05
@@ -67,7 +68,7 @@ class Comparison:
     before: Results
     after: Results
     surfaces: tuple[Change[SurfaceEntry], ...]
-    walls: tuple[Change[WallEntry], ...]
+    walls: tuple[Change[Wall], ...]
     path: PathDifference
     laid_over: tuple[float, float, float] | None = None
 

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 
 from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
+from tccm_ros.records import Wall
 from tccm_ros.report import palette
 from tccm_ros.report.changes import Kind
 from tccm_ros.report.compare import Comparison
@@ -30,7 +31,7 @@ from tccm_ros.report.map_picture import extent
 from tccm_ros.report.page import viewer_asset
 from tccm_ros.report.tables import table
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.models import SurfaceEntry
 
 COLORS: dict[Kind, str] = {
     Kind.SAME: "#9aa5b1",
@@ -140,7 +141,7 @@ def _draw_move(axes: Axes, before: SurfaceEntry, after: SurfaceEntry) -> None:
     axes.annotate("", end, start, arrowprops=arrow, zorder=5)
 
 
-def _draw_wall(axes: Axes, wall: WallEntry, kind: Kind) -> None:
+def _draw_wall(axes: Axes, wall: Wall, kind: Kind) -> None:
     color = palette.WALL if kind == Kind.SAME else COLORS[kind]
     style = "solid" if kind != Kind.WENT else (0, (2, 1))
     axes.plot(*wall.endpoints.T, color=color, lw=3.0, ls=style, zorder=5)

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from tccm_ros.arrays import Float64
+from tccm_ros.records import Wall
 from tccm_ros.report import palette
 from tccm_ros.report.camera import Camera, look_at
 from tccm_ros.report.drawing import (
@@ -27,7 +28,7 @@ from tccm_ros.report.drawing import (
 from tccm_ros.report.label_layout import label_point
 from tccm_ros.report.map_picture import box_corners, extent
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import ObjectEntry, SurfaceEntry, WallEntry
+from tccm_ros.results.models import ObjectEntry, SurfaceEntry
 
 WIDTH_IN = 9.0
 """Width of the picture, inches."""
@@ -196,7 +197,7 @@ def _corners(ring: Float64) -> Float64:
     return ring[np.unique(np.argmax(ring[:, :2] @ directions.T, axis=0))]
 
 
-def _wall(wall: WallEntry, ground: float) -> Iterator[Piece]:
+def _wall(wall: Wall, ground: float) -> Iterator[Piece]:
     start, end = wall.endpoints
     count = max(int(np.ceil(np.hypot(*(end - start)) / WALL_PIECE_M)), 1)
     ends = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import SIGN
+from tccm_ros.records import SIGN, Room
 from tccm_ros.report import palette
 from tccm_ros.report.drawing import (
     canvas,
@@ -24,7 +24,7 @@ from tccm_ros.report.drawing import (
 )
 from tccm_ros.report.label_layout import label_point
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import CompartmentEntry, ObjectEntry, RoomEntry, SurfaceEntry
+from tccm_ros.results.models import CompartmentEntry, ObjectEntry, SurfaceEntry
 
 WIDTH_IN = 9.0
 """Width of the picture, inches; the height follows the map."""
@@ -141,7 +141,7 @@ def box_corners(box: ObjectEntry) -> Float64:
     return corners @ np.array([[c, s], [-s, c]]) + box.center[:2]
 
 
-def _draw_room(axes: Axes, room: RoomEntry) -> None:
+def _draw_room(axes: Axes, room: Room) -> None:
     """Draw a named room: a faint outline, and the name large and pale in the middle."""
     axes.add_patch(polygon([room.boundary], fill=False, ec=palette.ROOM, lw=1.0, zorder=2))
     middle = shapely.maximum_inscribed_circle(shapely.Polygon(room.boundary), tolerance=0.05)

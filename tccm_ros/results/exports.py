@@ -13,6 +13,8 @@ from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.results.geojson import feature_collection
 from tccm_ros.results.models import (
+    CompartmentEntry,
+    CycleEntry,
     GraphFile,
     LabelsFile,
     ObjectsFile,
@@ -70,7 +72,7 @@ def write_results(
     """
     write_solution(folder, solution, config)
     odom = cycles[-1].frame_id if cycles else config.frames.odom_name
-    models = {"planes.json": PlanesFile.of(cycles)}
+    models = {"planes.json": PlanesFile(tuple(map(CycleEntry.of, cycles)))}
     _write(folder, _encoded(models) | {"cuboids.npz": cuboids_archive(cuboids, config, odom)})
 
 
@@ -105,9 +107,9 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
             solution.surfaces, solution.floor_z, map_frame, solution.rooms
         ),
         "labels.json": LabelsFile.of(solution.corrected_labels),
-        "walls.json": WallsFile.of(slam.walls),
+        "walls.json": WallsFile(tuple(slam.walls)),
         "objects.json": ObjectsFile.of(solution.objects, solution.free_places, placements),
-        "racks.json": RacksFile.of(solution.compartments),
+        "racks.json": RacksFile(tuple(map(CompartmentEntry.of, solution.compartments))),
         "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
     }

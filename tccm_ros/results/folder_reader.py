@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, MapError, one_line
+from tccm_ros.records import Room, Wall
 from tccm_ros.results.cuboids_file import FinalCuboids, load_cuboids
 from tccm_ros.results.cycles_file import CycleParts, load_cycles
 from tccm_ros.results.models import (
@@ -27,7 +28,6 @@ from tccm_ros.results.models import (
     ObjectsFile,
     PlanesFile,
     RacksFile,
-    RoomEntry,
     SignEntry,
     SignsFile,
     SummaryFile,
@@ -36,7 +36,6 @@ from tccm_ros.results.models import (
     TimingFile,
     TruthFile,
     TruthSurface,
-    WallEntry,
     WallsFile,
 )
 from tccm_ros.results.trajectory import Trajectory, read_tum
@@ -83,10 +82,10 @@ class Results:
     folder: Path
     floor_z: float | None
     surfaces: tuple[SurfaceEntry, ...]
-    walls: tuple[WallEntry, ...]
+    walls: tuple[Wall, ...]
     trajectory: Trajectory
     signs: tuple[SignEntry, ...]
-    rooms: tuple[RoomEntry, ...]
+    rooms: tuple[Room, ...]
     graph: GraphFile
     objects: tuple[ObjectEntry, ...]
     free: tuple[FreePlacesEntry, ...]

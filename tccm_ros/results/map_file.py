@@ -59,18 +59,26 @@ class MapContent(NamedTuple):
 
     Attributes
     ----------
-    keyframes, views, surfaces
-        Numbers over all sessions.
+    keyframes, views, surfaces, sessions, objects, walls, signs
+        Numbers over all sessions; 0 if the version that wrote the file did not count them.
     """
 
     keyframes: int
     views: int
-    surfaces: int
+    surfaces: int = 0
+    sessions: int = 0
+    objects: int = 0
+    walls: int = 0
+    signs: int = 0
 
     @classmethod
     def of(cls, saved: SavedMap, solution: SurfaceSolution) -> MapContent:
         """Return the amount of content in the map of a solution."""
-        return cls(len(solution.slam.keyframes), len(saved.views), len(solution.surfaces))
+        slam = solution.slam
+        contents = slam.keyframes, saved.views, solution.surfaces
+        sessions = len({s.view.session for s in saved.views}) or 1
+        others = solution.objects, slam.walls, slam.signs
+        return cls(*map(len, contents), sessions, *map(len, others))
 
     def __str__(self) -> str:
         return f"{self.keyframes} keyframes, {self.views} views and {self.surfaces} surfaces"
@@ -85,38 +93,6 @@ class MapContent(NamedTuple):
         return self.keyframes < other.keyframes or self.views < other.views
 
 
-class MapSummary(NamedTuple):
-    """Contents of a saved map, from the metadata of its file.
-
-    Attributes
-    ----------
-    sessions, surfaces, objects, walls, signs
-        Numbers of each; 0 if the version that wrote the file did not count them.
-    """
-
-    sessions: int
-    surfaces: int
-    objects: int
-    walls: int
-    signs: int
-
-
-def read_summary(path: Path) -> MapSummary:
-    """Return the contents of a saved map.
-
-    Raises
-    ------
-    MapError
-        If the file is missing, damaged or not a map.
-    """
-    try:
-        with path.open("rb") as file:
-            found = next(m.metadata for m in make_reader(file).iter_metadata() if m.name == FORMAT)
-        return MapSummary(*(int(found.get(name, 0)) for name in MapSummary._fields))
-    except (OSError, McapError, ValueError, EOFError, struct.error, StopIteration) as error:
-        raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
-
-
 def read_content(path: Path) -> MapContent:
     """Return the amount of content in the map of a file.
 
@@ -125,12 +101,14 @@ def read_content(path: Path) -> MapContent:
     MapError
         If the file is missing, damaged or not a map.
     """
-    with suppress(OSError, McapError, ValueError, EOFError, struct.error, KeyError):
+    with suppress(OSError, McapError, ValueError, EOFError, struct.error, TypeError, StopIteration):
         with path.open("rb") as file:
-            metadata = next(m.metadata for m in make_reader(file).iter_metadata())
-        return MapContent(*(int(metadata[name]) for name in MapContent._fields))
+            found = make_reader(file).iter_metadata()
+            metadata = next(m.metadata for m in found if m.name == FORMAT)
+        counts = {name: int(metadata[name]) for name in MapContent._fields if name in metadata}
+        return MapContent(**counts)
     saved = load_map(path)
-    return MapContent(saved.keyframe_count, len(saved.views), 0)
+    return MapContent(saved.keyframe_count, len(saved.views))
 
 
 def save_map(
@@ -182,10 +160,6 @@ def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map
     metadata["stamp"] = str(Stamp(solution.stamp_ns))
     counts = MapContent.of(saved, solution)._asdict()
     metadata.update({name: str(count) for name, count in counts.items()})
-    metadata["sessions"] = str(len({s.view.session for s in saved.views}) or 1)
-    metadata["objects"] = str(len(solution.objects))
-    metadata["walls"] = str(len(solution.slam.walls))
-    metadata["signs"] = str(len(solution.slam.signs))
     writer.add_metadata(FORMAT, metadata)
     writer.finish()
     return stream.getvalue()

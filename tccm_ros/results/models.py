@@ -1,5 +1,6 @@
-"""Models of the JSON files of a result folder: a class for each file and each kind of entry.
+"""Models of the JSON files of a result folder: a class for each file.
 
+An entry is the record itself, or a class of its own if the file has other keys than the record.
 Writer, report, evaluation and comparison use these classes; `docs/reference/schema` is generated
 from them. Field names are the keys of the files, in order; a trailing underscore (`from_`) is not
 part of the key. Lengths are in m, angles in rad, stamps in s; numbers that are not finite are
@@ -11,18 +12,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import shapely
-from pydantic import ConfigDict, PlainValidator, WithJsonSchema
+from pydantic import ConfigDict
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import (
+    Covariance3,
+    Ends3,
+    Float64,
+    Pixel,
+    PlaneErrors,
+    Ring,
+    Ring2,
+    Vector,
+)
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.racks.compartment import Compartment, FaceState, OpenPart
 from tccm_ros.records import (
-    EdgeState,
     Keyframe,
     Landmark,
     Loop,
@@ -30,6 +39,7 @@ from tccm_ros.records import (
     Room,
     Sign,
     Surface,
+    SurfaceEdge,
     SurfaceShape,
     Wall,
 )
@@ -37,40 +47,6 @@ from tccm_ros.results.numbers import Stamp, key_of
 from tccm_ros.results.surface_counts import SurfaceCounts
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.placements import Placement, PlacementRequest
-
-
-def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
-    """Return the validator and JSON Schema of a float64 array; None stands for any length."""
-
-    def check(value: Any) -> Float64:
-        array = np.asarray(value, np.float64)
-        if array.size == 0 and shape[0] is None:
-            array = array.reshape(0, *shape[1:])
-        fits = len(array.shape) == len(shape) and all(
-            wanted in (None, found) for wanted, found in zip(shape, array.shape)
-        )
-        if not fits or (is_finite and not np.isfinite(array).all()):
-            raise ValueError(f"an array of {' x '.join(str(n or 'N') for n in shape)} is expected")
-        return array
-
-    schema: dict[str, Any] = {"type": "number" if is_finite else ["number", "null"]}
-    for length in reversed(shape):
-        schema = {"type": "array", "items": schema}
-        if length is not None:
-            schema |= {"minItems": length, "maxItems": length}
-    return PlainValidator(check), WithJsonSchema(schema)
-
-
-Pixel = Annotated[Float64, *array_type(2)]
-Vector = Annotated[Float64, *array_type(3)]
-Ring = Annotated[Float64, *array_type(None, 3)]
-Ring2 = Annotated[Float64, *array_type(None, 2)]
-Ends = Annotated[Float64, *array_type(2, 2)]
-Ends3 = Annotated[Float64, *array_type(2, 3)]
-Covariance2 = Annotated[Float64, *array_type(2, 2, is_finite=False)]
-PlaneErrors = Annotated[Float64, *array_type(3, is_finite=False)]
-Covariance3 = Annotated[Float64, *array_type(3, 3, is_finite=False)]
-
 
 EntryType = TypeVar("EntryType")
 
@@ -101,29 +77,6 @@ class ViewEntry:
     stamp: float
     keyframe: int
     points: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgeEntry:
-    """An edge of a surface's boundary, in map, as `records.SurfaceEdge`.
-
-    Attributes
-    ----------
-    start, end
-        float64 (3,), m; the surface is to the left of the direction from start to end.
-    state
-        Whether it was seen, hidden, or cut by the limits of the views.
-    sigma
-        Standard deviation of its position across the edge, m; null if it was not seen.
-    hidden_by
-        Id of the surface that hides it; null if no known surface does, or it is not hidden.
-    """
-
-    start: Vector
-    end: Vector
-    state: EdgeState
-    sigma: float | None
-    hidden_by: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +139,7 @@ class SurfaceEntry:
     views: tuple[ViewEntry, ...]
     took: tuple[int, ...] = ()
     shape: SurfaceShape = SurfaceShape.FREE
-    edges: tuple[EdgeEntry, ...] = ()
+    edges: tuple[SurfaceEdge, ...] = ()
     area_seen: float = 0.0
     boundary_seen: Ring = field(default_factory=lambda: np.zeros((0, 3)))
     room: str = ""
@@ -207,34 +160,12 @@ class SurfaceEntry:
             last_seen=Stamp(surface.last_seen_ns),
             took=surface.merged_ids,
             views=tuple(_entry(ViewEntry, v, stamp=Stamp(v.stamp_ns)) for v in surface.views),
-            edges=tuple(_entry(EdgeEntry, edge) for edge in surface.edges),
         )
 
     @property
     def is_floor(self) -> bool:
         """Return whether this is the floor."""
         return self.label == "floor"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RoomEntry(Room):
-    """A room, in map, as `records.Room`.
-
-    Attributes
-    ----------
-    id
-        Numbered from the largest room to the smallest.
-    name
-        Room number on its door sign; empty if none was read.
-    boundary
-        float64 (N, 2), open ring, counter-clockwise, m.
-    area
-        Area, m2.
-    signs
-        Ids of the door signs with its number.
-    """
-
-    boundary: Ring2
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -260,7 +191,7 @@ class SurfacesFile:
     frame_id: str = "map"
     floor_z: float | None = None
     surfaces: tuple[SurfaceEntry, ...]
-    rooms: tuple[RoomEntry, ...] = ()
+    rooms: tuple[Room, ...] = ()
 
     @classmethod
     def of(
@@ -284,8 +215,7 @@ class SurfacesFile:
             Rooms of the map.
         """
         entries = tuple(map(SurfaceEntry.of, surfaces))
-        found = tuple(_entry(RoomEntry, room) for room in rooms)
-        return cls(frame_id=frame_id, floor_z=floor_z, surfaces=entries, rooms=found)
+        return cls(frame_id=frame_id, floor_z=floor_z, surfaces=entries, rooms=tuple(rooms))
 
 
 # --- labels.json ---------------------------------------------------------------------------------
@@ -385,31 +315,6 @@ class FreePlacesEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacementEntry:
-    """A position where an object can be put down, in map, as in ``~/find_placements``.
-
-    Attributes
-    ----------
-    surface
-        Id of the surface.
-    position
-        float64 (3,), centre of the object's bottom face, on the surface, m.
-    yaw
-        Yaw of its longer side, in (-pi, pi], rad.
-    clearance
-        Distance of its footprint from the nearest edge, hole, object or earlier placement, m.
-    free_height
-        Free height over its footprint, m; null if nothing is known above.
-    """
-
-    surface: int
-    position: Vector
-    yaw: float
-    clearance: float
-    free_height: float | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PlacementsEntry:
     """Placements of one object on all surfaces except the floor.
 
@@ -425,13 +330,13 @@ class PlacementsEntry:
 
     size: Vector
     clearance: float
-    ranked: tuple[PlacementEntry, ...]
+    ranked: tuple[Placement, ...]
 
     @classmethod
     def of(cls, request: PlacementRequest, found: Iterable[Placement]) -> PlacementsEntry:
         """Return the entry of a request and its placements."""
         size = np.array([request.size_x, request.size_y, request.height])
-        return cls(size, request.clearance, tuple(_entry(PlacementEntry, p) for p in found))
+        return cls(size, request.clearance, tuple(found))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -580,37 +485,8 @@ class RacksFile:
 
     compartments: tuple[CompartmentEntry, ...] = ()
 
-    @classmethod
-    def of(cls, compartments: Iterable[Compartment]) -> RacksFile:
-        """Return the model of racks.json."""
-        return cls(tuple(map(CompartmentEntry.of, compartments)))
-
 
 # --- walls.json ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WallEntry(Wall):
-    """A wall, in map, as `records.Wall`.
-
-    Attributes
-    ----------
-    id
-        Index within the file.
-    phi, rho
-        The line ``x cos phi + y sin phi = rho``, rad and m.
-    endpoints
-        float64 (2, 2), ends of the observed extent, m.
-    observations
-        Number of line measurements that support it.
-    covariance
-        float64 (2, 2) of (phi, rho), rad and m.
-    corners
-        Ids of walls that share an endpoint, ascending.
-    """
-
-    endpoints: Ends
-    covariance: Covariance2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -623,12 +499,7 @@ class WallsFile:
         Walls, by id.
     """
 
-    walls: tuple[WallEntry, ...]
-
-    @classmethod
-    def of(cls, walls: Iterable[Wall]) -> WallsFile:
-        """Return the model of walls.json."""
-        return cls(tuple(_entry(WallEntry, wall) for wall in walls))
+    walls: tuple[Wall, ...]
 
 
 # --- signs.json ----------------------------------------------------------------------------------
@@ -695,25 +566,6 @@ class SignEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RefusedEntry:
-    """Text that was read as a room number but is not a door sign, as `records.RefusedSign`.
-
-    Attributes
-    ----------
-    number
-        Number read in most pictures.
-    position
-        float64 (3,), in map, m.
-    reason
-        Reason for the refusal.
-    """
-
-    number: str
-    position: Vector
-    reason: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class SignsFile:
     """signs.json: the door signs of the map.
 
@@ -726,15 +578,12 @@ class SignsFile:
     """
 
     signs: tuple[SignEntry, ...] = ()
-    refused: tuple[RefusedEntry, ...] = ()
+    refused: tuple[RefusedSign, ...] = ()
 
     @classmethod
     def of(cls, signs: Iterable[Sign], refused: Iterable[RefusedSign] = ()) -> SignsFile:
         """Return the model of signs.json."""
-        return cls(
-            tuple(map(SignEntry.of, signs)),
-            tuple(_entry(RefusedEntry, refusal) for refusal in refused),
-        )
+        return cls(tuple(map(SignEntry.of, signs)), tuple(refused))
 
 
 # --- graph.json ----------------------------------------------------------------------------------
@@ -785,27 +634,6 @@ class LoopEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LandmarkEntry(Landmark):
-    """A landmark of the graph other than a wall.
-
-    Attributes
-    ----------
-    kind, id
-        Kind, and number within the kind.
-    position
-        float64 (3,), in map, m.
-    covariance
-        float64 (3, 3) of the position, m2.
-    observations
-        Number of measurements that support it.
-    """
-
-    position: Vector
-    covariance: Covariance3
-    observations: int = 1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class GraphFile:
     """graph.json: the graph without its walls.
 
@@ -821,7 +649,7 @@ class GraphFile:
 
     keyframes: tuple[KeyframeEntry, ...] = ()
     loops: tuple[LoopEntry, ...] = ()
-    landmarks: tuple[LandmarkEntry, ...] = ()
+    landmarks: tuple[Landmark, ...] = ()
 
     @classmethod
     def of(
@@ -837,7 +665,7 @@ class GraphFile:
         return cls(
             tuple(_entry(KeyframeEntry, k, stamp=Stamp(k.stamp_ns)) for k in keyframes),
             tuple(LoopEntry(p.from_id, p.to_id, p.delta, p.accepted, p.reason) for p in loops),
-            tuple(_entry(LandmarkEntry, landmark) for landmark in landmarks),
+            tuple(landmarks),
         )
 
 
@@ -922,11 +750,6 @@ class PlanesFile:
     """
 
     cycles: tuple[CycleEntry, ...] = ()
-
-    @classmethod
-    def of(cls, cycles: Iterable[CycleResult]) -> PlanesFile:
-        """Return the model of planes.json."""
-        return cls(tuple(map(CycleEntry.of, cycles)))
 
 
 # --- summary.json and timing.json ----------------------------------------------------------------

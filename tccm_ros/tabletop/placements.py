@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, LimitedNumber, Vector
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.tabletop.free_places import polygon_parts
 from tccm_ros.tabletop.placement_kernels import best_position
@@ -100,10 +100,10 @@ class Placement:
     """
 
     surface: int
-    position: Float64
+    position: Vector
     yaw: float
     clearance: float
-    free_height: float
+    free_height: LimitedNumber
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.geometry import spatial
 from tccm_ros.racks.compartment import FaceState
+from tccm_ros.records import Wall
 from tccm_ros.results.cycles_file import CycleHistory, save_cycles
 from tccm_ros.results.models import (
     CompartmentEntry,
@@ -30,7 +31,6 @@ from tccm_ros.results.models import (
     ObjectEntry,
     ObjectsFile,
     OpenPartEntry,
-    PlacementEntry,
     PlacementsEntry,
     PlaneEntry,
     PlanesFile,
@@ -46,11 +46,11 @@ from tccm_ros.results.models import (
     SurfacesFile,
     TimingFile,
     ViewEntry,
-    WallEntry,
     WallsFile,
 )
 from tccm_ros.results.numbers import key_of
 from tccm_ros.results.trajectory import Trajectory
+from tccm_ros.tabletop.placements import Placement
 
 UP = np.array([0.0, 0.0, 1.0])
 CYCLES = 24
@@ -192,7 +192,7 @@ def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) 
     tray = ObjectEntry(1, 1, np.array([2.2, 3.1, 0.9]), np.array([0.4, 0.25, 0.05]), 0.3)
     bin_ = ObjectEntry(2, 0, np.array([4.4, -1.8, 0.2]), np.array([0.4, 0.3, 0.4]), 0.0)
     free = FreePlacesEntry(3, (horizontal_ring(box(1.8, 0.35, 2.1, 0.6), 0.72),))
-    place = PlacementEntry(3, np.array([1.95, 0.47, 0.72]), 0.0, 0.05, None)
+    place = Placement(3, np.array([1.95, 0.47, 0.72]), 0.0, 0.05, np.inf)
     placements = PlacementsEntry(np.array([0.15, 0.15, 0.2]), 0.02, (place,))
     write_json(folder / "objects.json", ObjectsFile((mug, tray, bin_), (free,), placements))
     front = np.array([[2.3, 0.35, 0.72], [1.8, 0.35, 0.72]])
@@ -215,7 +215,7 @@ def wall(index, start, end):
     rho = float(x0 * np.cos(phi) + y0 * np.sin(phi))
     if rho < 0:
         phi, rho = phi - np.pi if phi > 0 else phi + np.pi, -rho
-    return WallEntry(index, phi, rho, np.stack([start, end]), 40, np.diag([1e-6, 1e-5]))
+    return Wall(index, phi, rho, np.stack([start, end]), 40, np.diag([1e-6, 1e-5]))
 
 
 def trajectory(path):

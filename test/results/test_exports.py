@@ -12,12 +12,12 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.errors import OutputError
-from tccm_ros.records import Wall
+from tccm_ros.records import Landmark, Wall
 from tccm_ros.results.exports import MAX_PLACEMENTS, PLACED_HEIGHT_M, write_model, write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import grid_files
-from tccm_ros.results.models import GraphFile, LandmarkEntry
+from tccm_ros.results.models import GraphFile
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.slam.occupancy import occupancy_grid
@@ -267,7 +267,7 @@ def test_without_a_level_laser_there_is_no_occupancy_grid():
 
 
 def test_landmarks_are_written_and_read(tmp_path):
-    mark = LandmarkEntry("sign", 4, np.array([1.0, 2.0, 1.5]), np.eye(3) * 1e-4, 3)
+    mark = Landmark("sign", 4, np.array([1.0, 2.0, 1.5]), np.eye(3) * 1e-4, 3)
     (tmp_path / "graph.json").write_text(json_text(GraphFile.of([], [], [mark])))
     (read,) = read_json(tmp_path / "graph.json", GraphFile).landmarks
     assert (read.kind, read.id, read.observations) == ("sign", 4, 3)

@@ -75,7 +75,7 @@ Driven = TypeVar("Driven")
 
 @dataclass(frozen=True, slots=True)
 class MapStamp:
-    """How old an answer is: the stamp of the map, s, and the same as a date."""
+    """Stamp of the map of an answer, s, and the same as a date."""
 
     stamp_s: float
     date_utc: str
@@ -83,13 +83,13 @@ class MapStamp:
 
 
 class Answer(BaseModel):
-    """What a tool answers, with the stamp of the map."""
+    """Base of the answers: the stamp of the map."""
 
     map: MapStamp
 
 
 class Overview(Answer):
-    """Rooms, and how many surfaces of each label there are."""
+    """Rooms with their numbers of surfaces by label."""
 
     rooms: dict[str, dict[str, int]]
     surfaces: int
@@ -97,14 +97,14 @@ class Overview(Answer):
 
 
 class Surfaces(Answer):
-    """Surfaces that meet the conditions; `found` counts those that were left out too."""
+    """Surfaces that meet the conditions; `found` includes those beyond the limit."""
 
     found: int
     surfaces: list[SurfaceFacts]
 
 
 class Objects(Answer):
-    """Objects; `found` counts those that were left out too."""
+    """Objects; `found` includes those beyond the limit."""
 
     found: int
     objects: list[ObjectFacts]
@@ -119,7 +119,7 @@ class Placements(Answer):
 
 
 class Changes(Answer):
-    """Changes, the newest first; `found` counts those that were left out too."""
+    """Changes, the newest first; `found` includes those beyond the limit."""
 
     found: int
     changes: list[ChangeFacts]
@@ -127,13 +127,13 @@ class Changes(Answer):
 
 
 class Approached(Answer):
-    """How the base stands after an approach."""
+    """Pose of the base relative to the surface after an approach."""
 
     approach: ApproachFacts
 
 
 class Retreated(Answer):
-    """How far the base drove back."""
+    """Distance that the base drove back."""
 
     distance_m: float
 
@@ -188,7 +188,7 @@ class MapTools:
         return Surfaces(map=map_stamp(self._source), found=len(found), surfaces=found[:limit])
 
     def objects_on(self, surface_id: Identity, limit: Limit = MAX_ITEMS) -> Objects:
-        """List what stands on a surface."""
+        """List the objects on a surface."""
         self._surface(surface_id)
         found = [item for item in self._source.objects() if item.surface_id == surface_id]
         return Objects(map=map_stamp(self._source), found=len(found), objects=found[:limit])
@@ -248,7 +248,7 @@ class MapTools:
         ],
         limit: Limit = 10,
     ) -> Changes:
-        """List what has changed after a stamp: surfaces and objects that came, moved or left."""
+        """List the changes after a stamp: surfaces and objects that appeared, moved or left."""
         known, note = self._source.changes()
         found = [change for change in known if change.stamp_s > stamp_s]
         return Changes(

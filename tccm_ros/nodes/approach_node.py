@@ -165,7 +165,7 @@ class ApproachNode(Node):
         self._is_taken = self._is_ending = False
         self._reading_until_s = -math.inf
         self.senses = BaseSenses(
-            self, self.config, lambda: self._client.localisation, self._refusals.note
+            self, self.config, lambda: self._client.localisation, self._refusals
         )
         self._start_loop()
         self._create_actions()
@@ -178,7 +178,7 @@ class ApproachNode(Node):
             self._in_map,
             self.config.frames.map_name,
         )
-        self.senses.start()
+        self.senses.intake.start()
         self.get_logger().info("ready; the base moves only while a goal is active")
 
     def _create_actions(self) -> None:
@@ -222,7 +222,7 @@ class ApproachNode(Node):
         """Stop the base and the subscriptions."""
         drive = self._drive
         self._is_ending = True
-        self.senses.close()
+        self.senses.intake.close()
         self._stop(drive)
         if self._navigator is not None:
             self._navigator.close()

@@ -6,32 +6,31 @@ The intake's thread handles all messages and runs the control loop.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.remembered import Remembered
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.arrays import Float64
-from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, TccmError
-from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform
+from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform, transform2
 from tccm_ros.nodes.inputs import Inputs
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.map_records import MapLocalisation
 from tccm_ros.nodes.qos import latched, sensor, static_transforms, surface_message
-from tccm_ros.nodes.readers import record_reader
+from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
+from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.records import PosedScan, SurfaceCloud
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.robot.robot import Robot
 from tccm_ros.ros.output_messages import OBSTACLE_STEP_M
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_rows
-from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, bearings, scan_stream
 
 STALE_NS = 3_000_000_000
@@ -47,8 +46,8 @@ class BaseSenses:
         The node, and groups `frames`, `rig`, `scan` and `qos`.
     localisation
         Returns the newest localisation from the map's node; None before the first.
-    refuse
-        Called with a topic and the error of a message that cannot be used.
+    refusals
+        Log of messages that cannot be used.
 
     Attributes
     ----------
@@ -61,56 +60,37 @@ class BaseSenses:
         node: Node,
         config: Config,
         localisation: Callable[[], MapLocalisation | None],
-        refuse: Callable[[str, Exception], None],
+        refusals: Refusals,
     ):
-        self._localisation, self._refuse = localisation, refuse
+        self._localisation, self._refuse = localisation, refusals.note
         self._odometry_topic = node.resolve_topic_name("odom")
-        self.intake = Intake(node, lambda error: refuse("intake", error))
+        self.intake = Intake(node, partial(refusals.note, "intake"))
         self._inputs = Inputs(node, config.qos.silence, self.intake)
-        self._robot = Robot(config, [scan_stream(LEVEL_SCAN, config)])
+        scans = scan_stream(LEVEL_SCAN, config)
+        self._robot = Robot(config, [scans])
         self._scan, self._scan_ns = np.zeros((0, 2)), -1
         self._laser = np.zeros(2)
         self._remembered, self._cuboids_ns = Remembered(OBSTACLE_STEP_M), -1
         self._cycle: TopCycle | None = None
         self._placed: tuple[MapLocalisation, Float64] | None = None
+        records = RecordSubscriptions(node, config, self._inputs, refusals, {scans.role: scans})
+        records.to_sensors(self._take_sensor, watch="event")
         measured = sensor(config.qos.reliability)
-        self._subscribe("odom", measured, self._take_sensor)
-        self._subscribe("scan", measured, self._take_sensor, reader=LEVEL_SCAN.reader)
-        self._subscribe("joint_states", measured, self._take_sensor)
-        self._subscribe("robot_description", latched(), self._take_sensor)
+        subscribe = partial(records.to, take=self._take_sensor, watch="event")
+        subscribe("odom", measured)
+        subscribe("joint_states", measured)
+        subscribe("robot_description", latched())
         if has_tf2_msgs():
-            self._subscribe("tf", measured, self._take_sensor, topic="/tf")
-            self._subscribe("tf_static", static_transforms(), self._take_sensor, topic="/tf_static")
-        self._subscribe("surfaces", surface_message(), self._take_cycle, topic="tccm/surfaces")
+            subscribe("tf", measured, topic="/tf")
+            subscribe("tf_static", static_transforms(), topic="/tf_static")
+        records.to(
+            "surfaces", surface_message(), self._take_cycle, topic="tccm/surfaces", watch="event",
+            is_measured=False,
+        )  # fmt: skip
         self._inputs.subscribe(
             "sensor_msgs/msg/PointCloud2", "tccm/obstacles", self._take_cuboids, latched(),
             watch="event",
         )  # fmt: skip
-
-    def _subscribe(
-        self,
-        role: str,
-        qos: QoSProfile,
-        take: Callable[[str, Any], None],
-        *,
-        topic: str = "",
-        reader: MessageReader | None = None,
-    ) -> None:
-        reader = reader or READERS[role]
-        read = record_reader(reader)
-
-        def callback(data: bytes) -> None:
-            try:
-                for record in read(data):
-                    take(role, record)
-            except TccmError as error:
-                self._refuse(role, error)
-
-        self._inputs.subscribe(
-            reader.message_type, topic or role, callback, qos, watch="event", raw=True
-        )
-
-    # --- messages, in the intake's thread ---
 
     def _take_sensor(self, role: str, record: Any) -> None:
         if self._robot.motion.source is None:
@@ -234,21 +214,13 @@ class BaseSenses:
         if pose is None:
             return None
         map_odom, why_lost = self._map_odom(now_ns)
-        local = (self._scan - pose[:2]) @ _rotation(pose[2])
+        local = transform2(inverse2(pose), self._scan)
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
         return Senses(
             now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan, _seconds(self._scan_ns),
             self._laser, self._remembered.points, _seconds(self._cuboids_ns), self._cycle,
             OBSTACLE_STEP_M,
         )  # fmt: skip
-
-    def start(self) -> None:
-        """Start handling messages."""
-        self.intake.start()
-
-    def close(self) -> None:
-        """Stop handling messages."""
-        self.intake.close()
 
 
 def cube_middles(points: Float64) -> Float64:
@@ -261,9 +233,3 @@ def cube_middles(points: Float64) -> Float64:
 def _seconds(stamp_ns: int) -> float:
     """Return a stamp in s; -inf for -1, before the first message."""
     return stamp_ns * 1e-9 if stamp_ns >= 0 else -np.inf
-
-
-def _rotation(yaw: float) -> Float64:
-    """Return the matrix (2, 2) that rotates row vectors by -yaw, from odom into the base."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s], [s, c]])

@@ -22,7 +22,8 @@ def filled(message: Any, /, **values: Any) -> Any:
     message
         Message with its default values.
     values
-        Values by field; a whole number may stand for a float, any sequence for a list.
+        Values by field; None keeps the default, a whole number may stand for a float, and any
+        sequence for a list.
 
     Raises
     ------
@@ -32,6 +33,8 @@ def filled(message: Any, /, **values: Any) -> Any:
     for name, value in values.items():
         if name not in message.get_fields_and_field_types():
             raise TypeError(f"{type(message).__name__} has no field {name}")
+        if value is None:
+            continue
         default = getattr(message, name)
         if isinstance(default, (list, array)):
             if isinstance(value, str):

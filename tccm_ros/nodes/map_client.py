@@ -462,9 +462,9 @@ def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:
 
 
 def _spot(spot: Sequence[float] | None, frame: str, side: float | None) -> dict[str, Any]:
-    """Return the fields `spot`, `has_side` and `side` of a goal or a request, if they are given."""
-    fields: dict[str, Any] = {} if spot is None else {"spot": stamped_point(spot, frame)}
-    return fields if side is None else {**fields, "has_side": True, "side": side}
+    """Return the fields `spot`, `has_side` and `side` of a goal or a request."""
+    point = None if spot is None else stamped_point(spot, frame)
+    return {"spot": point, "has_side": side is not None, "side": side}
 
 
 def _rigid(T: ArrayLike) -> NDArray[np.float64]:

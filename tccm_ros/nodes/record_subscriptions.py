@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
@@ -14,9 +15,8 @@ from tccm_ros.errors import TccmError
 from tccm_ros.nodes.clock import stamp_on_receipt
 from tccm_ros.nodes.inputs import Inputs, Watch
 from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
-from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.refusals import Refusals
-from tccm_ros.nodes.ros_types import is_installed
+from tccm_ros.nodes.ros_types import is_installed, message_class
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.ros.reading import READERS
@@ -25,6 +25,23 @@ from tccm_ros.sensors.registry import stream_for_topic
 
 Take = Callable[[str, Any], None]
 """Takes a role and a record."""
+
+
+def read_records(reader: MessageReader, data: bytes) -> Sequence[Any]:
+    """Return the records of a serialised message.
+
+    Their arrays are writable, because kernels are compiled only for writable arrays.
+
+    Raises
+    ------
+    MessageError
+        If no processor can use the content.
+    """
+    return reader.read(bytearray(data), _deserialize)
+
+
+def _deserialize(type_name: str, data: bytes) -> Any:
+    return deserialize_message(bytes(data), message_class(type_name))
 
 
 class RecordSubscriptions:
@@ -120,13 +137,12 @@ class RecordSubscriptions:
             Resolved names of alternative topics: if messages come on one, this one is not needed.
         """
         reader = reader or READERS[role]
-        type_name, read = reader.message_type, record_reader(reader)
         on_receipt = is_measured and self._config.qos.stamp == "receive"
         span = self._spans.get(role)
 
         def callback(data: bytes) -> None:
             try:
-                for record in read(data):
+                for record in read_records(reader, data):
                     if entry.last_ns is not None and hasattr(record, "stamp_ns"):
                         entry.note(entry.last_ns, record.stamp_ns)
                     now = stamp_on_receipt(self._node, record, span) if on_receipt else record
@@ -137,8 +153,9 @@ class RecordSubscriptions:
                 self._refusals.note(entry.name, error)
 
         entry = self._inputs.subscribe(
-            type_name, topic or role, callback, qos, watch=watch, raw=True, instead=instead
-        )
+            reader.message_type, topic or role, callback, qos, watch=watch, raw=True,
+            instead=instead,
+        )  # fmt: skip
 
     def _to_occasional(self, stream: Stream, take: Take) -> None:
         if is_installed(stream.reader.message_type):

@@ -38,6 +38,11 @@ WORLD = {"wall": WALL, "path": PATH, "view": VIEW, "object": OBJECT, "sign": LAN
 """Colours of the three-dimensional view, by kind."""
 
 
+def color_by_id(identity: int, label: str = "") -> str:
+    """Return the colour of a surface by its id, the same in every map; the floor is pale."""
+    return FLOOR if label == "floor" else PALETTE[identity % len(PALETTE)]
+
+
 def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
     """Assign every surface a colour of `PALETTE`, with equal colours far from each other.
 

@@ -74,11 +74,15 @@ class MapContent(NamedTuple):
     @classmethod
     def of(cls, saved: SavedMap, solution: SurfaceSolution) -> MapContent:
         """Return the amount of content in the map of a solution."""
-        slam = solution.slam
-        contents = slam.keyframes, saved.views, solution.surfaces
-        sessions = len({s.view.session for s in saved.views}) or 1
-        others = solution.objects, slam.walls, slam.signs
-        return cls(*map(len, contents), sessions, *map(len, others))
+        return cls(
+            keyframes=len(solution.slam.keyframes),
+            views=len(saved.views),
+            surfaces=len(solution.surfaces),
+            sessions=len({s.view.session for s in saved.views}) or 1,
+            objects=len(solution.objects),
+            walls=len(solution.slam.walls),
+            signs=len(solution.slam.signs),
+        )
 
     def __str__(self) -> str:
         return f"{self.keyframes} keyframes, {self.views} views and {self.surfaces} surfaces"

@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
 from tccm_ros.records.building import pose_from_message
-from tccm_ros.ros.types import MessageTypes, header_message, pose_message
+from tccm_ros.ros.types import (
+    MessageTypes,
+    header_message,
+    point_message,
+    pose_message,
+    vector_message,
+)
 
 ARROW, CUBE, CYLINDER, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 3, 5, 6, 9, 11
 ADD, DELETE = 0, 2
@@ -143,10 +149,9 @@ def make_marker(
     **fields
         Other fields of the message.
     """
-    x, y, z = (max(float(value), 0.0) for value in scale)
     marker = copy(_blank(context))
     marker.ns, marker.id, marker.type = ns, int(identity), kind
-    marker.scale = context.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    marker.scale = vector_message(context.types, np.maximum(scale, 0.0))
     marker.color = _color_message(context.types, color, alpha)
     for name, value in fields.items():
         setattr(marker, name, value)
@@ -174,8 +179,7 @@ def text_marker(context: MessageContext, ns: str, identity: int, at: Float64, te
     text
         The text.
     """
-    x, y, z = at.tolist()
     scale = (0.0, 0.0, TEXT_HEIGHT_M)
-    point = context.types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+    point = point_message(context.types, at)
     where = context.types.make("geometry_msgs/msg/Pose", position=point)
     return make_marker(context, ns, identity, TEXT, scale, (1.0, 1.0, 1.0), pose=where, text=text)

@@ -16,7 +16,14 @@ from tccm_ros.arrays import Float64
 from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.racks.insertions import Access, AccessState
 from tccm_ros.records import EdgeState, Sign, Surface, SurfaceShape, Wall
-from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
+from tccm_ros.ros.types import (
+    MessageTypes,
+    header_message,
+    point_message,
+    pose_message,
+    stamp_message,
+    vector_message,
+)
 from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.scene import object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -94,7 +101,7 @@ def surface_message(
         height=float(T[2, 3] - (floor_z or 0.0)),
         plane=types.make(
             PACKAGE + "PlaneWithCovariance",
-            normal=_vector(types, surface.normal),
+            normal=vector_message(types, surface.normal),
             offset=float(surface.offset),
             covariance=_plane_covariance(surface, T).ravel(),
         ),
@@ -148,7 +155,7 @@ def object_message(types: MessageTypes, stamp_ns: int, frame_id: str, item: Scen
         label=item.class_id,
         confidence=math.nan if item.label is None else float(item.label.score),
         pose=pose_message(types, object_pose(item)),
-        size=_vector(types, item.size),
+        size=vector_message(types, item.size),
         first_seen=stamp_message(types, item.first_seen_ns),
         last_seen=stamp_message(types, item.last_seen_ns),
     )
@@ -196,52 +203,6 @@ def typed_map_message(
     )
 
 
-def event_message(
-    types: MessageTypes,
-    stamp_ns: int,
-    frame_id: str,
-    kind: int,
-    *,
-    ids: tuple[Sequence[int], Sequence[int]] = ((), ()),
-    poses: tuple[Float64 | None, Float64 | None] = (None, None),
-    label: str = "",
-    object_id: int = -1,
-    last_seen_ns: int = 0,
-) -> Any:
-    """Return a tccm_interfaces/SurfaceEvent.
-
-    Parameters
-    ----------
-    types, stamp_ns, frame_id
-        Message classes and header.
-    kind
-        One of the constants of the message.
-    ids
-        Ids of the surfaces before and after.
-    poses
-        Poses of the object or the surface in map before and after; None if there is none.
-    label
-        Label of the object or the surface.
-    object_id
-        Id of the object; -1 for surfaces.
-    last_seen_ns
-        Stamp of the last view in the previous state, ns.
-    """
-    before, after = (pose_message(types, _nowhere() if T is None else T) for T in poses)
-    return types.make(
-        SURFACE_EVENT,
-        header=header_message(types, stamp_ns, frame_id),
-        kind=kind,
-        surface_ids_before=types.array("i4", ids[0]),
-        surface_ids_after=types.array("i4", ids[1]),
-        object_id=object_id,
-        label=label,
-        pose_before=before,
-        pose_after=after,
-        last_seen_before=stamp_message(types, last_seen_ns),
-    )
-
-
 def change_message(types: MessageTypes, frame_id: str, change: Change) -> Any:
     """Return a tccm_interfaces/SurfaceEvent of a change.
 
@@ -252,16 +213,21 @@ def change_message(types: MessageTypes, frame_id: str, change: Change) -> Any:
     change
         Change in map.
     """
-    return event_message(
-        types,
-        change.stamp_ns,
-        frame_id,
-        int(change.kind),
-        ids=(change.ids_before, change.ids_after),
-        poses=(change.T_before, change.T_after),
-        label=change.label,
+    before, after = (
+        pose_message(types, _nowhere() if T is None else T)
+        for T in (change.T_before, change.T_after)
+    )
+    return types.make(
+        SURFACE_EVENT,
+        header=header_message(types, change.stamp_ns, frame_id),
+        kind=int(change.kind),
+        surface_ids_before=types.array("i4", change.ids_before),
+        surface_ids_after=types.array("i4", change.ids_after),
         object_id=change.object_id,
-        last_seen_ns=change.last_seen_ns,
+        label=change.label,
+        pose_before=before,
+        pose_after=after,
+        last_seen_before=stamp_message(types, change.last_seen_ns),
     )
 
 
@@ -274,11 +240,6 @@ def _nowhere() -> Float64:
 def ring_message(types: MessageTypes, ring: Float64) -> Any:
     """Return a tccm_interfaces/Ring of points (N, 3)."""
     return types.make(PACKAGE + "Ring", points=types.rows("geometry_msgs/msg/Point", ring))
-
-
-def _vector(types: MessageTypes, xyz: Float64) -> Any:
-    x, y, z = map(float, xyz)
-    return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
 def _free_areas(
@@ -311,7 +272,7 @@ def compartment_message(types: MessageTypes, space: Compartment) -> Any:
         back=FACE_STATES[space.back],
         ceiling=FACE_STATES[space.ceiling],
         open_parts=[pose_message(types, part.T_map_part) for part in space.open_parts],
-        open_part_sizes=[_vector(types, part.size) for part in space.open_parts],
+        open_part_sizes=[vector_message(types, part.size) for part in space.open_parts],
     )
 
 
@@ -346,22 +307,19 @@ def _wall(types: MessageTypes, header: Any, wall: Wall) -> Any:
         wall,
         header=header,
         covariance=np.ascontiguousarray(wall.covariance, np.float64).ravel(),
-        endpoints=[
-            types.make("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in ends.tolist()
-        ],
+        endpoints=[point_message(types, end) for end in ends],
         corner_ids=types.array("i4", wall.corners),
     )
 
 
 def _sign(types: MessageTypes, header: Any, sign: Sign) -> Any:
-    x, y, z = map(float, sign.position)
     return message_of(
         types,
         PACKAGE + "Sign",
         sign,
         header=header,
-        position=types.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        normal=_vector(types, sign.normal),
+        position=point_message(types, sign.position),
+        normal=vector_message(types, sign.normal),
         covariance=np.ascontiguousarray(sign.covariance, np.float64).ravel(),
         wall_id=-1 if sign.wall is None else sign.wall,
         views=len(sign.views),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from tccm_ros.arrays import Float64
@@ -77,12 +78,23 @@ def header_message(types: MessageTypes, stamp_ns: int, frame_id: str) -> Any:
     )
 
 
+def point_message(types: MessageTypes, xyz: ArrayLike) -> Any:
+    """Return a geometry_msgs/Point."""
+    x, y, z = np.asarray(xyz, np.float64).tolist()
+    return types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+
+
+def vector_message(types: MessageTypes, xyz: ArrayLike) -> Any:
+    """Return a geometry_msgs/Vector3."""
+    x, y, z = np.asarray(xyz, np.float64).tolist()
+    return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+
 def pose_message(types: MessageTypes, T_a_b: Float64) -> Any:
     """Return a geometry_msgs/Pose of T_a_b (4, 4)."""
-    x, y, z = map(float, T_a_b[:3, 3])
     return types.make(
         "geometry_msgs/msg/Pose",
-        position=types.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        position=point_message(types, T_a_b[:3, 3]),
         orientation=quaternion_message(types, T_a_b),
     )
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
     CameraImage,
@@ -36,7 +35,13 @@ from tccm_ros.ros.pointcloud import (
     VIEWPOINT_ROW,
     cloud_message,
 )
-from tccm_ros.ros.types import MessageTypes, header_message, pose_message, quaternion_message
+from tccm_ros.ros.types import (
+    MessageTypes,
+    header_message,
+    pose_message,
+    quaternion_message,
+    vector_message,
+)
 from tccm_ros.sensors.compressed_depth import write_compressed_depth
 
 
@@ -191,24 +196,18 @@ def imu_message(types: MessageTypes, imu: Imu) -> Any:
     return types.make(
         "sensor_msgs/msg/Imu",
         header=header_message(types, imu.stamp_ns, imu.frame_id),
-        angular_velocity=_vector_message(types, imu.angular_velocity),
-        linear_acceleration=_vector_message(types, np.zeros(3) if force is None else force),
+        angular_velocity=vector_message(types, imu.angular_velocity),
+        linear_acceleration=vector_message(types, np.zeros(3) if force is None else force),
         orientation_covariance=unknown,
         linear_acceleration_covariance=unknown.copy() if force is None else np.zeros(9),
     )
 
 
-def _vector_message(types: MessageTypes, vector: Float64) -> Any:
-    x, y, z = map(float, vector)
-    return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
 def transform_message(types: MessageTypes, sample: TransformSample) -> Any:
     """Return a geometry_msgs/TransformStamped."""
-    x, y, z = map(float, sample.T_parent_child[:3, 3])
     transform = types.make(
         "geometry_msgs/msg/Transform",
-        translation=types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        translation=vector_message(types, sample.T_parent_child[:3, 3]),
         rotation=quaternion_message(types, sample.T_parent_child),
     )
     return types.make(

@@ -136,12 +136,10 @@ def surface_entity(
         (x, y, z), position of its label.
     """
     mesh = fill_outline(boundary, holes, normal)
-    is_floor = surface["label"] == "floor"
-    colors = palette.PALETTE
     return {
         **surface,
-        "color": palette.FLOOR if is_floor else colors[surface["id"] % len(colors)],
-        "floor": is_floor,
+        "color": palette.color_by_id(surface["id"], surface["label"]),
+        "floor": surface["label"] == "floor",
         "at": rounded(middle),
         "shape": {
             "v": rounded(mesh.points.ravel()),

@@ -115,10 +115,9 @@ class RerunLog:
 
     def add_map(self, solution: SurfaceSolution) -> None:
         """Log surfaces, objects, signs, walls, loops, views and the path of a solution."""
-        colors = _colors(solution.surfaces)
         floor = solution.floor_z or 0.0
         for surface in solution.surfaces:
-            self._log_surface(surface, floor, colors[surface.id])
+            self._log_surface(surface, floor)
         self._log_objects(solution)
         self._log_signs(solution)
         self._log_walls(solution, floor)
@@ -132,7 +131,7 @@ class RerunLog:
             views = rr.Points3D([T[:3, 3]], colors=rgb(palette.VIEW), radii=0.03)
             self._stream.log("map/views", views)
 
-    def _log_surface(self, surface: Surface, floor: float, color: str) -> None:
+    def _log_surface(self, surface: Surface, floor: float) -> None:
         self._at(surface.first_seen_ns)
         name = ""
         if surface.label != "floor":
@@ -141,6 +140,7 @@ class RerunLog:
         mesh = fill_outline(surface.boundary, surface.holes, surface.normal)
         T, _ = surface_pose(surface)
         entity = f"map/surfaces/{surface.id}"
+        color = palette.color_by_id(surface.id, surface.label)
         log_surface(self._stream, entity, mesh, color, name, T[:3, 3])
 
     def _log_objects(self, solution: SurfaceSolution) -> None:
@@ -213,12 +213,3 @@ def rerun_file(path: Path | str, config: Config) -> Iterator[RerunLog]:
 
 def _times(stamps_ns: Iterable[int]) -> rr.TimeColumn:
     return rr.TimeColumn(STAMP, timestamp=np.asarray(stamps_ns).astype("datetime64[ns]"))
-
-
-def _colors(surfaces: Sequence[Surface]) -> dict[int, str]:
-    """Return a palette colour for each surface, pale for the floor."""
-    cycle = len(palette.PALETTE)
-    return {
-        s.id: palette.FLOOR if s.label == "floor" else palette.PALETTE[s.id % cycle]
-        for s in surfaces
-    }

@@ -94,7 +94,7 @@ def log_surface(
 
 def log_planes(stream: rr.RecordingStream, outlines: Sequence[Float64], ids: Sequence[int]) -> None:
     """Log the outlines (N, 3) of tracked planes in odom, m, with the ids that colour them."""
-    colors = [rgb(palette.PALETTE[i % len(palette.PALETTE)]) for i in ids]
+    colors = [rgb(palette.color_by_id(i)) for i in ids]
     stream.log(f"{ODOM}/planes", rr.LineStrips3D(outlines, colors=colors, radii=RADIUS_M))
 
 

@@ -125,7 +125,7 @@ class RerunStream:
         self._thread.join()
 
     def _put(self, name: str, write: Write) -> None:
-        """Replace what has not been sent under this name."""
+        """Replace the unsent record of this name."""
         with self._lock:
             self._newest[name] = write
 

@@ -54,7 +54,8 @@ def test_each_definition_can_be_imported(path):
 @pytest.mark.parametrize("path", DEFINITIONS, ids=lambda path: path.stem)
 def test_each_definition_says_what_it_is_and_who_gives_it(path):
     text = document.comment(parts_of(path)[0])
-    assert any(word in text for word in ("Published by", "Answered by", "Part of")), text
+    providers = "Published by", "Returned by", "Service of", "Action of", "Part of"
+    assert any(word in text for word in providers), text
 
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=lambda path: path.stem)

@@ -14,8 +14,6 @@ from live_robot import Listener
 
 from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.outcome import Reason
-from tccm_ros.approach.speeds import STOP
-from tccm_ros.nodes.approach_node import ZEROS
 from tccm_ros.nodes.interfaces import has_interfaces
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
@@ -119,7 +117,7 @@ def test_a_step_that_fails_stops_the_base_as_the_end_of_a_goal_does(drive, monke
     assert (status, result.reason) == (ABORTED, Reason.BLOCKED)
     assert result.message == "stopped, as a step failed: no such row"
     assert driver.stands()
-    assert driver.robot.commands[-ZEROS:] == [STOP] * ZEROS
+    assert driver.robot.commands[-2:] == [(0.0, 0.0), (0.0, 0.0)]
 
 
 def test_bad_goals_are_answered_with_sentences_and_nothing_moves(drive):
@@ -197,14 +195,14 @@ def test_cancelling_stops_the_base_while_a_step_computes(drive, monkeypatch):
     while not is_computing.is_set():
         driver.robot.step()
     cancelled = goal.cancel_goal_async()
-    driver.ros.spin_until(lambda: driver.robot.commands[-1] == STOP, what="zero")
+    driver.ros.spin_until(lambda: driver.robot.commands[-1] == (0.0, 0.0), what="zero")
     assert not may_end.is_set()
     count = len(driver.robot.commands)
     monkeypatch.setattr(Approach, "step", step)
     may_end.set()
     driver.ros.spin_until(cancelled.done)
     assert driver.result(goal)[0] == CANCELED
-    assert set(driver.robot.commands[count:]) <= {STOP}
+    assert set(driver.robot.commands[count:]) <= {(0.0, 0.0)}
     assert driver.stands()
 
 

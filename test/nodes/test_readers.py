@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from tccm_ros.errors import MessageError
-from tccm_ros.nodes.readers import record_reader
+from tccm_ros.nodes.record_subscriptions import read_records
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import (
     JointSample,
@@ -55,14 +55,12 @@ def assert_same(found, expected) -> None:
 def test_a_record_that_was_written_as_bytes_is_read_back(role):
     build, record = RECORDS[role]
     message = build(RosidlMessages(), record)
-    read = record_reader(READERS[role])
-    (found,) = read(serialize_message(message))
+    (found,) = read_records(READERS[role], serialize_message(message))
     assert_same(found, record)
 
 
 def test_a_message_that_cannot_be_used_is_refused():
-    read = record_reader(READERS["odom"])
     message = ros.odometry_message(RosidlMessages(), RECORDS["odom"][1])
     message.pose.pose.position.x = float("nan")
     with pytest.raises(MessageError):
-        read(serialize_message(message))
+        read_records(READERS["odom"], serialize_message(message))

@@ -13,13 +13,16 @@ from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.view_taker import MAPPING, MOVING, WAITING, ends
+from tccm_ros.nodes.view_taker import ends
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
 SUCCEEDED, CANCELED, ABORTED = (
     GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED,
 )  # fmt: skip
+
+WAITING, MOVING, MAPPING = 0, 1, 2
+"""Phases of tccm_interfaces/ScanHere."""
 
 
 class Viewer:

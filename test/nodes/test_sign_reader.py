@@ -10,7 +10,7 @@ from posed_pictures import START, needs_reader, posed, wall_with
 from tccm_ros.config import Config
 from tccm_ros.nodes import sign_reader
 from tccm_ros.nodes.sign_reader import SignReader
-from tccm_ros.signs.processor import BEYOND_RATE, SignProcessor
+from tccm_ros.signs.processor import SignProcessor
 
 pytestmark = needs_reader
 
@@ -56,7 +56,7 @@ def test_pictures_beyond_the_rate_are_not_given_to_the_process(read):
         reader.offer(posed(blank, START + k * 50_000_000))
     reader.wait(never)
     assert len(given) == 2
-    assert reader.dropped == {BEYOND_RATE: 18}
+    assert reader.dropped == {"pictures beyond signs.rate": 18}
 
 
 def test_a_process_that_dies_is_started_again(read):

@@ -7,7 +7,7 @@ from empty_view import empty_view
 from live_robot import slam
 
 from tccm_ros.nodes.client_api import ClientApi
-from tccm_ros.nodes.solve_schedule import PATIENCE_S, ViewParts
+from tccm_ros.nodes.solve_schedule import ViewParts
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
@@ -26,8 +26,8 @@ def test_the_rest_of_a_view_is_waited_for(order):
 def test_a_part_that_never_comes_is_not_waited_for_long():
     view = ViewParts()
     view.note(empty_view(1)[0], 10.0)
-    assert view.are_coming(10.0 + 0.9 * PATIENCE_S)
-    assert not view.are_coming(10.0 + PATIENCE_S)
+    assert view.are_coming(10.45)
+    assert not view.are_coming(10.5)
 
 
 def test_a_node_asks_for_no_solution_between_them(ros, monkeypatch):

@@ -13,7 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Landmark, Wall
-from tccm_ros.results.exports import MAX_PLACEMENTS, PLACED_HEIGHT_M, write_model, write_results
+from tccm_ros.results.exports import write_model, write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import grid_files
@@ -278,10 +278,10 @@ def test_landmarks_are_written_and_read(tmp_path):
 def test_placements_are_ranked_and_clear_of_edges_and_of_each_other(solution, folder):
     """Of each footprint by hand: inside what was seen, off its edge and off all earlier ones."""
     written = json.loads((folder / "objects.json").read_text())["placements"]
-    assert written["size"] == [*solution.place_size, PLACED_HEIGHT_M]
+    assert written["size"] == [*solution.place_size, 0.2]
     assert written["clearance"] == 0.02
     ranked = written["ranked"]
-    assert 0 < len(ranked) <= MAX_PLACEMENTS
+    assert 0 < len(ranked) <= 20
     assert [p["clearance"] for p in ranked] == sorted(p["clearance"] for p in ranked)[::-1]
     seen = {s.id: Polygon(s.boundary_seen[:, :2]) for s in solution.surfaces if s.label != "floor"}
     placed = []

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tccm_ros.robot.gravity import (
-    AVERAGED_STEPS,
     MAX_OFF,
     MAX_USUAL,
     MIN_DRIVE_STEPS,
@@ -42,10 +41,10 @@ def test_what_is_not_gravity_or_far_from_the_vertical_tells_nothing(force):
 
 
 def test_a_stop_has_the_mean_of_its_measurements():
-    found = 0.005 * np.random.default_rng(0).standard_normal((AVERAGED_STEPS, 2))
+    found = 0.005 * np.random.default_rng(0).standard_normal((50, 2))
     gravity = StopGravity()
     for k, offset in enumerate(found):
-        assert gravity.is_averaged == (2 * k >= AVERAGED_STEPS)
+        assert gravity.is_averaged == (2 * k >= 50)
         assert gravity.add(offset)
     np.testing.assert_allclose(gravity.offset, found.mean(axis=0), atol=1e-12)
     # A running variance lags behind the mean: within a quarter, with 100 numbers.
@@ -58,11 +57,11 @@ def test_what_contradicts_is_left_out_unless_it_goes_on():
     gravity, other = StopGravity(), np.array([2.0 * MAX_OFF, 0.0])
     gravity.add(np.zeros(2))
     for _ in range(3):
-        for _ in range(AVERAGED_STEPS // 2 - 1):
+        for _ in range(25 - 1):
             assert not gravity.add(other)
         assert gravity.add(np.zeros(2))
     np.testing.assert_array_equal(gravity.offset, [0.0, 0.0])
-    for _ in range(AVERAGED_STEPS // 2):
+    for _ in range(25):
         assert not gravity.add(other)
     assert not gravity.is_measured
     assert gravity.add(other)

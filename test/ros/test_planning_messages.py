@@ -13,11 +13,8 @@ from shapely.geometry import box
 from tccm_ros.errors import MessageError
 from tccm_ros.nodes.ros_types import is_installed
 from tccm_ros.ros.collision_messages import (
-    ADD,
     COLLISION_OBJECT,
-    MOVE,
     PLANNING_SCENE,
-    REMOVE,
     collision_messages,
     planning_scene_message,
 )
@@ -25,6 +22,9 @@ from tccm_ros.ros.table_messages import TABLES, tables_message
 from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.surfaces.told_scene import ObjectState, ToldScene
+
+ADD, REMOVE, MOVE = 0, 1, 3
+"""Operations of a moveit_msgs/CollisionObject."""
 
 TABLE = surface(box(0.0, 0.0, 1.2, 0.8), height=0.7, number=4)
 FLOOR = surface(box(-3.0, -3.0, 3.0, 3.0), height=0.0, label="floor", number=1)

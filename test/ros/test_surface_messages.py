@@ -14,7 +14,6 @@ from tccm_ros.ros.surface_messages import (
     ACCESS_STATES,
     EDGE_STATES,
     FACE_STATES,
-    NOTHING,
     SHAPES,
     compartment_message,
     found_object_message,
@@ -53,8 +52,8 @@ def test_a_surface_tells_its_shape_and_how_each_side_is_known(name, table):
         message.EDGE_CUT,
         message.EDGE_CUT,
     ]
-    assert list(message.hidden_by_surfaces) == [NOTHING, 7, NOTHING, NOTHING]
-    assert list(message.hidden_by_objects) == [NOTHING] * 4
+    assert list(message.hidden_by_surfaces) == [-1, 7, -1, -1]
+    assert list(message.hidden_by_objects) == [-1] * 4
     assert list(message.edge_sigmas) == [0.004] * 4
     assert message.area_seen == 0.48
     assert len(message.boundary_seen.points) == 4
@@ -108,7 +107,7 @@ def space():
 @pytest.mark.parametrize("name", ["typestore", "rosidl"])
 def test_a_compartment_tells_its_lengths_its_front_and_what_is_known_of_each_face(name):
     message = compartment_message(family(name), space())
-    assert (message.rack_id, message.board_id, message.above_id) == (2, 3, NOTHING)
+    assert (message.rack_id, message.board_id, message.above_id) == (2, 3, -1)
     assert (message.width, message.depth, message.height, message.front_seen) == (
         0.8,
         0.3,
@@ -134,7 +133,7 @@ def test_a_found_object_tells_what_blocks_the_hand(name):
     message = found_object_message(types, item, above, front)
     assert (message.above, message.above_blocked_by) == (message.ACCESS_BLOCKED, 8)
     assert (message.front, list(message.front_blocked_by)) == (message.ACCESS_BLOCKED, [6, 7])
-    assert message.front_blocked_by_surface == NOTHING
+    assert message.front_blocked_by_surface == -1
     for state, number in ACCESS_STATES.items():
         assert getattr(message, f"ACCESS_{state.name}") == number
 

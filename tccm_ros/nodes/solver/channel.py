@@ -25,7 +25,7 @@ GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """Grid for navigation, latched; saved as map.pgm and map.yaml."""
 
 KEEPOUT_TOPIC = "keepout_mask"
-"""Mask of what is under furniture, for Nav2's costmap filters; saved as keepout.pgm and .yaml."""
+"""Mask of the floor under furniture, for Nav2's costmap filters; saved as keepout.pgm and .yaml."""
 
 HEADER = struct.Struct("<Q")
 """Header of each batch of events: its size, bytes."""

@@ -5,7 +5,7 @@ import pytest
 from surface_maps import TABLE, poses_at
 
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.nodes.solver.scene_channel import SURFACES_IN_PIECE, pack_scene, unpack_scene
+from tccm_ros.nodes.solver.scene_channel import pack_scene, unpack_scene
 from tccm_ros.records import Surface, SurfaceSighting
 from tccm_ros.ros.surface_messages import SURFACE
 from tccm_ros.slam.solution import Solution
@@ -40,11 +40,11 @@ def solution(count: int) -> SurfaceSolution:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [0, 1, SURFACES_IN_PIECE, SURFACES_IN_PIECE + 1])
+@pytest.mark.parametrize("count", [0, 1, 50, 51])
 def test_the_pieces_make_the_scene_of_the_solution(count):
     types, sent = TypestoreMessages(), solution(count)
     pieces = pack_scene(sent, "map", None, types)
-    assert len(pieces) == 1 + -(-count // SURFACES_IN_PIECE)
+    assert len(pieces) == 1 + -(-count // 50)
     scene = unpack_scene(pieces)
     assert (scene.stamp_ns, scene.frame_id, scene.floor_z) == (35, "map", 0.01)
     assert (scene.previous_view_ns, scene.newest_view_ns) == (20, 30)

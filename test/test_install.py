@@ -30,6 +30,12 @@ def test_the_indexes_of_pip_are_handed_to_uv(tmp_path):
         ("--find-links", "/more"),
     }
     assert variables["SSL_CERT_FILE"] == "/of/installing.pem"
+    assert "--no-index" not in options
+
+
+def test_without_an_index_uv_has_none():
+    options, _ = install.as_uv(":env:.no-index='1'\n:env:.find-links='/wheels'\n")
+    assert options[-3:] == ["--find-links", "/wheels", "--no-index"]
 
 
 @pytest.mark.parametrize("status", [0, 1])

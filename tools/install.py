@@ -57,6 +57,8 @@ def as_uv(listed: str) -> tuple[list[str], dict[str, str]]:
     options = ["--index-strategy", "unsafe-best-match"]
     for name, option in OPTIONS.items():
         options += [word for value in settings.get(name, "").split() for word in (option, value)]
+    if settings.get("no-index", "").lower() in ("1", "true", "yes", "on"):
+        options.append("--no-index")
     return options, {VARIABLES[n]: value for n, value in settings.items() if n in VARIABLES}
 
 

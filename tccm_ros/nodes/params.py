@@ -170,8 +170,8 @@ def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
     except InvalidParameterValueException:
         found = node._parameter_overrides[parameter.name].value
         raise ConfigError(
-            f"parameter {parameter.name}: {found!r} is outside {range_text(parameter)} "
-            f"{parameter.unit}".rstrip()
+            f"parameter {parameter.name}: {found!r} is out of range; expected "
+            f"{range_text(parameter)} {parameter.unit}".rstrip()
         ) from None
 
 

@@ -277,7 +277,7 @@ class SurfaceServices:
         x, y, _ = (T[:3, :3] @ xyz + T[:3, 3]).tolist()
         return x, y
 
-    # --- find_objects ---
+    # --- set_label ---
 
     async def _set_label(self, request: Any, _: Any) -> str:
         surface = self.surface(request.surface_id)
@@ -286,6 +286,8 @@ class SurfaceServices:
         ids = (surface.id, *surface.merged_ids)
         await self._correct_label(LabelCorrection(ids, request.label))
         return f"surface {surface.id} was '{surface.label}'"
+
+    # --- find_objects ---
 
     def _find_objects(self, request: Any, response: Any) -> str:
         for name in ("min_size", "max_size", "max_distance"):

@@ -79,7 +79,7 @@ class StepGuard(Generic[T]):
         seconds = (stamp_ns - self._last[0]) * 1e-9
         step = self._distance(self._last[1], sample)
         if self._is_possible(step, seconds):
-            on_way = [held for held in self._held if self._is_on_way(held[1], sample)]
+            on_way = self._on_way(sample)
             refused, self._held = len(self._held) - len(on_way), []
             self._steps += 1
             self._learn(item)
@@ -103,12 +103,16 @@ class StepGuard(Generic[T]):
             self._speed = max(FORGET * self._speed, speed)
         self._before = self._last
 
-    def _is_on_way(self, held: T, sample: T) -> bool:
-        """Return whether the track to a sample over a held one is hardly longer than without it."""
+    def _on_way(self, sample: T) -> list[tuple[int, T]]:
+        """Return the held samples that hardly lengthen the track to a sample."""
         assert self._last is not None
-        last = self._last[1]
-        over = self._distance(last, held) + self._distance(held, sample)
-        return over <= self._distance(last, sample) + self._slack
+        previous, found = self._last[1], []
+        for item in self._held:
+            over = self._distance(previous, item[1]) + self._distance(item[1], sample)
+            if over <= self._distance(previous, sample) + self._slack:
+                previous = item[1]
+                found.append(item)
+        return found
 
     def _is_possible(self, step: float, seconds: float) -> bool:
         speed = self._max_speed

@@ -141,7 +141,7 @@ class EdgeSampler:
     views, T_map_view
         All views, and their poses, float64 (V, 4, 4).
     config
-        Uses the systematic errors of ``sensors``.
+        Uses `views.clear_margin` and the systematic errors of ``sensors``.
     """
 
     surface: MergedSurface

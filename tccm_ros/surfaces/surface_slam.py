@@ -500,7 +500,7 @@ class SurfaceSlam:
             return "no transform map -> odom has come"
         if solution.alignment is not None:
             return str(solution.alignment.result)
-        return self.walls.waits_for.partition(":")[0]
+        return self.walls.waits_for.partition(":")[0] or "no place was searched"
 
     @property
     def _is_lost(self) -> bool:

@@ -178,7 +178,7 @@ def test_a_wrong_parameter_is_an_error_of_configure_with_its_reason(ros):
     assert State.TRANSITION_STATE_ERRORPROCESSING in [e.goal_state.id for e in events]
     ros.spin_until(lambda: any("configure failed: " in m.msg for m in log))
     (reason,) = [m.msg for m in log if "configure failed" in m.msg]
-    assert "parameter map.cell_size: -1.0 is outside" in reason
+    assert "parameter map.cell_size: -1.0 is out of range" in reason
     assert not manager.change(CONFIGURE)  # nothing of the first attempt is in the way
 
 

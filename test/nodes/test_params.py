@@ -40,7 +40,7 @@ def test_every_parameter_is_declared_with_its_meaning_and_range(ros):
     ("name", "value", "advice"),
     [
         ("map.cell_size", 1, "write 1.0"),
-        ("map.cell_size", 5.0, "outside"),
+        ("map.cell_size", 5.0, "is out of range; expected"),
         ("map.region", [1.0, 2.0], "map.region"),
         ("planes.source", "elsewhere", "'map' or 'part'"),
         ("map.window_cycles", "ten", "integer"),

@@ -174,3 +174,15 @@ def test_odometry_that_begins_anew_goes_on_where_it_was():
     assert odometry.jumps == 1
     expected = 3.0 + 0.02 * np.concatenate([np.arange(50), np.arange(49, 99)])
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-9)
+
+
+def test_samples_that_jump_back_and_forth_on_the_way_are_left_out():
+    """A motion goes on in its direction; of two samples that contradict each other one is used."""
+    guard = StepGuard(lambda a, b: abs(a - b), slack=0.1, speed=2.0)
+    used, refused = [], 0
+    for us, x in ((0, 0.0), (100_000, 0.1), (100_001, 0.9), (100_002, 0.5), (1_100_000, 1.0)):
+        steps = guard.add(1000 * us, x)
+        used += [sample for _, sample in steps.admitted]
+        refused += steps.refused
+    assert used == [0.0, 0.1, 0.9, 1.0]
+    assert refused == 1

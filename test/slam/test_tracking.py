@@ -7,6 +7,7 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2
 from tccm_ros.records import MapReset, Odometry
+from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.tracking import Tracker
 from tccm_ros.slam.wall_slam import WallSlam
 
@@ -19,17 +20,18 @@ def run():
 
 
 def test_it_matches_as_the_processor_does_and_a_solution_corrects_it(run):
-    """Without loop closures the processor's live pose is the front end's, byte for byte."""
+    """Without loop closures the processor's pose of a scan is the front end's."""
     config = Config()
     config.loops.enabled = False
     slam, tracker = WallSlam(config), Tracker(config)
     for scan in run.scans:
-        slam.add_scan(scan)
+        expected = slam.add_scan(scan)
         tracker.add(scan)
-        ours, expected = tracker.current_pose(), slam.current_pose()
+        ours = tracker.current_pose()
         assert ours.stamp_ns == expected.stamp_ns
         assert np.allclose(ours.pose, expected.pose, atol=1e-12)
-        assert np.allclose(ours.map_odom, expected.map_odom, atol=1e-12)
+        odom = make_level_scan(scan, config).odom
+        assert np.allclose(compose2(ours.map_odom, odom), expected.pose, atol=1e-12)
     solution = slam.solve()
     assert tracker.counts["level scans"] == len(run.scans)
     assert tracker.counts["keyframes"] == len(solution.keyframes)

@@ -16,14 +16,11 @@ that the table has are not run again. The cycle before the surface clouds is not
 from __future__ import annotations
 
 import argparse
-import ast
 import hashlib
 import importlib
 import json
-import multiprocessing
 import pickle
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -31,9 +28,9 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
+from ablation import Change, add_row, constants, in_process, is_done, scaled, set_everywhere
 from shapely import Polygon
 
-import tccm_ros
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse
@@ -46,7 +43,7 @@ from tccm_ros.surfaces.scene_objects import scene_objects
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-ROOMS = ("surfaces", "outlines")
+FOLDERS = ("surfaces", "outlines")
 
 MAX_HEIGHT_ERROR = 0.04
 """A mapped surface may be a true one within this height, m."""
@@ -54,9 +51,6 @@ MAX_HEIGHT_ERROR = 0.04
 MIN_OVERLAP = 0.1
 """A mapped surface is one that is there if it covers this fraction of itself with true ones."""
 
-
-Change = tuple[str, str, str]
-"""Module, name, and factor of a constant; ``off`` for a rule."""
 
 FACTORS = {"half": 0.5, "double": 2.0, "zero": 0.0, "huge": 1e6}
 
@@ -302,30 +296,6 @@ def _height(surface: dict[str, Any], truth: dict[str, Any]) -> float:
     return float(np.mean([p[2] for p in surface["boundary"]])) - float(truth.get("floor_z") or 0.0)
 
 
-def constants() -> Iterator[tuple[str, str, Any]]:
-    """Return module, name and value of each numeric constant of the rooms."""
-    root = Path(tccm_ros.__file__).parent
-    for room in ROOMS:
-        for path in sorted((root / room).glob("*.py")):
-            module = f"tccm_ros.{room}.{path.stem}"
-            for node in ast.parse(path.read_text()).body:
-                if isinstance(node, ast.Assign):
-                    for name in ast.walk(node.targets[0]):
-                        if isinstance(name, ast.Name) and name.id.isupper():
-                            value = getattr(importlib.import_module(module), name.id)
-                            if isinstance(value, int | float | tuple) and not isinstance(
-                                value, bool
-                            ):
-                                yield module, name.id, value
-
-
-def set_everywhere(name: str, old: Any, new: Any) -> None:
-    """Give a name of the package another value in all modules that have it."""
-    for key, module in list(sys.modules.items()):
-        if key.startswith("tccm_ros") and getattr(module, name, None) is old:
-            setattr(module, name, new)
-
-
 def switch_off(module: ModuleType, name: str) -> None:
     """Replace a function, or the method of a class, by what stands in for it."""
     owner, _, method = name.partition(".")
@@ -333,15 +303,6 @@ def switch_off(module: ModuleType, name: str) -> None:
         setattr(getattr(module, owner), method, RULES[name][1])
     else:
         set_everywhere(name, getattr(module, name), RULES[name][1])
-
-
-def scaled(value: Any, factor: float) -> Any:
-    """Return a constant times a factor; integers stay integers."""
-    if isinstance(value, tuple):
-        return tuple(scaled(v, factor) for v in value)
-    if isinstance(value, int):
-        return round(value * factor)
-    return value * factor
 
 
 def tried(saved: Saved, views: list[View] | None, before: Trial | None, module: str) -> Trial:
@@ -357,35 +318,24 @@ def tried(saved: Saved, views: list[View] | None, before: Trial | None, module: 
     return by_map, registered(saved, views) if is_used else before[1]
 
 
-def trial(change: Change, known: Sequence[Known], results: Any) -> None:
-    """Run one trial in a process of its own, and put its results into `results`."""
+def apply(change: Change) -> None:
+    """Scale constants of a module, or switch a rule off."""
     module, name, how = change
     if how == "off":
         switch_off(importlib.import_module(module), name)
-    for _, constant, value in [c for c in constants() if c[0] == module]:
+    for _, constant, value in [c for c in constants(FOLDERS) if c[0] == module]:
         if how in FACTORS and name in ("all", constant):
             set_everywhere(constant, value, scaled(value, FACTORS[how]))
-    for saved, views, before in known:
-        try:
-            results.put(tried(saved, views, before, module.rsplit(".", 1)[-1]))
-        except Exception as error:  # a trial may break what it tries
-            results.put(type(error).__name__)
-    results.put(None)
 
 
-def run(change: Change, known: Sequence[Known]) -> str:
-    """Return the row of one trial."""
-    context = multiprocessing.get_context("fork")
-    results = context.Queue()
-    process = context.Process(target=trial, args=(change, known, results))
-    process.start()
-    found = list(iter(results.get, None))
-    process.join()
-    cells = [
+def run(change: Change, known: Sequence[Known]) -> list[str]:
+    """Return the cells of one trial."""
+    module = change[0].rsplit(".", 1)[-1]
+    found = in_process(lambda: apply(change), lambda one: tried(*one, module), known)
+    return [
         after if isinstance(after, str) else cell(after, before)
         for after, (_, _, before) in zip(found, known)
     ]
-    return " | ".join(("| " + change[0].removeprefix("tccm_ros."), *change[1:], *cells)) + " |"
 
 
 def cell(after: Trial, before: Trial | None) -> str:
@@ -399,7 +349,7 @@ def cell(after: Trial, before: Trial | None) -> str:
 
 def changes_of(only: set[str], how: Sequence[str], *, groups: bool) -> list[Change]:
     """Return the trials: of constants or of modules, and of rules; `only` names them if any."""
-    names = [(module, "all" if groups else name) for module, name, _ in constants()]
+    names = [(module, "all" if groups else name) for module, name, _ in constants(FOLDERS)]
     found = [
         (module, name, factor)
         for module, name in dict.fromkeys(names)
@@ -433,13 +383,9 @@ def main() -> None:
         rule = "|---" * (len(pairs) + 3)
         first = " | ".join(["|  |  | none", *(cell(before, None) for _, _, before in known)])
         out.write_text(f"| module | name | change | {titles} |\n{rule}|\n{first} |\n")
-    done = {tuple(line.split(" | ")[:3]) for line in out.read_text().splitlines()}
     for change in changes_of(set(arguments.only), arguments.how, groups=arguments.groups):
-        if ("| " + change[0].removeprefix("tccm_ros."), *change[1:]) not in done:
-            row = run(change, known)
-            with out.open("a") as file:
-                file.write(row + "\n")
-            print(row, flush=True)
+        if not is_done(change, out):
+            add_row(change, run(change, known), out)
 
 
 if __name__ == "__main__":

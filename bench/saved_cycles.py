@@ -1,4 +1,4 @@
-"""Tilt cycles of recordings and simulated scenes, saved for `ablate.py`.
+"""Tilt cycles of recordings and simulated scenes, saved for `ablate_cycles.py`.
 
     python bench/saved_cycles.py FILE BAG     some cycles of a recording, with its truth
     python bench/saved_cycles.py FILE         situations A to D of the simulator

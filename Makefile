@@ -14,6 +14,10 @@ DEMO    ?= bags/flat
 JOBS    ?= $(shell echo $$(($$(nproc) + 1)))
 # Environments are not compiled as a whole: Python compiles what it imports.
 INSTALL := $(BIN)/python tools/install.py
+# Messages that are not on the package index: those of the nodes, and public ones that only tests need, each after those that it needs.
+GENERATE    := $(BIN)/python tools/generate_interfaces.py
+INTERFACES  := tools/definitions/tf2_msgs interfaces
+DEFINITIONS := $(addprefix tccm_ros/ros/public_definitions/,object_recognition_msgs octomap_msgs moveit_msgs vision_msgs) $(addprefix test/interfaces/definitions/,control_msgs nav2_msgs)
 STAMP   := $(VENV)/.installed
 TOOLS   := $(VENV)/.installed-tools
 TESTING := $(VENV)/.installed-for-tests
@@ -33,8 +37,9 @@ PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p
 demo: $(VENV)/.wheels
 	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
 
-# The messages of the nodes, which work without them but for typed topics and questions.
+# The messages of the nodes, which work without them but for typed topics and questions. What cannot be generated is an error here alone.
 messages: $(STAMP)
+	@$(GENERATE) $(INTERFACES) $(if $(wildcard $(TESTING)),$(DEFINITIONS))
 
 # A worker has the tests of a file in one piece, so that what a module makes is made once; who is done takes from others.
 PYTEST := -m pytest -n $(JOBS) --dist worksteal
@@ -76,7 +81,7 @@ build: $(TOOLS)
 
 # Wheels first; then tf2_msgs and tccm_interfaces, which are not on the package index. All else works without them.
 $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definitions/*/*/* interfaces/*.* interfaces/*/*)
-	-@$(BIN)/python tools/generate_interfaces.py tools/definitions/tf2_msgs interfaces
+	-@$(GENERATE) $(INTERFACES)
 	@touch $(STAMP)
 
 # Tests, with the library that reads door signs, lint and build.
@@ -91,10 +96,8 @@ $(VENV)/.installed-pytest: $(STAMP) requirements-test.txt
 	@$(INSTALL) -r $(VENV)/pytest.txt -e '.[view]'
 	@touch $@
 
-# Public packages whose topics are there where these are installed, each after those that it needs.
-DEFINITIONS := tccm_ros/ros/public_definitions
-$(TESTING): $(TOOLS) $(STAMP) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
-	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs octomap_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs test/interfaces/definitions/nav2_msgs
+$(TESTING): $(TOOLS) $(STAMP) $(foreach p,$(DEFINITIONS),$(wildcard $(p)/*/*))
+	-@$(GENERATE) $(DEFINITIONS)
 	@touch $(TESTING)
 
 $(VENV)/.wheels: setup.py pyproject.toml

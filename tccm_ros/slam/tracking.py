@@ -73,8 +73,8 @@ class SolvedMap(NamedTuple):
 
     Attributes
     ----------
-    T_map_front
-        float64 (3,), pose of this session's tracking frame in map.
+    T_map_tracking
+        float64 (3,), pose in map of the tracking frame: the front end's own map.
     keyframe
         The newest keyframe; None without keyframes.
     walls
@@ -87,7 +87,7 @@ class SolvedMap(NamedTuple):
         Whether the session is on a trajectory beside the map, with an unknown place in the map.
     """
 
-    T_map_front: Float64
+    T_map_tracking: Float64
     keyframe: SolvedKeyframe | None
     walls: MapWalls
     is_localised: bool = True
@@ -241,7 +241,7 @@ class Tracker:
         if self._front.tracked:
             return self._estimate.pose(self._front.tracked[-1])
         pose = self._start(self._odom)
-        return pose if self._solved is None else compose(self._solved.T_map_front, pose)
+        return pose if self._solved is None else compose(self._solved.T_map_tracking, pose)
 
     def _add_scan(self, posed: PosedScan) -> None:
         self.odom_frame = posed.odom_frame

@@ -621,9 +621,9 @@ class WallSlam:
         """
         if not self._front.keyframes:
             return np.zeros(3)
-        return self.map_from_front(solution.keyframes[self._front.keyframes[-1].id].pose)
+        return self.map_from_tracking(solution.keyframes[self._front.keyframes[-1].id].pose)
 
-    def map_from_front(self, newest: Float64) -> Float64:
+    def map_from_tracking(self, newest: Float64) -> Float64:
         """Return the pose of the front end's own map, from the pose (3,) of the newest keyframe."""
         return compose(newest, inverse(self._front.keyframes[-1].pose))
 

@@ -403,7 +403,7 @@ class SurfaceSlam:
         )
 
     def objects_now(
-        self, solution: SurfaceSolution, T_map_front: Float64
+        self, solution: SurfaceSolution, T_map_tracking: Float64
     ) -> tuple[SceneObject, ...] | None:
         """Return the objects after the newest view, on the surfaces of the newest solution.
 
@@ -411,7 +411,7 @@ class SurfaceSlam:
 
         Parameters
         ----------
-        solution, T_map_front
+        solution, T_map_tracking
             The newest solution, and float64 (3,) of its `solved_map`.
 
         Returns
@@ -428,7 +428,7 @@ class SurfaceSlam:
                 pose = self.walls.pose_at(view.stamp_ns)
                 if pose is None:
                     return None
-                poses[view.key] = spatial(compose2(T_map_front, pose))
+                poses[view.key] = spatial(compose2(T_map_tracking, pose))
         T_map_view = np.array([poses[view.key] for view in self.map.views]).reshape(-1, 4, 4)
         return scene_objects(
             solution.surfaces, track_objects(self.map.views, T_map_view, self.config).tracks
@@ -613,9 +613,9 @@ class SurfaceSlam:
         keyframe = self.walls.placed_keyframe()
         if keyframe is None:
             return None
-        T_map_front = self.walls.map_from_front(keyframe.pose)
+        T_map_tracking = self.walls.map_from_tracking(keyframe.pose)
         by_sign, is_unjoined = self.walls.placed_by_sign, self.walls.is_unjoined
-        return SolvedMap(T_map_front, keyframe, walls, True, by_sign, is_unjoined)
+        return SolvedMap(T_map_tracking, keyframe, walls, True, by_sign, is_unjoined)
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

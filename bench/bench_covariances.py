@@ -62,7 +62,7 @@ def _heights(solution: SurfaceSolution, truth: dict) -> Float64:
 
 
 def _poses(solution: SurfaceSolution, tum: Float64) -> tuple[Float64, Float64]:
-    slam = solution.slam
+    slam = solution.graph
     stamps = np.clip(solution.view_stamps_ns * 1e-9, tum[0, 0], tum[-1, 0])
     true = np.tile(np.eye(4), (len(stamps), 1, 1))
     true[:, :3, :3] = Slerp(tum[:, 0], Rotation.from_quat(tum[:, 4:8]))(stamps).as_matrix()

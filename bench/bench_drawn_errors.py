@@ -25,7 +25,7 @@ from tccm_ros.surfaces.plane_adjustment import adjust_planes
 from tccm_ros.surfaces.plane_errors import fit_covariance, systematic_planes
 from tccm_ros.surfaces.registration import corrected
 from tccm_ros.surfaces.surface_errors import surface_errors
-from tccm_ros.surfaces.views import Patch
+from tccm_ros.surfaces.views import SurfacePatch
 
 EYE = np.array([0.0, 0.0, 1.2])
 """Position of the sensor in the base frame, m."""
@@ -105,10 +105,10 @@ def _pose(rng: np.random.Generator) -> Float64:
     return pose_from_rpy([x, y, 0.0, 0.0, 0.0, angle + np.pi + rng.normal(0.0, 0.3)])
 
 
-def _patch(points: Float64, errors: Float64) -> Patch:
+def _patch(points: Float64, errors: Float64) -> SurfacePatch:
     """Return a patch of points with the errors of its plane."""
     weights = np.ones(len(points))
-    return Patch(
+    return SurfacePatch(
         points.astype(np.float32),
         np.ones(len(points), np.int32),
         len(points),

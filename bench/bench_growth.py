@@ -49,12 +49,12 @@ def main() -> None:
         for record in published.records:
             for event in robot.add(published.topic.lstrip("/"), record):
                 slam.add(event)
-        count = len(slam.walls._chain.keyframes)
+        count = len(slam.wall_slam._chain.keyframes)
         if count < solved_at + arguments.every:
             continue
         solved_at = count
         elapsed, solution = timed(slam, is_final=False)
-        if solution.slam.is_batch:
+        if solution.graph.is_batch:
             batches += 1
         else:
             times.append(elapsed)
@@ -82,7 +82,7 @@ def timed(slam: SurfaceSlam, *, is_final: bool) -> tuple[float, SurfaceSolution]
 
 def distance(one: SurfaceSolution, other: SurfaceSolution) -> tuple[float, float]:
     """Return how far a keyframe of one solution is from the other at most, mm and deg."""
-    poses = [np.array([k.pose for k in s.slam.keyframes]) for s in (one, other)]
+    poses = [np.array([k.pose for k in s.graph.keyframes]) for s in (one, other)]
     moved = poses[0] - poses[1]
     yaw = np.abs(wrap_angle(moved[:, 2])).max()
     return float(1e3 * np.hypot(moved[:, 0], moved[:, 1]).max()), float(np.degrees(yaw))

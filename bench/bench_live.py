@@ -150,10 +150,10 @@ def follow(drive: Drive, latency_s: float, feedback: bool) -> Live:
             coming = slam.solved_map(solution)
             arrival_ns = now_ns + round(latency_s * 1e9)
             due_ns = now_ns + round(max(PERIOD_S, latency_s / 0.3) * 1e9)
-            found |= _new(solution.slam, found)
-            if any(loop.accepted for loop in solution.slam.loops):
+            found |= _new(solution.graph, found)
+            if any(loop.accepted for loop in solution.graph.loops):
                 closed_ns = min(closed_ns, arrival_ns)
-    final = slam.solve().slam
+    final = slam.solve().graph
     found |= _new(final, found)
     return Live(
         np.array(stamps),

@@ -39,7 +39,7 @@ def mapped_rooms(simulation: Simulation) -> tuple[list[Float64], float]:
     solution = pipeline.solve()
     grid = occupancy_grid(pipeline.slam.saved(solution).walls)
     assert grid is not None
-    walls = [wall.endpoints for wall in solution.slam.walls]
+    walls = [wall.endpoints for wall in solution.graph.walls]
     start = process_time()
     return find_rooms(walls, grid), process_time() - start
 

@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image
 
 from tccm_ros.arrays import Float64, UInt8
-from tccm_ros.config.signs import Signs
+from tccm_ros.config.signs import SignsConfig
 from tccm_ros.signs.detector import MAX_SCALE, Detector, SignDetector
 from tccm_ros.signs.measurement import DetectedSign
 from tccm_ros.signs.reading import FINDER_STEP, TextReader
@@ -169,15 +169,15 @@ def main() -> None:
     pictures = list(pictures_in(arguments.folder, arguments.prefix))
     reader = TextReader()
     if arguments.only_regions:
-        compare_with_whole(reader, Signs().detector_side, pictures)
+        compare_with_whole(reader, SignsConfig().detector_side, pictures)
         return
     print("| detector | numbers kept | read | false | median ms with / without text | max ms |")
     print("|---|---|---|---|---|---|")
     published = SaliencyDetector()
     row("published", published, saliency_stages(published), pictures)
-    for side in sorted({*arguments.sides, Signs().detector_side}):
+    for side in sorted({*arguments.sides, SignsConfig().detector_side}):
         row(f"text, {side}", SignDetector(side), text_stages(reader, side), pictures)
-    compare_with_whole(reader, Signs().detector_side, pictures)
+    compare_with_whole(reader, SignsConfig().detector_side, pictures)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.calibrate.calibration import calibrate
 from tccm_ros.calibrate.estimate import Estimate
-from tccm_ros.calibrate.model import Beams, RigValues
+from tccm_ros.calibrate.model import CycleBeams, RigValues
 from tccm_ros.calibrate.quality import HitMasks, flatness
 from tccm_ros.calibrate.room import hits_of_bag
 from tccm_ros.calibrate.surroundings import CEILING, FLOOR
@@ -91,7 +91,7 @@ class Recording:
 
     estimate: Estimate
     columns: dict[str, Float64]
-    beams: Beams
+    beams: CycleBeams
     seen: HitMasks
 
     @classmethod
@@ -182,7 +182,7 @@ class Recording:
         return float(np.rad2deg(np.arccos(min(np.dot(floor.normal, ceiling.normal), 1.0))))
 
 
-def tilts(estimate: Estimate, beams: Beams) -> Float64:
+def tilts(estimate: Estimate, beams: CycleBeams) -> Float64:
     """Return the calibrated tilt of each beam, rad."""
     values = estimate.values
     measured = estimate.problem.model.measured(beams, values)

@@ -107,7 +107,7 @@ def play(world: World, seed: int, options: Options, config: Config) -> Run:
         topics.odom: "odom", "/robot_description": "robot_description", "/tf_static": "tf_static",
     }  # fmt: skip
     pipeline, live = Pipeline(config, expects_odometry=True), [(-1, np.zeros(3))]
-    hits, walls = [np.zeros((0, 3))], pipeline.slam.walls
+    hits, walls = [np.zeros((0, 3))], pipeline.slam.wall_slam
     add_scan = walls.add_scan
 
     def noted(scan: PosedScan) -> ScanPose:

@@ -331,7 +331,7 @@ def simulated(world: str, bag: Path, _folder: Path) -> None:
         for role, _, record in reader.records(topics):
             pipeline.add(role, record)
         pipeline.finish()
-    slam = pipeline.slam.walls
+    slam = pipeline.slam.wall_slam
     stamps = np.array([p.stamp_ns for p in slam._front.tracked], np.int64)
     at, is_known = poses_at(truth.stamps_ns, truth.T_map_base, stamps)
 

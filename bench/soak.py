@@ -168,7 +168,7 @@ def report(slam: SurfaceSlam, hour: float, steps: list[float]) -> None:
     elapsed = time.process_time() - start
     ms = 1e3 * np.array(steps)
     print(
-        f"| {hour:.2f} | {memory:.0f} MB | {len(solution.slam.keyframes)} | "
+        f"| {hour:.2f} | {memory:.0f} MB | {len(solution.graph.keyframes)} | "
         f"{np.quantile(ms, 0.99):.1f} ms | {ms.max():.0f} ms | {elapsed:.2f} s | "
         f"{standstill.longest_s:.2f} s |",
         flush=True,

@@ -222,7 +222,7 @@ def surfaces(config, viewpoint=None):
     drive = plan.drive(plan.box(-3, -3, 4, 3), np.array([pose for _, pose, _ in LOOKS]), beams=361)
     for scan, (_, _, stamp) in zip(drive.scans, LOOKS, strict=True):
         at = replace(scan.record, stamp_ns=stamp)
-        slam.walls.add_scan(replace(scan, record=at, pose_stamps_ns=np.array([stamp])))
+        slam.wall_slam.add_scan(replace(scan, record=at, pose_stamps_ns=np.array([stamp])))
     for item in views():
         is_cloud = isinstance(item, SurfaceCloud)
         slam.add(replace(item, viewpoint=viewpoint) if is_cloud else item)

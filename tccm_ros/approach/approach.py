@@ -16,7 +16,7 @@ from tccm_ros.approach.losses import loss_of
 from tccm_ros.approach.navigator import Navigator
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses, TopCycle
-from tccm_ros.approach.settings import Goal, Robot, Surroundings
+from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.approach.standing import StandingPose, standing_poses
 from tccm_ros.approach.target import Target
@@ -94,7 +94,7 @@ class Approach:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotBase,
         goal: Goal,
         around: Surroundings,
         navigator: Navigator | None = None,

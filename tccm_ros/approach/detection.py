@@ -15,7 +15,7 @@ from tccm_ros.approach.locating import locate, top_points
 from tccm_ros.approach.losses import loss_of
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses, TopCycle
-from tccm_ros.approach.settings import Goal, Robot, Surroundings
+from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.standing import StandingPose, standing_poses
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
@@ -44,7 +44,7 @@ class Detection:
 
     phase = Phase.LOOKING
 
-    def __init__(self, robot: Robot, goal: Goal, around: Surroundings):
+    def __init__(self, robot: RobotBase, goal: Goal, around: Surroundings):
         self._robot, self._goal, self._around = robot, goal, around
         self._cycles: deque[TopCycle] = deque(maxlen=CYCLES)
         self._expected: Target | None = None

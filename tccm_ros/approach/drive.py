@@ -9,7 +9,7 @@ import numpy as np
 
 from tccm_ros.approach.guard import Guarded, Obstacles
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.settings import Robot
+from tccm_ros.approach.settings import RobotBase
 from tccm_ros.approach.speeds import CommandHistory, Speeds, along_line, rotate_to
 from tccm_ros.approach.walkers import Walkers
 from tccm_ros.arrays import Float64
@@ -45,7 +45,7 @@ class Driver:
         float64 (2,), that obstacle, in odom.
     """
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: RobotBase):
         self._robot = robot
         self._history = CommandHistory(robot.limits, robot.latency_s)
         self._walkers = Walkers(robot)
@@ -107,7 +107,7 @@ class LegDrive:
         ends = [transform2(motion, end[None])[0] for end in self.ends]
         return LegDrive(ends, self.yaw + float(motion[2]), backing)
 
-    def wanted(self, pose: Float64, robot: Robot) -> Speeds | None:
+    def wanted(self, pose: Float64, robot: RobotBase) -> Speeds | None:
         """Return the wanted velocities at a pose (3,) of the base; None at the end."""
         limits = robot.limits
         if self.backing is not None:
@@ -133,7 +133,7 @@ class LegDrive:
         return None if abs(error) < ALIGNED_RAD / 4.0 else rotate_to(error, limits)
 
 
-def close_in(pose: Float64, goal: Float64, robot: Robot, speed: float) -> Speeds | None:
+def close_in(pose: Float64, goal: Float64, robot: RobotBase, speed: float) -> Speeds | None:
     """Return the velocities from a pose (3,) to a goal pose (3,) straight ahead; None there."""
     x, _, yaw = between2(goal, pose).tolist()
     if abs(x) > AT_POSE_M:

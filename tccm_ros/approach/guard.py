@@ -10,7 +10,7 @@ import shapely
 
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.speeds import HOLD_S, STOP, Limits, Speeds, stoppable
+from tccm_ros.approach.speeds import HOLD_S, STOP, SpeedLimits, Speeds, stoppable
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, transform2
@@ -109,7 +109,9 @@ class Obstacles:
         rims = self.radii[is_other, None, None] * RIM
         return np.asarray((self.points[is_other, None] + rims).reshape(-1, 2))
 
-    def guard(self, wanted: Speeds, pose: Float64, footprint: Footprint, limits: Limits) -> Guarded:
+    def guard(
+        self, wanted: Speeds, pose: Float64, footprint: Footprint, limits: SpeedLimits
+    ) -> Guarded:
         """Return the wanted motion, slowed or stopped by obstacles.
 
         Parameters

@@ -7,7 +7,7 @@ from tccm_ros.approach.guard import Obstacles
 from tccm_ros.approach.losses import loss_of
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.settings import Robot
+from tccm_ros.approach.settings import RobotBase
 from tccm_ros.approach.speeds import Speeds, along_line
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2
@@ -31,7 +31,7 @@ class Retreat:
 
     phase = Phase.RETREATING
 
-    def __init__(self, robot: Robot, distance: float):
+    def __init__(self, robot: RobotBase, distance: float):
         self._robot, self._distance = robot, distance
         self._driver = Driver(robot)
         self._start: Float64 | None = None

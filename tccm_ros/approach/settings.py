@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tccm_ros.approach.footprint import Footprint
-from tccm_ros.approach.speeds import Limits
+from tccm_ros.approach.speeds import SpeedLimits
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Robot:
+class RobotBase:
     """The base.
 
     Attributes
@@ -30,7 +30,7 @@ class Robot:
     """
 
     footprint: Footprint
-    limits: Limits
+    limits: SpeedLimits
     height: float
     latency_s: float
     margin: float

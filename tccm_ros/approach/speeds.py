@@ -30,7 +30,7 @@ MAX_DELAY_S = 1.0
 """Maximum age of commands in the history, s."""
 
 
-class Limits(NamedTuple):
+class SpeedLimits(NamedTuple):
     """Limits of velocity and acceleration.
 
     Attributes
@@ -86,12 +86,12 @@ def stoppable(way: float, top: float, acceleration: float) -> float:
     return min(top, math.sqrt(held * held + 2.0 * acceleration * way) - held)
 
 
-def rotate_to(yaw_error: float, limits: Limits) -> Speeds:
+def rotate_to(yaw_error: float, limits: SpeedLimits) -> Speeds:
     """Return the velocities of a turn in place by an angle, rad."""
     return Speeds(0.0, braked(yaw_error, limits.yaw_rate, limits.yaw_acceleration))
 
 
-def along_line(pose: Float64, goal: Float64, limits: Limits, speed: float) -> Speeds:
+def along_line(pose: Float64, goal: Float64, limits: SpeedLimits, speed: float) -> Speeds:
     """Return the velocities that drive the base along the x axis of a goal pose, up to it.
 
     Parameters
@@ -124,7 +124,7 @@ class CommandHistory:
         Latency from a command to its motion, s.
     """
 
-    def __init__(self, limits: Limits, latency_s: float):
+    def __init__(self, limits: SpeedLimits, latency_s: float):
         self._limits, self._latency_s = limits, latency_s
         self._sent: deque[tuple[float, Speeds]] = deque()
 

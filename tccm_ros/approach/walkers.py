@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.settings import Robot
+from tccm_ros.approach.settings import RobotBase
 from tccm_ros.approach.speeds import HOLD_S, Speeds
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.geometry import between2, transform2
@@ -68,7 +68,7 @@ class Walkers:
         float64 (K, 2), points of the newest level scan that move, in odom.
     """
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: RobotBase):
         self._robot = robot
         self._scans: deque[_Scan] = deque()
         self.points = np.zeros((0, 2))

@@ -10,7 +10,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.calibrate.model import RigValues
 from tccm_ros.calibrate.patches import Patches
 from tccm_ros.calibrate.problem import LevelHits, Planes, Problem
-from tccm_ros.calibrate.recording import LevelScans, Recording
+from tccm_ros.calibrate.recording import CalibrationRecording, LevelScans
 from tccm_ros.calibrate.surroundings import (
     CEILING,
     FIRST_WALL,
@@ -32,7 +32,7 @@ observable (chosen)."""
 def assigned(
     problem: Problem,
     x: Float64,
-    recording: Recording,
+    recording: CalibrationRecording,
     patches: Patches,
     gates: tuple[float, float],
     level_gate: float,

@@ -19,9 +19,9 @@ from tccm_ros.calibrate.estimate import estimate
 from tccm_ros.calibrate.layout import Trust
 from tccm_ros.calibrate.observability import UNITS, Observability, assess_observability
 from tccm_ros.calibrate.reading import CORRECTIONS, MAX_CYCLES, read_recording
-from tccm_ros.calibrate.recording import Recording
-from tccm_ros.calibrate.room import Room, rooms
-from tccm_ros.config import Config, Rig
+from tccm_ros.calibrate.recording import CalibrationRecording
+from tccm_ros.calibrate.room import FloorAndCeiling, rooms
+from tccm_ros.config import Config, RigConfig
 from tccm_ros.errors import BagError
 from tccm_ros.progress import Bars, Silent
 
@@ -59,11 +59,11 @@ class Calibration:
     """
 
     bags: tuple[str, ...]
-    rig: Rig
-    before: Rig
+    rig: RigConfig
+    before: RigConfig
     observability: Observability
-    recording: Recording
-    rooms: tuple[Room, ...]
+    recording: CalibrationRecording
+    rooms: tuple[FloorAndCeiling, ...]
     agreement: Agreement | None
     assumptions: tuple[str, ...]
     beams: BeamTiming | None = None
@@ -234,7 +234,7 @@ def _beams(paths: Sequence[Path | str], config: Config, remap: Sequence[str]) ->
     return None
 
 
-def _assumptions(recording: Recording, trust: Trust) -> tuple[str, ...]:
+def _assumptions(recording: CalibrationRecording, trust: Trust) -> tuple[str, ...]:
     places = int(recording.places.max()) + 1
     where = "one place" if places == 1 else f"{places} places"
     base_tilt = (
@@ -249,7 +249,7 @@ def _assumptions(recording: Recording, trust: Trust) -> tuple[str, ...]:
     return (base_tilt, "The base moved during all tilt cycles: odometry errors are in the result.")
 
 
-def _rig(observability: Observability, configured: Rig) -> Rig:
+def _rig(observability: Observability, configured: RigConfig) -> RigConfig:
     found = observability.estimate
     layout, x = found.problem.layout, found.solution.x
     values = found.values

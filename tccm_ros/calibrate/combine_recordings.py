@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tccm_ros.calibrate.recording import CycleScans, LevelScans, Recording
+from tccm_ros.calibrate.recording import CalibrationRecording, CycleScans, LevelScans
 from tccm_ros.errors import FrameError
 from tccm_ros.robot.chain import JointReading
 
@@ -18,7 +18,7 @@ MOUNT_TOLERANCE = 1e-4
 """Tolerance of equal fixed transforms, m and 1 (chosen: rounding in robot descriptions)."""
 
 
-def combine_recordings(recordings: Sequence[Recording]) -> Recording:
+def combine_recordings(recordings: Sequence[CalibrationRecording]) -> CalibrationRecording:
     """Return all recordings as one.
 
     Raises
@@ -33,7 +33,7 @@ def combine_recordings(recordings: Sequence[Recording]) -> Recording:
     level: dict[int, LevelScans] = {}
     for start, recording in zip(ends, recordings):
         level |= {start + place: scans for place, scans in recording.level.items()}
-    return Recording(
+    return CalibrationRecording(
         _names([name for recording in recordings for name in recording.bags]),
         [cycle for recording in recordings for cycle in recording.cycles],
         np.concatenate([start + r.places for start, r in zip(ends, recordings)]),
@@ -54,7 +54,7 @@ def _names(names: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _check_same_rig(first: Recording, other: Recording) -> None:
+def _check_same_rig(first: CalibrationRecording, other: CalibrationRecording) -> None:
     where = f"{other.bags[0]} is not of the rig of {first.bags[0]}"
     if other.base != first.base:
         raise FrameError(f"{where}: its base is '{other.base}', not '{first.base}'")

@@ -12,10 +12,10 @@ from tccm_ros.calibrate.layout import Layout, Trust
 from tccm_ros.calibrate.model import RigModel, RigValues
 from tccm_ros.calibrate.patches import Patches, cut_patches
 from tccm_ros.calibrate.problem import Problem
-from tccm_ros.calibrate.recording import Recording
+from tccm_ros.calibrate.recording import CalibrationRecording
 from tccm_ros.calibrate.search import first_guess
-from tccm_ros.calibrate.solver import Solution, covariance, solve
-from tccm_ros.calibrate.surroundings import Surroundings, find_planes
+from tccm_ros.calibrate.solver import SolverResult, covariance, solve
+from tccm_ros.calibrate.surroundings import RoomPlanes, find_planes
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError
 from tccm_ros.geometry import pose_from_rpy
@@ -65,7 +65,7 @@ class Estimate:
     """
 
     problem: Problem
-    solution: Solution
+    solution: SolverResult
     free: Bool
     means: Float64
     sigmas: Float64
@@ -96,7 +96,7 @@ class Estimate:
 
 
 def estimate(
-    recording: Recording,
+    recording: CalibrationRecording,
     config: Config,
     floor_z: float | None,
     trust: Trust,
@@ -147,7 +147,7 @@ def estimate(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Refinement:
-    recording: Recording
+    recording: CalibrationRecording
     model: RigModel
     patches: Patches
     config: Config
@@ -160,7 +160,7 @@ class _Refinement:
     def places(self) -> Int64:
         return self.recording.places[self.patches.centers.cycle]
 
-    def search(self, values: RigValues) -> Surroundings:
+    def search(self, values: RigValues) -> RoomPlanes:
         """Return the planes under given rig parameters."""
         at = self.patches.centers
         centers = self.model.transform_points(at, values)
@@ -175,7 +175,7 @@ class _Refinement:
 
     def refine(
         self,
-        surroundings: Surroundings,
+        surroundings: RoomPlanes,
         values: RigValues,
         level: Float64,
         x: Float64 | None,

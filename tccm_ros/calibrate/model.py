@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.calibrate.recording import CycleScans
-from tccm_ros.config import Rig
+from tccm_ros.config import RigConfig
 from tccm_ros.geometry import pose, pose_from_rpy
-from tccm_ros.robot.chain import Chain, JointReading, Part, twist_angle
+from tccm_ros.robot.chain import JointReading, Part, TransformChain, twist_angle
 
 RIG_PARAMETERS = (
     "tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset", "pan_offset",
@@ -48,7 +48,7 @@ class RigValues:
     pan_offset: float = 0.0
 
     @classmethod
-    def of_rig(cls, rig: Rig) -> RigValues:
+    def of_rig(cls, rig: RigConfig) -> RigValues:
         """Return the values of a configuration."""
         return cls(rig.tilt_offset, rig.tilt_scale, 0.0, 0.0, rig.joint_time_offset, rig.pan_offset)
 
@@ -67,7 +67,7 @@ class RigValues:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams:
+class CycleBeams:
     """Beams of one or several tilt cycles, sorted by tilt cycle.
 
     Attributes
@@ -87,26 +87,26 @@ class Beams:
     points: Float64
     T_place_base: Float64
 
-    def take(self, rows: Bool | Int64) -> Beams:
+    def take(self, rows: Bool | Int64) -> CycleBeams:
         """Return a subset of the beams; it must keep them sorted by tilt cycle."""
-        return Beams(
+        return CycleBeams(
             self.cycle[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]
         )
 
 
-def beams_of(number: int, cycle: CycleScans) -> Beams:
+def beams_of(number: int, cycle: CycleScans) -> CycleBeams:
     """Return the valid beams of the tilt cycle with a number, scan by scan."""
     rows, columns = np.nonzero(np.isfinite(cycle.ranges))
     r = cycle.ranges[rows, columns].astype(float)
     points = r[:, None] * np.broadcast_to(cycle.directions, (*cycle.ranges.shape, 3))[rows, columns]
     poses = cycle.T_place_base()[rows]
-    return Beams(np.full(len(r), number), cycle.stamps_ns[rows, columns], points, poses)
+    return CycleBeams(np.full(len(r), number), cycle.stamps_ns[rows, columns], points, poses)
 
 
-def join_beams(parts: Sequence[Beams]) -> Beams:
+def join_beams(parts: Sequence[CycleBeams]) -> CycleBeams:
     """Return the beams of several tilt cycles, in the order of their numbers."""
     names = ("cycle", "stamps_ns", "points", "T_place_base")
-    return Beams(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return CycleBeams(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 class RigModel:
@@ -127,7 +127,7 @@ class RigModel:
         float64 (3,), the horizontal direction perpendicular to the tilt axis, nearest to forward.
     """
 
-    def __init__(self, cycles: Sequence[CycleScans], rig: Rig) -> None:
+    def __init__(self, cycles: Sequence[CycleScans], rig: RigConfig) -> None:
         self._cycles = cycles
         self._T_mount = pose_from_rpy(rig.mount_correction)
         self.pivot, axis = self._tilt_axis()
@@ -144,7 +144,7 @@ class RigModel:
         parts = chain.parts[: cycle.tilt]
         if cycle.is_image:  # a head pans: use its axes at pan zero
             parts = tuple((_at_zero(part), backwards) for part, backwards in parts)
-        before = Chain(chain.fixed[: cycle.tilt + 1], parts)
+        before = TransformChain(chain.fixed[: cycle.tilt + 1], parts)
         middle = np.array([(cycle.span_ns[0] + cycle.span_ns[1]) // 2], np.int64)
         T = self._T_mount @ before.at(middle)[0]
         part = chain.parts[cycle.tilt][0]
@@ -188,7 +188,7 @@ class RigModel:
             parts[data.pan] = (replace(pan, offset=pan.offset + values.pan_offset), backwards)
         fixed = chain.fixed.copy()
         fixed[0] = self.mount(values) @ fixed[0]
-        return Chain(fixed, tuple(parts)).at(self._shifted(data, stamps_ns, values))
+        return TransformChain(fixed, tuple(parts)).at(self._shifted(data, stamps_ns, values))
 
     @property
     def pans(self) -> bool:
@@ -204,11 +204,13 @@ class RigModel:
         ]
         return np.clip(shifted, max(k[0] for k in known), min(k[1] for k in known))
 
-    def transform_points(self, beams: Beams, values: RigValues) -> Float64:
+    def transform_points(self, beams: CycleBeams, values: RigValues) -> Float64:
         """Return the hits float64 (N, 3), m, relative to each tilt cycle's place."""
         return self._map(beams, values, beams.points, 1.0)
 
-    def transform_directions(self, beams: Beams, values: RigValues, directions: Float64) -> Float64:
+    def transform_directions(
+        self, beams: CycleBeams, values: RigValues, directions: Float64
+    ) -> Float64:
         """Return directions rotated from the laser's frame to that of the tilt cycle's place.
 
         Parameters
@@ -224,7 +226,9 @@ class RigModel:
         """
         return self._map(beams, values, directions, 0.0)
 
-    def _map(self, beams: Beams, values: RigValues, vectors: Float64, is_point: float) -> Float64:
+    def _map(
+        self, beams: CycleBeams, values: RigValues, vectors: Float64, is_point: float
+    ) -> Float64:
         result = np.empty_like(vectors)
         for cycle, rows in _slices(beams.cycle):
             T = beams.T_place_base[rows] @ self.T_base_laser(cycle, beams.stamps_ns[rows], values)
@@ -232,7 +236,7 @@ class RigModel:
             result[rows] = turned + is_point * T[:, :3, 3]
         return result
 
-    def measured(self, beams: Beams, values: RigValues) -> Float64:
+    def measured(self, beams: CycleBeams, values: RigValues) -> Float64:
         """Return the measured tilt angles float64 (N,), rad, without scale and offset."""
         angles = np.empty(len(beams.cycle))
         for cycle, rows in _slices(beams.cycle):
@@ -245,7 +249,7 @@ class RigModel:
                 angles[rows] = twist_angle(part.track.at(stamps), part.axis)
         return angles
 
-    def jacobian(self, beams: Beams, values: RigValues, points: Float64) -> Float64:
+    def jacobian(self, beams: CycleBeams, values: RigValues, points: Float64) -> Float64:
         """Return the derivatives float64 (N, 3, 6) of the hits by `RIG_PARAMETERS`.
 
         Parameters

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.calibrate.model import Beams, RigModel, RigValues, beams_of, join_beams
+from tccm_ros.calibrate.model import CycleBeams, RigModel, RigValues, beams_of, join_beams
 from tccm_ros.calibrate.recording import CycleScans, evenly
 from tccm_ros.geometry import inverse, transform
 
@@ -50,10 +50,10 @@ class Patches:
         int64 (N,), patch of each hit.
     """
 
-    centers: Beams
+    centers: CycleBeams
     normals: Float64
     spread: Float64
-    hits: Beams
+    hits: CycleBeams
     patch: Int64
 
     def __len__(self) -> int:
@@ -116,7 +116,7 @@ def _cut(
 
 
 def _blocks(
-    beams: Beams, cycle: CycleScans, columns: Int64, model: RigModel, values: RigValues
+    beams: CycleBeams, cycle: CycleScans, columns: Int64, model: RigModel, values: RigValues
 ) -> Int64:
     """Return the block of each beam: square, in equal steps of tilt and bearing, or of pixels."""
     beams_per_line = cycle.ranges.shape[1]

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.calibrate.layout import WIDE_LEVEL_SIGMAS, WIDE_SIGMAS, Layout, Trust
-from tccm_ros.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.calibrate.model import CycleBeams, RigModel, RigValues
 from tccm_ros.calibrate.recording import LevelScans
-from tccm_ros.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, Surroundings
+from tccm_ros.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, RoomPlanes
 from tccm_ros.geometry import pose
 
 
@@ -118,12 +118,12 @@ class Problem:
     """
 
     model: RigModel
-    hits: Beams
+    hits: CycleBeams
     plane: Int64
     place: Int64
     bag: Int64
     poses: Float64
-    surroundings: Surroundings
+    surroundings: RoomPlanes
     level: tuple[LevelHits, ...]
     T_level_mount: Float64
     trust: Trust

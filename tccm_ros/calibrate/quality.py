@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.calibrate.model import Beams, beams_of, join_beams
+from tccm_ros.calibrate.model import CycleBeams, beams_of, join_beams
 from tccm_ros.calibrate.recording import CycleScans
 
 CELL, MIN_HITS, FEW_HITS = 0.25, 50, 8
@@ -62,7 +62,7 @@ class HitMasks:
     ceiling: Bool
 
 
-def all_beams(cycles: Sequence[CycleScans], first: int = 0) -> Beams:
+def all_beams(cycles: Sequence[CycleScans], first: int = 0) -> CycleBeams:
     """Return all valid hits of all tilt cycles, which are numbered from `first`."""
     return join_beams([beams_of(number, cycle) for number, cycle in enumerate(cycles, first)])
 

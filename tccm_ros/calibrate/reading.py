@@ -14,8 +14,14 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.topics import TopicChoice, add_latched, choose_topics
-from tccm_ros.calibrate.recording import CycleScans, LevelScans, Recording, evenly, is_near
-from tccm_ros.config import Config, Rig
+from tccm_ros.calibrate.recording import (
+    CalibrationRecording,
+    CycleScans,
+    LevelScans,
+    evenly,
+    is_near,
+)
+from tccm_ros.config import Config, RigConfig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
@@ -23,7 +29,7 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import DepthImage, Event, PosedScan, Scan, StreamComplete, TiltAngle
 from tccm_ros.records.building import Record
 from tccm_ros.robot import MountKind, Robot, Stream
-from tccm_ros.robot.chain import Chain, JointReading, Part
+from tccm_ros.robot.chain import JointReading, Part, TransformChain
 from tccm_ros.robot.frames import build_chain, find_path, frames_of
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.sensor import Sensor
@@ -71,7 +77,7 @@ END_OF_TIME_NS = 2**62
 
 def uncorrected(config: Config) -> Config:
     """Return the configuration with default values for all corrections of the rig."""
-    rig = config.rig.model_copy(update=Rig().model_dump(include=set(CORRECTIONS)))
+    rig = config.rig.model_copy(update=RigConfig().model_dump(include=set(CORRECTIONS)))
     return config.model_copy(update={"rig": rig})
 
 
@@ -82,7 +88,7 @@ def read_recording(
     bars: Bars | None = None,
     *,
     max_cycles: int = MAX_CYCLES,
-) -> Recording:
+) -> CalibrationRecording:
     """Read the tilt cycles, or the depth images of a head, and the level scans of a bag.
 
     Parameters
@@ -245,14 +251,14 @@ def _image_rows(posed: PosedImage, mount: Mount, config: Config) -> CycleScans:
     return CycleScans(chain, tilt, stamps, ranges, vectors / lengths[..., None], T_odom_base, span)
 
 
-def _copy_chain(mount: Mount, frame: str, span_ns: tuple[int, int]) -> tuple[Chain, int]:
+def _copy_chain(mount: Mount, frame: str, span_ns: tuple[int, int]) -> tuple[TransformChain, int]:
     """Return the chain to the laser with a tilt cycle's samples, and the tilt joint's index."""
     chain = mount.find(frame, final=True)
     assert chain is not None
     limits = span_ns[0] - TRACK_MARGIN_NS, span_ns[1] + TRACK_MARGIN_NS
     parts = tuple((_copy_part(part, limits), backwards) for part, backwards in chain.parts)
     names = [part.name for part, _ in parts]
-    return Chain(chain.fixed.copy(), parts), names.index(str(mount.tilt_joint))
+    return TransformChain(chain.fixed.copy(), parts), names.index(str(mount.tilt_joint))
 
 
 def _copy_part(part: Part, limits: tuple[int, int]) -> Part:
@@ -271,12 +277,12 @@ def _fill(track: Track, source: Track, rows: Bool) -> None:
         track.append(stamp_ns, value)
 
 
-def _recording(name: str, found: _CycleReader, max_cycles: int) -> Recording:
+def _recording(name: str, found: _CycleReader, max_cycles: int) -> CalibrationRecording:
     still = [cycle for cycle, stands in zip(found.cycles, _stands(found.cycles)) if stands]
     cycles = _spread(still or found.cycles, max_cycles)
     places = _places(cycles)
     firsts = [cycles[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
-    return Recording(
+    return CalibrationRecording(
         (name,),
         cycles,
         places,

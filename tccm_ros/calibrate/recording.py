@@ -13,7 +13,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.geometry import inverse, planar
-from tccm_ros.robot.chain import Chain, JointReading
+from tccm_ros.robot.chain import JointReading, TransformChain
 
 STILL_DISTANCE, STILL_YAW = 0.01, np.deg2rad(0.3)
 """Maximum change of position and yaw of a base at rest, m and rad (chosen: above the noise of
@@ -41,7 +41,7 @@ class CycleScans:
         First and last stamp.
     """
 
-    chain: Chain
+    chain: TransformChain
     tilt: int
     stamps_ns: Int64
     ranges: Float32
@@ -108,7 +108,7 @@ class LevelScans:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+class CalibrationRecording:
     """The used scans of one or several bags.
 
     Attributes

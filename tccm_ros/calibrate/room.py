@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.calibrate.model import Beams
+from tccm_ros.calibrate.model import CycleBeams
 from tccm_ros.calibrate.observability import Observability
 from tccm_ros.calibrate.quality import Flatness, HitMasks, all_beams, flatness, select
-from tccm_ros.calibrate.recording import Recording
+from tccm_ros.calibrate.recording import CalibrationRecording
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class FloorAndCeiling:
     """Floor and ceiling of one recording.
 
     Attributes
@@ -63,14 +63,19 @@ class Room:
         return lines
 
 
-def rooms(observability: Observability, recording: Recording) -> tuple[Room, ...]:
+def rooms(
+    observability: Observability, recording: CalibrationRecording
+) -> tuple[FloorAndCeiling, ...]:
     """Return floor and ceiling of each recording, from all its hits."""
     return tuple(_room(observability, recording, bag) for bag in range(len(recording.bags)))
 
 
 def hits_of_bag(
-    observability: Observability, recording: Recording, bag: int, cycles: slice | None = None
-) -> tuple[Beams, HitMasks]:
+    observability: Observability,
+    recording: CalibrationRecording,
+    bag: int,
+    cycles: slice | None = None,
+) -> tuple[CycleBeams, HitMasks]:
     """Return hits of a bag, and masks of floor and ceiling.
 
     Parameters
@@ -94,7 +99,9 @@ def hits_of_bag(
     return beams, select(mine, heights, floor, ceiling)
 
 
-def _room(observability: Observability, recording: Recording, bag: int) -> Room:
+def _room(
+    observability: Observability, recording: CalibrationRecording, bag: int
+) -> FloorAndCeiling:
     found = observability.estimate
     beams, seen = hits_of_bag(observability, recording, bag)
     both = []
@@ -108,7 +115,7 @@ def _room(observability: Observability, recording: Recording, bag: int) -> Room:
         if floor is not None and ceiling is not None
     ]
     first, last = recording.cycles_of(bag)
-    return Room(
+    return FloorAndCeiling(
         recording.bags[bag],
         last - first,
         int((recording.bag == bag).sum()),

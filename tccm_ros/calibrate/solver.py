@@ -18,7 +18,7 @@ ROUNDS, SMALL_STEP = 8, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class SolverResult:
     """The result of `solve`.
 
     Attributes
@@ -39,7 +39,9 @@ class Solution:
     scale: float
 
 
-def solve(problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Float64) -> Solution:
+def solve(
+    problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Float64
+) -> SolverResult:
     """Minimise the weighted residuals over the free parameters.
 
     Parameters
@@ -68,7 +70,7 @@ def solve(problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Floa
             break
     lin = problem.linearise(x)
     weights, scale = _weights(lin)
-    return Solution(x, lin, weights, scale)
+    return SolverResult(x, lin, weights, scale)
 
 
 def _solve_scaled(H: Float64, g: Float64) -> Float64:
@@ -87,7 +89,7 @@ def _weights(lin: Linearised) -> tuple[Float64, float]:
     return 1.0 / (1.0 + u**2) ** 2, scale
 
 
-def covariance(solution: Solution, free: Bool, sigmas: Float64) -> Float64:
+def covariance(solution: SolverResult, free: Bool, sigmas: Float64) -> Float64:
     """Return the covariance float64 (F, F) of the free parameters.
 
     It is the sandwich estimate over clusters of hits with common errors, with variances no smaller

@@ -39,7 +39,7 @@ time)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wall:
+class WallPlane:
     """A vertical plane at a place: x cos phi + y sin phi = rho.
 
     Attributes
@@ -58,7 +58,7 @@ class Wall:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class RoomPlanes:
     """The planes of floor, ceilings and walls.
 
     Attributes
@@ -73,12 +73,12 @@ class Surroundings:
 
     floor: float | None
     ceilings: tuple[float | None, ...]
-    walls: tuple[Wall, ...]
+    walls: tuple[WallPlane, ...]
 
 
 def find_planes(
     centers: Float64, normals: Float64, places: Int64, bag: Int64, laser_z: float
-) -> Surroundings:
+) -> RoomPlanes:
     """Find floor, ceiling and walls among patches.
 
     Parameters
@@ -101,7 +101,7 @@ def find_planes(
         for place in np.unique(places).tolist()
         for wall in _walls(centers, normals, (places == place), place)
     ]
-    return Surroundings(
+    return RoomPlanes(
         _horizontal(z[(up > min_up) & (z < laser_z)], lowest=True),
         tuple(
             _horizontal(z[faces_down & (of_bag == number)], lowest=False)
@@ -129,9 +129,9 @@ def _horizontal(z: Float64, *, lowest: bool) -> float | None:
     return float(np.median(z[near]))
 
 
-def _walls(centers: Float64, normals: Float64, mine: Bool, place: int) -> Sequence[Wall]:
+def _walls(centers: Float64, normals: Float64, mine: Bool, place: int) -> Sequence[WallPlane]:
     left = np.flatnonzero(mine & (np.abs(normals[:, 2]) < np.sin(LOOSE_ANGLE)))
-    walls: list[Wall] = []
+    walls: list[WallPlane] = []
     while len(left) >= MIN_WALL and len(walls) < MAX_WALLS:
         flat = normals[left, :2] / np.linalg.norm(normals[left, :2], axis=1, keepdims=True)
         xy = centers[left, :2]
@@ -145,7 +145,7 @@ def _walls(centers: Float64, normals: Float64, mine: Bool, place: int) -> Sequen
         mean = flat[members].mean(axis=0)
         phi = float(np.arctan2(mean[1], mean[0]))
         rho = float(np.median(xy[members] @ [np.cos(phi), np.sin(phi)]))
-        walls.append(Wall(place, phi, rho))
+        walls.append(WallPlane(place, phi, rho))
         left = left[~members]
     return walls
 

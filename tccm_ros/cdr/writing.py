@@ -45,7 +45,7 @@ Fields = Sequence[tuple[str, Any]]
 """Names and descriptions of a type's fields, in rosbags' form."""
 
 
-class Row(NamedTuple):
+class RowLayout(NamedTuple):
     """Layout of a message with numbers of a single type, as a row of a table.
 
     Attributes
@@ -72,7 +72,7 @@ class CdrWriter:
     def __init__(self, fielddefs: Mapping[str, tuple[Any, Fields]]) -> None:
         self._fielddefs = fielddefs
         self._steps: dict[str, list[Step]] = {}
-        self._rows: dict[str, Row] = {}
+        self._rows: dict[str, RowLayout] = {}
 
     def write(self, msgtype: str, message: Any) -> bytearray:
         """Return a message as little-endian CDR.
@@ -89,7 +89,7 @@ class CdrWriter:
             raise MessageError(f"{msgtype} message cannot be written ({error})") from None
         return out
 
-    def row(self, msgtype: str) -> Row:
+    def row(self, msgtype: str) -> RowLayout:
         """Return the layout of a type as a row of a table.
 
         Raises
@@ -102,13 +102,13 @@ class CdrWriter:
             row = self._rows[msgtype] = self._find_row(msgtype)
         return row
 
-    def _find_row(self, msgtype: str) -> Row:
+    def _find_row(self, msgtype: str) -> RowLayout:
         leaves = list(self._leaves(msgtype, ""))
         kinds = {detail[0] for _, (kind, detail) in leaves if kind == Nodetype.BASE}
         flat = all(kind == Nodetype.BASE for _, (kind, _) in leaves)
         if not flat or len(kinds) != 1 or kinds == {"string"}:
             raise TypeError(f"{msgtype} has other fields than numbers of one kind")
-        return Row(_dtype(kinds.pop()), len(leaves))
+        return RowLayout(_dtype(kinds.pop()), len(leaves))
 
     def _append(self, msgtype: str, message: Any, out: bytearray) -> None:
         steps = self._steps.get(msgtype)
@@ -250,7 +250,7 @@ def _append_text(text: str, out: bytearray) -> None:
 
 
 def _array(path: str, base: str, size: int | None) -> Step:
-    get, row = attrgetter(path), Row(_dtype(base), 1)
+    get, row = attrgetter(path), RowLayout(_dtype(base), 1)
 
     def step(message: Any, out: bytearray) -> None:
         items = get(message)
@@ -261,7 +261,7 @@ def _array(path: str, base: str, size: int | None) -> Step:
     return step
 
 
-def _append_rows(table: NDArray[Any], row: Row, out: bytearray) -> None:
+def _append_rows(table: NDArray[Any], row: RowLayout, out: bytearray) -> None:
     if table.ndim != 2 or table.shape[1] != row.columns:
         raise ValueError(f"a table {table.shape}, expected {row.columns} columns")
     if len(table):

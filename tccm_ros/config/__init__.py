@@ -7,6 +7,6 @@ file, the declarations of the nodes and the table of the reference are made from
 
 from tccm_ros.config.configuration import Config, parameters
 from tccm_ros.config.parameter import Parameter
-from tccm_ros.config.sensors import Rig
+from tccm_ros.config.sensors import RigConfig
 
-__all__ = ["Config", "Parameter", "Rig", "parameters"]
+__all__ = ["Config", "Parameter", "RigConfig", "parameters"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tccm_ros.config.parameter import Group, param
 
 
-class Approach(Group):
+class ApproachConfig(Group):
     """Driving to surfaces (approach_node)."""
 
     footprint: tuple[float, ...] = param(

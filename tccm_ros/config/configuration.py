@@ -6,14 +6,28 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
-from tccm_ros.config.approach import Approach
-from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
-from tccm_ros.config.node import Markers, Qos, Save, ScanHere, Tf
+from tccm_ros.config.approach import ApproachConfig
+from tccm_ros.config.mapping import (
+    CenterCoreConfig,
+    CycleConfig,
+    MapConfig,
+    ObjectsConfig,
+    PlanesConfig,
+)
+from tccm_ros.config.node import MarkersConfig, QosConfig, SaveConfig, ScanHereConfig, TfConfig
 from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
-from tccm_ros.config.sensors import Frames, Rig, ScanFilter, Sensors
-from tccm_ros.config.signs import Signs
-from tccm_ros.config.slam import Graph, Lines, Localisation, Loops, Matching, Odometry, Walls
-from tccm_ros.config.surfaces import Labels, Surfaces, Views
+from tccm_ros.config.sensors import FramesConfig, RigConfig, ScanFilterConfig, SensorsConfig
+from tccm_ros.config.signs import SignsConfig
+from tccm_ros.config.slam import (
+    GraphConfig,
+    LinesConfig,
+    LocalisationConfig,
+    LoopsConfig,
+    MatchingConfig,
+    OdometryConfig,
+    WallsConfig,
+)
+from tccm_ros.config.surfaces import LabelsConfig, SurfacesConfig, ViewsConfig
 
 
 class Config(Group):
@@ -27,32 +41,32 @@ class Config(Group):
         The groups of parameters.
     """
 
-    frames: Frames = Field(default_factory=Frames)
-    rig: Rig = Field(default_factory=Rig)
-    scan: ScanFilter = Field(default_factory=ScanFilter)
-    sensors: Sensors = Field(default_factory=Sensors)
-    cycle: Cycle = Field(default_factory=Cycle)
-    map: Map = Field(default_factory=Map)
-    planes: Planes = Field(default_factory=Planes)
-    center_core: CenterCore = Field(default_factory=CenterCore)
-    objects: Objects = Field(default_factory=Objects)
-    signs: Signs = Field(default_factory=Signs)
-    lines: Lines = Field(default_factory=Lines)
-    matching: Matching = Field(default_factory=Matching)
-    odometry: Odometry = Field(default_factory=Odometry)
-    walls: Walls = Field(default_factory=Walls)
-    localisation: Localisation = Field(default_factory=Localisation)
-    graph: Graph = Field(default_factory=Graph)
-    loops: Loops = Field(default_factory=Loops)
-    views: Views = Field(default_factory=Views)
-    surfaces: Surfaces = Field(default_factory=Surfaces)
-    labels: Labels = Field(default_factory=Labels)
-    qos: Qos = Field(default_factory=Qos)
-    tf: Tf = Field(default_factory=Tf)
-    save: Save = Field(default_factory=Save)
-    scan_here: ScanHere = Field(default_factory=ScanHere)
-    markers: Markers = Field(default_factory=Markers)
-    approach: Approach = Field(default_factory=Approach)
+    frames: FramesConfig = Field(default_factory=FramesConfig)
+    rig: RigConfig = Field(default_factory=RigConfig)
+    scan: ScanFilterConfig = Field(default_factory=ScanFilterConfig)
+    sensors: SensorsConfig = Field(default_factory=SensorsConfig)
+    cycle: CycleConfig = Field(default_factory=CycleConfig)
+    map: MapConfig = Field(default_factory=MapConfig)
+    planes: PlanesConfig = Field(default_factory=PlanesConfig)
+    center_core: CenterCoreConfig = Field(default_factory=CenterCoreConfig)
+    objects: ObjectsConfig = Field(default_factory=ObjectsConfig)
+    signs: SignsConfig = Field(default_factory=SignsConfig)
+    lines: LinesConfig = Field(default_factory=LinesConfig)
+    matching: MatchingConfig = Field(default_factory=MatchingConfig)
+    odometry: OdometryConfig = Field(default_factory=OdometryConfig)
+    walls: WallsConfig = Field(default_factory=WallsConfig)
+    localisation: LocalisationConfig = Field(default_factory=LocalisationConfig)
+    graph: GraphConfig = Field(default_factory=GraphConfig)
+    loops: LoopsConfig = Field(default_factory=LoopsConfig)
+    views: ViewsConfig = Field(default_factory=ViewsConfig)
+    surfaces: SurfacesConfig = Field(default_factory=SurfacesConfig)
+    labels: LabelsConfig = Field(default_factory=LabelsConfig)
+    qos: QosConfig = Field(default_factory=QosConfig)
+    tf: TfConfig = Field(default_factory=TfConfig)
+    save: SaveConfig = Field(default_factory=SaveConfig)
+    scan_here: ScanHereConfig = Field(default_factory=ScanHereConfig)
+    markers: MarkersConfig = Field(default_factory=MarkersConfig)
+    approach: ApproachConfig = Field(default_factory=ApproachConfig)
     clock_jump: float = param(
         2.0,
         "a backward step of time beyond this resets the map",

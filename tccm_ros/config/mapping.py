@@ -9,7 +9,7 @@ from tccm_ros.config.parameter import Group, param
 Box = tuple[float, float, float, float, float, float]
 
 
-class Cycle(Group):
+class CycleConfig(Group):
     """Detection of tilt cycles from the angle of the joint."""
 
     dead_band: float = param(
@@ -35,7 +35,7 @@ class Cycle(Group):
     )
 
 
-class Map(Group):
+class MapConfig(Group):
     """The part maps and the integration map."""
 
     cell_size: float = param(0.02, "edge of a cell", unit="m", ge=0.002, le=1.0, read_only=True)
@@ -80,7 +80,7 @@ class Map(Group):
     )
 
 
-class Planes(Group):
+class PlanesConfig(Group):
     """The plane detector and the tracking of planes."""
 
     detector: Literal["moments", "center_cores", "neighbours"] = param(
@@ -116,7 +116,7 @@ class Planes(Group):
     track_cycles: int = param(3, "tilt cycles that a hidden plane keeps its id", ge=0, le=1000)
 
 
-class CenterCore(Group):
+class CenterCoreConfig(Group):
     """The center-core plane detector of the paper, a baseline."""
 
     trials: int = param(50, "random trials", ge=1, le=10000)
@@ -132,7 +132,7 @@ class CenterCore(Group):
     )
 
 
-class Objects(Group):
+class ObjectsConfig(Group):
     """Objects on horizontal surfaces, and free places between them."""
 
     min_height: float = param(0.02, "an object rises at least this", unit="m", gt=0.0, le=1.0)

@@ -7,7 +7,7 @@ from typing import Literal
 from tccm_ros.config.parameter import Group, param
 
 
-class Qos(Group):
+class QosConfig(Group):
     """Quality of service of the sensor subscriptions."""
 
     reliability: Literal["best_effort", "reliable"] = param(
@@ -26,7 +26,7 @@ class Qos(Group):
     )
 
 
-class Tf(Group):
+class TfConfig(Group):
     """The transform map -> odom, and the frames of surfaces."""
 
     publish: bool = param(
@@ -43,7 +43,7 @@ class Tf(Group):
     )
 
 
-class Save(Group):
+class SaveConfig(Group):
     """Saving of maps by a live node."""
 
     directory: str = param("tccm_map", "folder that ~/save_map writes and ~/load_map reads")
@@ -53,7 +53,7 @@ class Save(Group):
     )
 
 
-class ScanHere(Group):
+class ScanHereConfig(Group):
     """The action ~/scan_here: how the tilt joint, `frames.tilt_joint`, is moved for a view."""
 
     controller: str = param(
@@ -68,7 +68,7 @@ class ScanHere(Group):
     velocity: float = param(0.3, "greatest speed of the joints", unit="rad/s", gt=0.0, le=10.0)
 
 
-class Markers(Group):
+class MarkersConfig(Group):
     """Content of the markers."""
 
     cuboid_color: Literal["height", "age"] = param("height", "what the color of a cuboid shows")

@@ -10,7 +10,7 @@ Systematic = tuple[float, float, float, float]
 Pose6 = tuple[float, float, float, float, float, float]
 
 
-class Frames(Group):
+class FramesConfig(Group):
     """Names that are found from the data unless they are set (docs/design/frames_and_time.md)."""
 
     base: str = param("", "base frame; empty: child frame of the odometry", read_only=True)
@@ -34,7 +34,7 @@ class Frames(Group):
         return self.prefix + self.odom
 
 
-class Rig(Group):
+class RigConfig(Group):
     """Poses of the lasers where there is no robot description, and corrections of a real rig."""
 
     kinematics: Literal["auto", "urdf", "tf", "rig"] = param(
@@ -92,7 +92,7 @@ class Rig(Group):
     )
 
 
-class ScanFilter(Group):
+class ScanFilterConfig(Group):
     """Filters of ranges and points of scans."""
 
     shadow_angle: float = param(
@@ -132,7 +132,7 @@ class ScanFilter(Group):
     self_padding: float = param(0.02, "margin around the robot's links", unit="m", ge=0.0, le=0.5)
 
 
-class Sensors(Group):
+class SensorsConfig(Group):
     """Sensors whose points are mapped, and detectors: topics, noise, and the level scan."""
 
     depth_images: tuple[str, ...] = param(

@@ -7,7 +7,7 @@ from typing import Literal
 from tccm_ros.config.parameter import Group, param
 
 
-class Signs(Group):
+class SignsConfig(Group):
     """Door signs that a camera reads."""
 
     enabled: bool = param(

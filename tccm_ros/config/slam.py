@@ -7,7 +7,7 @@ from typing import Literal
 from tccm_ros.config.parameter import Group, param
 
 
-class Lines(Group):
+class LinesConfig(Group):
     """Line extraction from level scans."""
 
     extractor: Literal["split_merge", "ransac"] = param("split_merge", "line extractor")
@@ -20,7 +20,7 @@ class Lines(Group):
     trials: int = param(60, "ransac: pairs drawn for each line", ge=1, le=10000)
 
 
-class Matching(Group):
+class MatchingConfig(Group):
     """Scan-to-submap matching between level scans."""
 
     enabled: bool = param(True, "match level scans; off: odometry alone")
@@ -37,7 +37,7 @@ class Matching(Group):
     )
 
 
-class Odometry(Group):
+class OdometryConfig(Group):
     """Noise of odometry."""
 
     sigma_per_m: float = param(0.05, "translation noise per metre", gt=0.0, le=2.0)
@@ -52,7 +52,7 @@ class Odometry(Group):
     )
 
 
-class Walls(Group):
+class WallsConfig(Group):
     """Wall landmarks."""
 
     enabled: bool = param(True, "use walls as landmarks")
@@ -86,7 +86,7 @@ class Walls(Group):
     )
 
 
-class Localisation(Group):
+class LocalisationConfig(Group):
     """Source of map -> odom (docs/guides/your_localisation.md)."""
 
     source: Literal["slam", "tf"] = param(
@@ -107,7 +107,7 @@ class Localisation(Group):
         return self.source == "tf"
 
 
-class Graph(Group):
+class GraphConfig(Group):
     """Keyframes and optimisation."""
 
     mode: Literal["mapping", "localisation"] = param(
@@ -117,7 +117,7 @@ class Graph(Group):
     keyframe_angle: float = param(0.35, "rotation between keyframes", unit="rad", gt=0.0, le=3.2)
 
 
-class Loops(Group):
+class LoopsConfig(Group):
     """Loop closures."""
 
     enabled: bool = param(True, "search for loop closures")

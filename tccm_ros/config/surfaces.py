@@ -9,7 +9,7 @@ from tccm_ros.config.parameter import Group, param
 Rule = tuple[float, float, float, float, float, float]
 
 
-class Views(Group):
+class ViewsConfig(Group):
     """Views of surfaces."""
 
     when: Literal["always", "still"] = param(
@@ -35,7 +35,7 @@ class Views(Group):
     )
 
 
-class Surfaces(Group):
+class SurfacesConfig(Group):
     """The surface map."""
 
     segmentation: Literal["tccm", "seed"] = param(
@@ -72,7 +72,7 @@ def label_rule(default: Rule, meaning: str) -> Any:
     )
 
 
-class Labels(Group):
+class LabelsConfig(Group):
     """Rules of labels over the height, width and area of a surface."""
 
     table: Rule = label_rule((0.66, 0.80, 0.45, 2.0, 0.25, 6.0), "a table or desk")

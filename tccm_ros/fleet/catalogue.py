@@ -37,7 +37,7 @@ TRIES = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class QueryResult:
     """Result of a query.
 
     Attributes
@@ -148,7 +148,7 @@ class Catalogue:
         except (OSError, pa.ArrowInvalid) as error:
             raise OutputError(f"{self.path}: cannot be gathered ({one_line(error)})") from None
 
-    def ask(self, query: str) -> Answer:
+    def ask(self, query: str) -> QueryResult:
         """Run a query on the tables ``surfaces``, ``objects``, ``walls`` and ``signs``.
 
         Parameters
@@ -173,14 +173,14 @@ class Catalogue:
                 raise FleetError(f"query: {one_line(error)}") from None
         raise AssertionError
 
-    def _ask(self, query: str) -> Answer:
+    def _ask(self, query: str) -> QueryResult:
         with duckdb.connect() as database:
             for table in TABLES:
                 if table.name in query.lower():  # opening the files of a table takes time
                     self._open(database, table)
             found = database.execute(query)
             columns = tuple(column[0] for column in found.description or ())
-            return Answer(columns, tuple(found.fetchall()))
+            return QueryResult(columns, tuple(found.fetchall()))
 
     def _open(self, database: duckdb.DuckDBPyConnection, table: Table) -> None:
         """Define a table as the maps' own files and the merged rows of all other maps."""

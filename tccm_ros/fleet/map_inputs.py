@@ -30,7 +30,7 @@ MAX_HEIGHT_DIFFERENCE = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Footprint:
+class SurfaceFootprint:
     """Outline of a surface from above, in its map.
 
     Attributes
@@ -50,13 +50,13 @@ class Footprint:
     height: float
     is_floor: bool
 
-    def moved(self, T: Float64) -> Footprint:
+    def moved(self, T: Float64) -> SurfaceFootprint:
         """Return it in another frame, where its map has the planar pose T, float64 (3,)."""
         c, s = float(np.cos(T[2])), float(np.sin(T[2]))
         xy = [c, -s, s, c, float(T[0]), float(T[1])]
         return replace(self, polygon=affine_transform(self.polygon, xy))
 
-    def is_as_high_as(self, other: Footprint) -> bool:
+    def is_as_high_as(self, other: SurfaceFootprint) -> bool:
         """Return whether the heights allow both to be the same surface."""
         return abs(self.height - other.height) <= MAX_HEIGHT_DIFFERENCE
 
@@ -104,7 +104,7 @@ class MapInput:
     checksum: str
     saved: SavedMap
     walls: SavedWalls
-    surfaces: tuple[Footprint, ...]
+    surfaces: tuple[SurfaceFootprint, ...]
     signs: tuple[NumberedSign, ...] = ()
 
 
@@ -188,10 +188,12 @@ def read_map(path: Path, config: Config) -> MapInput:
     return MapInput(name, path, checksum_of(path), saved, walls, tuple(surfaces), signs)
 
 
-def footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
+def footprints_of(file: SurfacesFile) -> Sequence[SurfaceFootprint]:
     """Return the outlines of a map's surfaces."""
     floor_z = file.floor_z or 0.0
     return [
-        Footprint(surface.id, plan_polygon(surface), surface.height - floor_z, surface.is_floor)
+        SurfaceFootprint(
+            surface.id, plan_polygon(surface), surface.height - floor_z, surface.is_floor
+        )
         for surface in file.surfaces
     ]

@@ -172,7 +172,7 @@ def _write(
     folder.mkdir(exist_ok=True)
     merged = merged_map(component, inputs, matches)
     solution = SurfaceSlam.from_saved(config, merged).solve()
-    poses = np.array([keyframe.pose for keyframe in solution.slam.keyframes])
+    poses = np.array([keyframe.pose for keyframe in solution.graph.keyframes])
     solved = replace(merged, walls={**merged.walls, "keyframe_pose": poses})
     write_solution(folder, solution, config)
     save_map(folder / "map.mcap", solved, solution, config.frames.map_name)

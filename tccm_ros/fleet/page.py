@@ -17,7 +17,7 @@ from tccm_ros.fleet.record import DoneRecord, read_failure, read_record
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RecordingRow:
     """A recording on the page; unknown values are None.
 
     Attributes
@@ -54,7 +54,7 @@ class Row:
     seconds: float | None = None
 
 
-def fleet_rows(folder: FleetFolder) -> list[Row]:
+def fleet_rows(folder: FleetFolder) -> list[RecordingRow]:
     """Return a row for each recording of a fleet, sorted by name.
 
     Parameters
@@ -72,7 +72,9 @@ def fleet_rows(folder: FleetFolder) -> list[Row]:
         if failure is not None:
             older = rows.get(name)
             has_results, pictures = (older.has_results, older.pictures) if older else (False, False)
-            rows[name] = Row(name, failure.source, "failed", str(failure), has_results, pictures)
+            rows[name] = RecordingRow(
+                name, failure.source, "failed", str(failure), has_results, pictures
+            )
     return [rows[name] for name in sorted(rows)]
 
 
@@ -82,9 +84,9 @@ def _entries(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 
 
-def _done(path: Path, record: DoneRecord) -> Row:
+def _done(path: Path, record: DoneRecord) -> RecordingRow:
     counts = record.counts
-    return Row(
+    return RecordingRow(
         path.name,
         record.source,
         "done",
@@ -120,7 +122,7 @@ def write_page(folder: FleetFolder) -> Path:
     return folder.page
 
 
-def page_text(rows: list[Row], name: str) -> str:
+def page_text(rows: list[RecordingRow], name: str) -> str:
     """Return the HTML text of a page.
 
     Parameters
@@ -130,7 +132,10 @@ def page_text(rows: list[Row], name: str) -> str:
     name
         Name of the fleet.
     """
-    tree = {"columns": [f.name for f in fields(Row)], "rows": [astuple(row) for row in rows]}
+    tree = {
+        "columns": [f.name for f in fields(RecordingRow)],
+        "rows": [astuple(row) for row in rows],
+    }
     data = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     viewer = files("tccm_ros.fleet") / "viewer"
     parts = {n: (viewer / f"page.{n}").read_text(encoding="utf-8") for n in ("html", "css", "js")}

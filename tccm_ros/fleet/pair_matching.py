@@ -14,7 +14,7 @@ import shapely
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.fleet.map_inputs import Footprint, MapInput, NumberedSign
+from tccm_ros.fleet.map_inputs import MapInput, NumberedSign, SurfaceFootprint
 from tccm_ros.geometry import transform2
 from tccm_ros.results.models import Covariance3, Vector
 from tccm_ros.slam.map_matching import match_walls, median_pose
@@ -121,7 +121,7 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
 
 
 def compare_furniture(
-    one: Sequence[Footprint], other: Sequence[Footprint], T_one_other: Float64
+    one: Sequence[SurfaceFootprint], other: Sequence[SurfaceFootprint], T_one_other: Float64
 ) -> tuple[float, float]:
     """Return the area of furniture seen in both maps, m2, and the fraction that agrees.
 
@@ -138,7 +138,9 @@ def compare_furniture(
     return compared, sum(area for _, area in counts) / compared if compared else 0.0
 
 
-def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[float, float]:
+def _agreeing(
+    ones: Sequence[SurfaceFootprint], others: Sequence[SurfaceFootprint]
+) -> tuple[float, float]:
     """Return the area of surfaces seen in the other map, and of those present in it, m2."""
     seen = shapely.union_all([other.polygon for other in others])
     compared = agreeing = 0.0

@@ -24,7 +24,7 @@ from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.page import write_page
 from tccm_ros.fleet.record import Failure
 from tccm_ros.fleet.recordings import Recording, find_recordings
-from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
+from tccm_ros.fleet.task import Job, JobStatus, TaskResult, is_done, process
 from tccm_ros.progress import Bars, Silent
 
 LOOK_S = 5.0
@@ -48,14 +48,14 @@ class FleetSummary:
     """
 
     out: Path
-    counts: Counter[Outcome] = field(default_factory=Counter)
+    counts: Counter[JobStatus] = field(default_factory=Counter)
     failures: dict[str, Failure] = field(default_factory=dict)
     seconds: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as plain data."""
         failures = [{"source": f.source, "reason": f.reason} for f in self.failures.values()]
-        counts = {outcome.value: self.counts[outcome] for outcome in Outcome}
+        counts = {outcome.value: self.counts[outcome] for outcome in JobStatus}
         return {"out": str(self.out), **counts, "seconds": self.seconds, "failures": failures}
 
     def text(self) -> str:
@@ -63,8 +63,8 @@ class FleetSummary:
         folder, counts = FleetFolder(self.out), self.counts
         lines = [f"failed    {f}" for f in self.failures.values()]
         lines.append(
-            f"{counts[Outcome.DONE]} replayed, {counts[Outcome.UNCHANGED]} unchanged, "
-            f"{counts[Outcome.FAILED]} failed in {self.seconds:.0f} s"
+            f"{counts[JobStatus.DONE]} replayed, {counts[JobStatus.UNCHANGED]} unchanged, "
+            f"{counts[JobStatus.FAILED]} failed in {self.seconds:.0f} s"
         )
         lines.append(f"results   {folder.recordings}")
         lines.append(f"page      {folder.page}  (open it in a browser)")
@@ -115,7 +115,7 @@ def run_fleet(
     for recording in recordings:
         job = Job(recording, folder.path, config, tuple(remap), pictures)
         if is_done(job):
-            _note(summary, recording, TaskResult(Outcome.UNCHANGED), bars)
+            _note(summary, recording, TaskResult(JobStatus.UNCHANGED), bars)
         else:
             jobs.append(job)
     try:
@@ -173,16 +173,16 @@ def _result(future: Future) -> TaskResult:
         return result
     except KilledWorker as error:
         tries = error.allowed_failures + 1
-        return TaskResult(Outcome.FAILED, f"its worker died, {tries} times: memory or a crash?")
+        return TaskResult(JobStatus.FAILED, f"its worker died, {tries} times: memory or a crash?")
     except Exception as error:  # includes the cluster's errors for lost tasks
-        return TaskResult(Outcome.FAILED, f"{type(error).__name__}: {one_line(error)}")
+        return TaskResult(JobStatus.FAILED, f"{type(error).__name__}: {one_line(error)}")
 
 
 def _note(summary: FleetSummary, recording: Recording, result: TaskResult, bars: Bars) -> None:
     """Count a result, and write or remove its failure file."""
     path = FleetFolder(summary.out).failure(recording.name)
     summary.counts[result.outcome] += 1
-    if result.outcome is Outcome.FAILED:
+    if result.outcome is JobStatus.FAILED:
         summary.failures[recording.name] = Failure(recording.source, result.reason)
         summary.failures[recording.name].write(path)
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tccm_ros.arrays import Float64
-from tccm_ros.fleet.map_inputs import Footprint
+from tccm_ros.fleet.map_inputs import SurfaceFootprint
 from tccm_ros.fleet.merge_file import IdEntry
 from tccm_ros.records import Surface
 
@@ -20,11 +20,11 @@ def owners_of_patches(surfaces: Sequence[Surface]) -> dict[int, int]:
 
 
 def id_table(
-    surfaces: Sequence[Footprint],
+    surfaces: Sequence[SurfaceFootprint],
     first_patch: int,
     T_map_old: Float64,
     owners: Mapping[int, int],
-    merged: Sequence[Footprint],
+    merged: Sequence[SurfaceFootprint],
 ) -> tuple[IdEntry, ...]:
     """Return the table of ids of a map.
 
@@ -53,7 +53,7 @@ def id_table(
     return tuple(table)
 
 
-def _at_its_place(surface: Footprint, merged: Sequence[Footprint]) -> int | None:
+def _at_its_place(surface: SurfaceFootprint, merged: Sequence[SurfaceFootprint]) -> int | None:
     covered = [
         (surface.polygon.intersection(other.polygon).area, other.id)
         for other in merged

@@ -48,7 +48,7 @@ PLAIN = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSource:
+class ResultFiles:
     """Result files of a map, from which its rows are made.
 
     Attributes
@@ -69,7 +69,7 @@ class MapSource:
     signs: tuple[SignEntry, ...]
 
 
-def read_source(name: str, folder: Path) -> MapSource:
+def read_source(name: str, folder: Path) -> ResultFiles:
     """Read the result files of a map.
 
     Parameters
@@ -85,7 +85,7 @@ def read_source(name: str, folder: Path) -> MapSource:
         If surfaces.json or walls.json is missing, or a file is damaged.
     """
     objects = folder / "objects.json"
-    return MapSource(
+    return ResultFiles(
         name,
         folder,
         read_json(folder / "surfaces.json", SurfacesFile),
@@ -133,7 +133,7 @@ class Table:
 
     name: str
     entry: type[Any]
-    rows: Callable[[MapSource], Iterable[Row]]
+    rows: Callable[[ResultFiles], Iterable[Row]]
     further: tuple[tuple[str, pa.DataType], ...] = ()
 
     @property
@@ -144,7 +144,7 @@ class Table:
         columns += [*self.further, ("geometry", pa.binary())]
         return pa.schema(columns, metadata={"geo": json.dumps(GEO)})
 
-    def of(self, source: MapSource) -> pa.Table:
+    def of(self, source: ResultFiles) -> pa.Table:
         """Return the rows of a map."""
         columns = _columns(self.entry)
         head = source.map, str(source.folder)
@@ -195,7 +195,7 @@ def _time(seconds: float | None) -> int | None:
     return None if seconds is None else round(seconds * 1e6)
 
 
-def _surface_rows(source: MapSource) -> Iterable[Row]:
+def _surface_rows(source: ResultFiles) -> Iterable[Row]:
     free = {places.surface: _free_area(places) for places in source.objects.free}
     for entry in source.surfaces.surfaces:
         above = entry.height - (source.surfaces.floor_z or 0.0)
@@ -206,7 +206,7 @@ def _free_area(places: FreePlacesEntry) -> float:
     return sum(shapely.Polygon(ring).area for ring in places.polygons)
 
 
-def _object_rows(source: MapSource) -> Iterable[Row]:
+def _object_rows(source: ResultFiles) -> Iterable[Row]:
     seen = {surface.id: surface.last_seen for surface in source.surfaces.surfaces}
     for entry in source.objects.objects:
         x, y, z = 0.5 * entry.size
@@ -220,13 +220,13 @@ def _at_height(ring: Float64, z: float) -> Float64:
     return np.column_stack([ring, np.full(len(ring), z)])
 
 
-def _wall_rows(source: MapSource) -> Iterable[Row]:
+def _wall_rows(source: ResultFiles) -> Iterable[Row]:
     for entry in source.walls.walls:
         length = float(np.linalg.norm(entry.endpoints[1] - entry.endpoints[0]))
         yield entry, shapely.LineString(entry.endpoints), (length,)
 
 
-def _sign_rows(source: MapSource) -> Iterable[Row]:
+def _sign_rows(source: ResultFiles) -> Iterable[Row]:
     for entry in source.signs:
         stamps: Sequence[float] = [view.stamp for view in entry.views]
         times = _time(min(stamps, default=None)), _time(max(stamps, default=None))

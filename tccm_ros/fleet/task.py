@@ -42,8 +42,8 @@ ONE_AT_A_TIME = threading.Lock()
 """Lock that makes a worker with several threads replay one recording at a time."""
 
 
-class Outcome(StrEnum):
-    """Outcome of a recording."""
+class JobStatus(StrEnum):
+    """State of a recording after its task."""
 
     DONE = "done"
     UNCHANGED = "unchanged"
@@ -97,7 +97,7 @@ class TaskResult:
         Reason for a failure, in one line.
     """
 
-    outcome: Outcome
+    outcome: JobStatus
     reason: str = ""
 
 
@@ -126,13 +126,13 @@ def process(job: Job) -> TaskResult:
         try:
             return TaskResult(_process(job))
         except TccmError as error:
-            return TaskResult(Outcome.FAILED, one_line(error))
+            return TaskResult(JobStatus.FAILED, one_line(error))
         except Exception as error:  # one recording must not end the others
             text = f"unexpected {type(error).__name__}: {one_line(error)}"
-            return TaskResult(Outcome.FAILED, text)
+            return TaskResult(JobStatus.FAILED, text)
 
 
-def _process(job: Job) -> Outcome:
+def _process(job: Job) -> JobStatus:
     states = file_states(job.recording.source)  # before reading, to detect later changes
     with local_copy(job.recording.source) as bag:
         if not bag.exists():
@@ -140,7 +140,7 @@ def _process(job: Job) -> Outcome:
         content = content_checksum(bag)
         record = read_record(job.results)
         if record is not None and record.is_of(job.settings) and record.content == content:
-            return Outcome.UNCHANGED
+            return JobStatus.UNCHANGED
         compile_kernels(PARTS, job.config)  # here, to exclude it from the recording's cost
         with output_folder(job.results, is_replaced=True) as folder:
             begin = time.monotonic(), time.process_time()
@@ -150,7 +150,7 @@ def _process(job: Job) -> Outcome:
             _record(job, states, content, summary, cost).write(folder)
             # Before the folder is renamed: results without rows would never get any.
             Catalogue(FleetFolder(job.out).catalogue).add(job.recording.name, folder, job.results)
-    return Outcome.DONE
+    return JobStatus.DONE
 
 
 def _record(

@@ -10,8 +10,8 @@ import numpy as np
 from shapely import Point
 
 from tccm_ros.approach.footprint import Footprint
-from tccm_ros.approach.settings import Goal, Robot, Surroundings
-from tccm_ros.approach.speeds import Limits
+from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
+from tccm_ros.approach.speeds import SpeedLimits
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -30,7 +30,7 @@ SAME_HEIGHT_M = 0.03
 """Surfaces that differ less in height may be confused, m (`locating.HEIGHT_M`)."""
 
 
-def robot_of(config: Config, corners: Sequence[float] = ()) -> Robot:
+def robot_of(config: Config, corners: Sequence[float] = ()) -> RobotBase:
     """Return the base from the parameters, or with another footprint.
 
     Raises
@@ -39,9 +39,9 @@ def robot_of(config: Config, corners: Sequence[float] = ()) -> Robot:
         For corners that do not form a footprint, see `Footprint.of`.
     """
     s = config.approach
-    limits = Limits(s.speed, s.yaw_rate, s.acceleration, s.yaw_acceleration)
+    limits = SpeedLimits(s.speed, s.yaw_rate, s.acceleration, s.yaw_acceleration)
     footprint = Footprint.of(list(corners) or s.footprint)
-    return Robot(footprint, limits, s.height, s.latency, s.margin, s.patience)
+    return RobotBase(footprint, limits, s.height, s.latency, s.margin, s.patience)
 
 
 def checked(name: str, value: float, default: float, low: float, high: float) -> float:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.names import NamedSpot, check_name, read_names, write_names
-from tccm_ros.approach.settings import Goal, Robot, Surroundings
+from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.standing import standing_poses
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MotionError, RequestError, suggest
@@ -56,7 +56,7 @@ class SpotNames:
         types: MessageTypes,
         path: Callable[[], Path],
         find_surface: Callable[[Any], Awaitable[MapSurface]],
-        plan: Callable[[Any, MapSurface], tuple[Robot, Goal, Surroundings]],
+        plan: Callable[[Any, MapSurface], tuple[RobotBase, Goal, Surroundings]],
         in_map: Callable[[Any], Float64],
         map_frame: str,
     ):
@@ -99,7 +99,7 @@ class SpotNames:
             return ""
         return "no free floor around it is within the arm's length of the spot"
 
-    def _base_poses(self, robot: Robot, goal: Goal, around: Surroundings) -> list[Any]:
+    def _base_poses(self, robot: RobotBase, goal: Goal, around: Surroundings) -> list[Any]:
         floor = Floor(around.grid, [*around.overhangs, goal.target.outline])
         poses = standing_poses(
             goal.target,

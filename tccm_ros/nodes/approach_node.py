@@ -33,7 +33,7 @@ from tccm_ros.approach.names import NamedSpot
 from tccm_ros.approach.outcome import Outcome, Reason
 from tccm_ros.approach.retreat import Retreat
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.settings import Goal, Robot, Surroundings
+from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MissingExtraError, MotionError, RequestError, TccmError, one_line
@@ -83,7 +83,7 @@ FEEDBACK_STEPS = 10
 
 
 @dataclass(slots=True, eq=False)
-class Drive:
+class ActiveGoal:
     """An active goal.
 
     Attributes
@@ -110,7 +110,7 @@ class Drive:
     """
 
     machine: Approach | Retreat | Detection
-    robot: Robot
+    robot: RobotBase
     done: Future
     handle: Any
     tell: Callable[[Senses], None]
@@ -161,7 +161,7 @@ class ApproachNode(Node):
         self._dock_poses = self.create_publisher(PoseStamped, "~/detected_dock_pose", 1)
         self._navigator = self._find_navigator()
         self._lock = threading.Lock()
-        self._drive: Drive | None = None
+        self._drive: ActiveGoal | None = None
         self._is_taken = self._is_ending = False
         self._reading_until_s = -math.inf
         self.senses = BaseSenses(
@@ -252,7 +252,7 @@ class ApproachNode(Node):
             if self.executor is not None:
                 self.executor.wake()
 
-    def _drive_on(self, drive: Drive) -> Outcome | None:
+    def _drive_on(self, drive: ActiveGoal) -> Outcome | None:
         """Send the command of this step; return the outcome once `ZEROS` zero commands are sent."""
         machine = drive.machine
         outcome = drive.failure or machine.outcome
@@ -284,7 +284,7 @@ class ApproachNode(Node):
             drive.tell(senses)
         return None
 
-    def _finish_drive(self, drive: Drive, outcome: Outcome) -> Outcome | None:
+    def _finish_drive(self, drive: ActiveGoal, outcome: Outcome) -> Outcome | None:
         """Send zero until the base has been told and Nav2 has ended; return the outcome then."""
         if not drive.is_driving:
             return outcome
@@ -294,12 +294,12 @@ class ApproachNode(Node):
         is_over = drive.zeros >= (MAX_ZEROS if is_stopping else ZEROS)
         return outcome if is_over else None
 
-    def _fail(self, drive: Drive, failure: Outcome) -> None:
+    def _fail(self, drive: ActiveGoal, failure: Outcome) -> None:
         """Stop at once; the next steps finish the drive with this outcome."""
         drive.failure = failure
         self._stop(drive)
 
-    def _stop(self, drive: Drive | None) -> None:
+    def _stop(self, drive: ActiveGoal | None) -> None:
         """Stop the base and Nav2 at once, unless the goal does not move the base."""
         if drive is None or not drive.is_driving:
             return
@@ -307,7 +307,7 @@ class ApproachNode(Node):
             self._navigator.cancel()
         self._send(STOP)
 
-    def _tell_dock(self, drive: Drive, detection: Detection) -> None:
+    def _tell_dock(self, drive: ActiveGoal, detection: Detection) -> None:
         """Publish the pose of the base at the surface, once for each tilt cycle that shows it."""
         if detection.pose is None or detection.stamp_s <= drive.told_s:
             return
@@ -380,7 +380,7 @@ class ApproachNode(Node):
             raise NoSurfaceError("the floor is no surface to approach")
         return found[0]
 
-    def _plan(self, request: Any, surface: MapSurface) -> tuple[Robot, Goal, Surroundings]:
+    def _plan(self, request: Any, surface: MapSurface) -> tuple[RobotBase, Goal, Surroundings]:
         """Return the base, the goal and the map around a surface, of a goal of ApproachSurface.
 
         Raises
@@ -493,7 +493,7 @@ class ApproachNode(Node):
         try:
             machine, robot = await prepare()
             done: Future = Future(executor=self.executor)
-            self._drive = Drive(machine, robot, done, handle, partial(tell, machine))
+            self._drive = ActiveGoal(machine, robot, done, handle, partial(tell, machine))
             outcome: Outcome = await done
             return outcome
         except NoSurfaceError as error:

@@ -24,7 +24,7 @@ from tccm_ros.ros.collision_messages import (
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.scene import Scene
-from tccm_ros.surfaces.told_scene import Changes, ObjectState, ToldScene
+from tccm_ros.surfaces.told_scene import ObjectState, SceneChanges, ToldScene
 
 COLLISION_PROFILE = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """A late subscriber receives the newest 2000 messages in order. Each solution sends all shapes, so
@@ -90,7 +90,7 @@ class CollisionObjects:
         ):
             self._objects.publish(message)
 
-    def _publish_changes(self, changes: Changes) -> None:
+    def _publish_changes(self, changes: SceneChanges) -> None:
         """Publish changes; everything if there is a new subscriber."""
         if self._changes is None:
             return
@@ -98,7 +98,7 @@ class CollisionObjects:
         if listeners > self._listeners:
             everything = self._scene.repeat()
             put_down = [item for item in changes.held if item.shape is None]
-            changes = Changes(everything.diff, (*put_down, *everything.held))
+            changes = SceneChanges(everything.diff, (*put_down, *everything.held))
         self._listeners = listeners
         if changes:
             self._changes.publish(

@@ -35,12 +35,12 @@ from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene import Scene
 from tccm_ros.surfaces.scene_objects import SceneObject
-from tccm_ros.tabletop.placements import Approach, Placement, PlacementRequest
+from tccm_ros.tabletop.placements import ApproachDirection, Placement, PlacementRequest
 
 BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)
 """Values of `base` in FindPlacements."""
 
-APPROACHES = (Approach.ANY, Approach.ABOVE, Approach.FRONT)
+APPROACHES = (ApproachDirection.ANY, ApproachDirection.ABOVE, ApproachDirection.FRONT)
 """By the number that FindPlacements has for each."""
 
 MAX_PLACEMENTS = 100
@@ -401,7 +401,7 @@ class SurfaceServices:
             return "no surface meets the conditions"
         size = f"{request.size_x:g} x {request.size_y:g} x {request.height:g} m"
         within = " within reach" if request.base != BASE_ANYWHERE and request.reach else ""
-        if APPROACHES[request.approach] == Approach.FRONT:
+        if APPROACHES[request.approach] == ApproachDirection.FRONT:
             within += " behind a front"
         return (
             f"none of {len(surfaces)} surfaces has room{within} for {size} with a clearance of "

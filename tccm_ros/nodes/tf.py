@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tccm_ros.config.node import Tf
+from tccm_ros.config.node import TfConfig
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import is_installed, message_class
 
@@ -34,7 +34,7 @@ class TfPublisher:
     """
 
     def __init__(
-        self, node: Node, intake: Intake, config: Tf, current: Callable[[], Sequence[Any]]
+        self, node: Node, intake: Intake, config: TfConfig, current: Callable[[], Sequence[Any]]
     ):
         self._message = message_class("tf2_msgs/msg/TFMessage")
         self._current = current

@@ -38,7 +38,7 @@ bags/upside_down; more than 50 only in maps of thousands of small sheets at rand
 """
 
 
-class Limits(NamedTuple):
+class PlaneLimits(NamedTuple):
     """Limits that a plane must meet.
 
     Attributes
@@ -77,11 +77,11 @@ def planes_of(
         As in `segment`.
     """
     cuboids = plane_map(CuboidArrays(*arrays), caps[0], caps[1], origin)
-    return segment(cuboids, view, Limits(*limits))
+    return segment(cuboids, view, PlaneLimits(*limits))
 
 
 @kernel
-def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, PlaneTable]:
+def segment(cuboids: PlaneMap, view: Float64, limits: PlaneLimits) -> tuple[Int32, PlaneTable]:
     """Return the label of each cuboid and all planes of a map.
 
     Parameters
@@ -127,7 +127,7 @@ def planes_of_regions(
     pooled: Float64,
     place: Int32,
     flood: Flood,
-    limits: Limits,
+    limits: PlaneLimits,
     labels: Int32,
 ) -> PlaneTable:
     """Return the planes of regions, the largest first, until `MAX_VISITS` is used up.
@@ -250,7 +250,7 @@ def split_and_fit(
     cuboids: PlaneMap,
     members: Int32,
     plane: Plane,
-    limits: Limits,
+    limits: PlaneLimits,
     labels: Int32,
     planes: PlaneTable,
     found: int,
@@ -355,7 +355,7 @@ def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tupl
 
 
 @kernel
-def is_plane(row: Any, limits: Limits) -> bool:
+def is_plane(row: Any, limits: PlaneLimits) -> bool:
     """Compute a plane's row from its moments, and return whether it meets the limits."""
     if row.moments[0] < 0.5 * limits.min_points:
         return False

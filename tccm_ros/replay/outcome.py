@@ -16,7 +16,7 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 
 @dataclass(slots=True, eq=False)
-class Outcome:
+class ReplayOutcome:
     """Results of a replay in memory, before they are written.
 
     Attributes
@@ -68,7 +68,7 @@ class Outcome:
             )
         elif not surfaces.counted:
             lines.append(f"no surfaces: {self._why_no_surfaces()}")
-        if not self.solution.slam.walls:
+        if not self.solution.graph.walls:
             lines.append(f"no walls: {self._why_no_walls()}")
         return lines
 

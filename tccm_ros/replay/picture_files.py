@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tccm_ros.arrays import UInt8
-from tccm_ros.config.signs import Signs
+from tccm_ros.config.signs import SignsConfig
 from tccm_ros.errors import PictureError, one_line
 from tccm_ros.signs.detector import sign_detector
 from tccm_ros.signs.measurement import DetectedSign, RefusedText
@@ -36,7 +36,7 @@ def read_picture(path: Path) -> UInt8:
 
 
 def signs_of_pictures(
-    paths: Iterable[Path], settings: Signs | None = None
+    paths: Iterable[Path], settings: SignsConfig | None = None
 ) -> Iterator[dict[str, Any]]:
     """Yield the file and the door signs of each picture, as JSON objects.
 
@@ -54,7 +54,7 @@ def signs_of_pictures(
     PictureError
         At the first file that cannot be read.
     """
-    detector = sign_detector(settings or Signs())
+    detector = sign_detector(settings or SignsConfig())
     for path in paths:
         found = detector.search(read_picture(path))
         yield {

@@ -22,7 +22,7 @@ from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Event
-from tccm_ros.replay.outcome import Outcome
+from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.replay.run import run_bag
 from tccm_ros.replay.unfinished_maps import UnfinishedMaps
 from tccm_ros.results.cycles_file import CycleParts, save_cycles
@@ -119,7 +119,7 @@ class Watcher(Protocol):
     def add(self, event: Event) -> None:
         """Receive an event of the intake; they arrive in order."""
 
-    def finish(self, outcome: Outcome, parts: CycleParts) -> None:
+    def finish(self, outcome: ReplayOutcome, parts: CycleParts) -> None:
         """Receive the results and the coarsened part maps."""
 
 
@@ -236,13 +236,15 @@ def _write_page(results: Results, drawn: Pictures, folder: Path, clock: Stopwatc
         write_page(results, drawn, folder)
 
 
-def _write_summary(folder: Path, outcome: Outcome) -> SummaryFile:
+def _write_summary(folder: Path, outcome: ReplayOutcome) -> SummaryFile:
     content = _summary(outcome, len(outcome.solution.objects))
     write_model(folder, "summary.json", content)
     return content
 
 
-def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore, parts: CycleParts) -> None:
+def _write(
+    folder: Path, outcome: ReplayOutcome, messages: CycleMessageStore, parts: CycleParts
+) -> None:
     """Write the files of the map, then the optional ones."""
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     stages = solution.stages
@@ -260,11 +262,11 @@ def _write(folder: Path, outcome: Outcome, messages: CycleMessageStore, parts: C
     )  # fmt: skip
 
 
-def _T_map_odom(outcome: Outcome) -> Float64:
+def _T_map_odom(outcome: ReplayOutcome) -> Float64:
     """Return the pose of the odometry frame in map at each tilt cycle, (C, 4, 4)."""
     stamps = np.array([cycle.stamp_ns for cycle in outcome.cycles], np.int64)
     T_odom_base = np.array([cycle.T_odom_base for cycle in outcome.cycles]).reshape(-1, 4, 4)
-    return outcome.solution.slam.T_map_base_at(stamps) @ inverse(T_odom_base)
+    return outcome.solution.graph.T_map_base_at(stamps) @ inverse(T_odom_base)
 
 
 def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
@@ -277,11 +279,11 @@ def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
         shutil.copyfile(stamps, folder / stamps.name)
 
 
-def _summary(outcome: Outcome, objects: int) -> SummaryFile:
+def _summary(outcome: ReplayOutcome, objects: int) -> SummaryFile:
     slam, solution = outcome.slam, outcome.solution
     cycles = outcome.cycles
     surfaces = count_surfaces(solution.surfaces)
-    accepted = sum(loop.accepted for loop in solution.slam.loops)
+    accepted = sum(loop.accepted for loop in solution.graph.loops)
     return SummaryFile(
         versions=software_versions(),
         bag_duration=round(outcome.bag_duration, 6),
@@ -294,15 +296,15 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
             dropped=dict(sorted(outcome.dropped.items())),
             cycles=len(cycles),
             planes=len({p.id for cycle in cycles for p in cycle.planes}),
-            keyframes=len(solution.slam.keyframes),
-            walls=len(solution.slam.walls),
+            keyframes=len(solution.graph.keyframes),
+            walls=len(solution.graph.walls),
             loops_accepted=accepted,
-            loops_rejected=len(solution.slam.loops) - accepted,
+            loops_rejected=len(solution.graph.loops) - accepted,
             surfaces=surfaces.counted,
             small_surfaces=surfaces.small,
             objects=objects,
             failed_stages=dict(sorted(solution.stages.failed.items())),
-            unjoined_trajectories=slam.walls.unjoined_trajectories,
+            unjoined_trajectories=slam.wall_slam.unjoined_trajectories,
         ),
         config=outcome.config.model_dump(mode="json"),
     )
@@ -319,7 +321,7 @@ def software_versions() -> dict[str, str]:
     return found
 
 
-def _real_time_factor(outcome: Outcome, clock: Stopwatch) -> float:
+def _real_time_factor(outcome: ReplayOutcome, clock: Stopwatch) -> float:
     seconds = sum(clock.seconds.get(stage, 0.0) for stage in PROCESSING)
     return outcome.bag_duration / seconds if seconds else 0.0
 

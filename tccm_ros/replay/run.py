@@ -19,7 +19,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Scan
-from tccm_ros.replay.outcome import Outcome
+from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.replay.processors import OnCycle, OnEvent, Pipeline
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.stopwatch import Stopwatch
@@ -46,7 +46,7 @@ def run_bag(
     on_progress: OnProgress = lambda slam: None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
-) -> Outcome:
+) -> ReplayOutcome:
     """Process a bag.
 
     Parameters
@@ -97,7 +97,7 @@ def run_bag(
         messages = _feed(pipeline, reader, choice.topics, on_progress, bars)
         bars.start("solve", 1.0)
         solution = _solve(pipeline, reader, choice)
-        return Outcome(
+        return ReplayOutcome(
             config=config,
             cycles=pipeline.cycles,
             history=pipeline.history,

@@ -57,7 +57,7 @@ Item = TypeVar("Item", SurfaceEntry, Wall)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Change(Generic[Item]):
+class MapDifference(Generic[Item]):
     """A surface or wall in two maps; None in a map that does not have it.
 
     Attributes
@@ -73,7 +73,7 @@ class Change(Generic[Item]):
     after: Item | None
 
 
-def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry]]:
+def surface_changes(before: Results, after: Results) -> list[MapDifference[SurfaceEntry]]:
     """Match the surfaces of two maps in one frame, with heights above each map's own floor.
 
     Surfaces with overlapping outlines are matched first, then the remaining ones of equal shape and
@@ -99,18 +99,19 @@ def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry
         and _shape_iou(old[i][1], new[j][1]) >= MIN_SHAPE_IOU
     )
     changes = [
-        Change(_kind(old[i][1], new[j][1]), old[i][0], new[j][0]) for i, j in sorted(pairs.items())
+        MapDifference(_kind(old[i][1], new[j][1]), old[i][0], new[j][0])
+        for i, j in sorted(pairs.items())
     ]
     only_before = [s for i, (s, _, _) in enumerate(old) if i not in pairs]
     only_after = [s for j, (s, _, _) in enumerate(new) if j not in pairs.values()]
     return [*changes, *_unmatched(only_before, only_after)]
 
 
-def _unmatched(before: Iterable[Item], after: Iterable[Item]) -> Iterator[Change[Item]]:
+def _unmatched(before: Iterable[Item], after: Iterable[Item]) -> Iterator[MapDifference[Item]]:
     for item in before:
-        yield Change(Kind.WENT, item, None)
+        yield MapDifference(Kind.WENT, item, None)
     for item in after:
-        yield Change(Kind.CAME, None, item)
+        yield MapDifference(Kind.CAME, None, item)
 
 
 def _best_pairs(candidates: Iterable[tuple[float, int, int]]) -> dict[int, int]:
@@ -146,7 +147,7 @@ def _kind(a: shapely.Geometry, b: shapely.Geometry) -> Kind:
     return Kind.MOVED if moved else Kind.SAME
 
 
-def wall_changes(old: Sequence[Wall], new: Sequence[Wall]) -> list[Change[Wall]]:
+def wall_changes(old: Sequence[Wall], new: Sequence[Wall]) -> list[MapDifference[Wall]]:
     """Match the walls of two maps in one frame."""
     costs = [
         (_wall_distance(a, b), i, j)
@@ -155,7 +156,7 @@ def wall_changes(old: Sequence[Wall], new: Sequence[Wall]) -> list[Change[Wall]]
         if _is_one_wall(a, b)
     ]
     pairs = _best_pairs(costs)
-    changes = [Change(Kind.SAME, old[i], new[j]) for i, j in sorted(pairs.items())]
+    changes = [MapDifference(Kind.SAME, old[i], new[j]) for i, j in sorted(pairs.items())]
     only_before = [wall for i, wall in enumerate(old) if i not in pairs]
     only_after = [wall for j, wall in enumerate(new) if j not in pairs.values()]
     return [*changes, *_unmatched(only_before, only_after)]

@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.records import Wall
 from tccm_ros.report.align import find_alignment, moved_results, pose_text
-from tccm_ros.report.changes import Change, Item, Kind, surface_changes, wall_changes
+from tccm_ros.report.changes import Item, Kind, MapDifference, surface_changes, wall_changes
 from tccm_ros.report.tables import text_table
 from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.labels_file import MAP_FILE
@@ -67,12 +67,12 @@ class Comparison:
 
     before: Results
     after: Results
-    surfaces: tuple[Change[SurfaceEntry], ...]
-    walls: tuple[Change[Wall], ...]
+    surfaces: tuple[MapDifference[SurfaceEntry], ...]
+    walls: tuple[MapDifference[Wall], ...]
     path: PathDifference
     laid_over: tuple[float, float, float] | None = None
 
-    def counts(self, changes: Sequence[Change[Item]]) -> str:
+    def counts(self, changes: Sequence[MapDifference[Item]]) -> str:
         """Return the number of changes of each kind, as text."""
         counts = Counter(change.kind for change in changes)
         return ", ".join(f"{counts[kind]} {kind}" for kind in Kind)

@@ -98,7 +98,7 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
 
 def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes]:
     """Return the contents of the files of `write_solution` by name."""
-    map_frame, slam, stages = config.frames.map_name, solution.slam, solution.stages
+    map_frame, graph, stages = config.frames.map_name, solution.graph, solution.stages
     placements = stages.run("placements", lambda: ranked_placements(solution))
     if placements is None:
         placements = PlacementsEntry.of(_placement_request(solution), [])
@@ -107,11 +107,11 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
             solution.surfaces, solution.floor_z, map_frame, solution.rooms
         ),
         "labels.json": LabelsFile.of(solution.corrected_labels),
-        "walls.json": WallsFile(tuple(slam.walls)),
+        "walls.json": WallsFile(tuple(graph.walls)),
         "objects.json": ObjectsFile.of(solution.objects, solution.free_places, placements),
         "racks.json": RacksFile(tuple(map(CompartmentEntry.of, solution.compartments))),
-        "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
-        "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
+        "signs.json": SignsFile.of(graph.signs, graph.refused_signs),
+        "graph.json": GraphFile.of(graph.keyframes, graph.loops, graph.landmarks),
     }
     trajectory = Trajectory(solution.trajectory_ns, solution.T_map_base)
     files = {
@@ -120,7 +120,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
     }
     exports: dict[str, Callable[[], bytes]] = {
         "surfaces.geojson": lambda: _json(
-            feature_collection(solution.surfaces, slam.walls, map_frame)
+            feature_collection(solution.surfaces, graph.walls, map_frame)
         ),
         "surfaces.scene": lambda: scene_text(
             solution.surfaces, solution.objects, solution.compartments, solution.unseen

@@ -75,13 +75,13 @@ class MapContent(NamedTuple):
     def of(cls, saved: SavedMap, solution: SurfaceSolution) -> MapContent:
         """Return the amount of content in the map of a solution."""
         return cls(
-            keyframes=len(solution.slam.keyframes),
+            keyframes=len(solution.graph.keyframes),
             views=len(saved.views),
             surfaces=len(solution.surfaces),
             sessions=len({s.view.session for s in saved.views}) or 1,
             objects=len(solution.objects),
-            walls=len(solution.slam.walls),
-            signs=len(solution.slam.signs),
+            walls=len(solution.graph.walls),
+            signs=len(solution.graph.signs),
         )
 
     def __str__(self) -> str:

@@ -227,7 +227,7 @@ class ResultBag:
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
     ) -> Iterator[_TimedWrite]:
         for cycle in cycles:
-            T_map_base = solution.slam.T_map_base_at(cycle.stamp_ns)[0]
+            T_map_base = solution.graph.T_map_base_at(cycle.stamp_ns)[0]
             is_last = cycle is cycles[-1]
             if cycle.scans:  # without scans, the base has no pose at the cycle
                 due = partial(self._write_frames, cycle, T_map_base, solution)
@@ -269,11 +269,11 @@ class ResultBag:
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
     ) -> Iterator[_TimedWrite]:
         stamps = solution.trajectory_ns
-        keyframes = solution.slam.keyframes
+        keyframes = solution.graph.keyframes
         key_stamps = np.array([k.stamp_ns for k in keyframes], np.int64)
         T_map_base = solution.T_map_base
         nearest = np.maximum(np.searchsorted(key_stamps, stamps, side="right") - 1, 0)
-        known = zip(keyframes, solution.slam.cov_keyframes)
+        known = zip(keyframes, solution.graph.cov_keyframes)
         covs = [rotate_covariance(cov, float(k.pose[2])) for k, cov in known]
         covs = covs or [np.zeros((3, 3))]
         for index, stamp_ns in enumerate(stamps.tolist()):

@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, planar
 from tccm_ros.records import Odometry
-from tccm_ros.robot.chain import Chain
+from tccm_ros.robot.chain import TransformChain
 from tccm_ros.robot.frames import FrameTree, ancestors, build_chain, find_path
 from tccm_ros.robot.odometry import OdometryFilter
 from tccm_ros.robot.tracks import PoseTrack
@@ -52,7 +52,7 @@ class BaseMotion:
         self._frames = frames
         self.odometry = OdometryFilter()
         self._track = PoseTrack()
-        self._chains: dict[str, Chain] = {}
+        self._chains: dict[str, TransformChain] = {}
         self.has_roll_pitch = False
 
     def add(self, record: Odometry) -> bool:
@@ -92,7 +92,7 @@ class BaseMotion:
         moving = [edge for edge in on_tf if edge.track.has_moved] or on_tf
         return moving[0].parent if moving else None
 
-    def _tf_chain(self, base: str) -> Chain:
+    def _tf_chain(self, base: str) -> TransformChain:
         """Return the tf chain from the odometry frame to a base."""
         chain = self._chains.get(base)
         if chain is None:

@@ -107,7 +107,7 @@ Part = JointReading | MovingTransform
 
 
 @dataclass(slots=True, eq=False)
-class Chain:
+class TransformChain:
     """T_a_b as alternating fixed transforms and moving parts.
 
     Attributes

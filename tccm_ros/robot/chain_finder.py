@@ -12,10 +12,10 @@ from enum import Enum
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.config import Config, Rig
+from tccm_ros.config import Config, RigConfig
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.geometry import pose, pose_from_rpy
-from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
+from tccm_ros.robot.chain import JointReading, MovingTransform, Part, TransformChain
 from tccm_ros.robot.frames import (
     Edges,
     FrameTree,
@@ -46,11 +46,11 @@ class MountKind(Enum):
     If `frames.tilt_joint` moves the sensor, the corrections of `rig` apply as for a tilting laser.
     """
 
-    def rig_place(self, rig: Rig) -> tuple[float, ...] | None:
+    def rig_place(self, rig: RigConfig) -> tuple[float, ...] | None:
         """Return the configured x y z roll pitch yaw in the base; None where not configured."""
         return {MountKind.TILTING: rig.tilt_laser, MountKind.LEVEL: rig.level_laser}.get(self)
 
-    def T_correction(self, rig: Rig) -> Float64:
+    def T_correction(self, rig: RigConfig) -> Float64:
         """Return the correction that multiplies T_base_sensor from the left, float64 (4, 4)."""
         corrections = {
             MountKind.TILTING: rig.mount_correction,
@@ -93,14 +93,14 @@ class ChainFinder:
     ):
         self._can_be_base = can_be_base
         self.base: str | None = config.frames.base or None
-        self.odometry_chain: Chain | None = None
+        self.odometry_chain: TransformChain | None = None
         self.is_base = False
         self._config = config
         self._kind = kind
         self._frames = frames
         self._joints = joints
 
-    def find(self, laser: str, *, final: bool) -> Chain | None:
+    def find(self, laser: str, *, final: bool) -> TransformChain | None:
         """Find the chain to a laser; None while a preferred source may still arrive.
 
         Raises
@@ -123,7 +123,7 @@ class ChainFinder:
         self.is_base = self._has_no_frames(known)
         if self.is_base:
             self.base = laser
-            return Chain(np.eye(4)[None], ()) if final else None
+            return TransformChain(np.eye(4)[None], ()) if final else None
         base = self._find_base(laser, known, model)
         if source == "auto" and self._silent_joints(base, laser, edges):
             if not final:
@@ -138,7 +138,7 @@ class ChainFinder:
         is_alone = not known and not self._frames.odometry_child and not self._config.frames.base
         return is_alone and self._can_be_base and self._config.rig.kinematics == "auto"
 
-    def _odometry_chain(self, base: str, known: set[str], edges: Edges) -> Chain | None:
+    def _odometry_chain(self, base: str, known: set[str], edges: Edges) -> TransformChain | None:
         child = self._frames.odometry_child
         if not child or child == base or child not in known:
             return None
@@ -222,7 +222,7 @@ class ChainFinder:
     def _has_rig(self) -> bool:
         return self._kind.rig_place(self._config.rig) is not None
 
-    def _rig_chain(self) -> Chain:
+    def _rig_chain(self) -> TransformChain:
         rig = self._config.rig
         self.base = self._config.frames.base or self._frames.odometry_child or DEFAULT_BASE
         self.odometry_chain = None
@@ -232,7 +232,7 @@ class ChainFinder:
             raise FrameError(f"{name} is not set: the sensor's place is not known")
         T_base_laser = pose_from_rpy(laser)
         if self._kind is not MountKind.TILTING:
-            return Chain(T_base_laser[None], ())
+            return TransformChain(T_base_laser[None], ())
         center = np.array(rig.tilt_center or laser[:3])
         length = float(np.linalg.norm(rig.tilt_axis))
         if length < 1e-9:
@@ -241,7 +241,7 @@ class ChainFinder:
         name = self._config.frames.tilt_joint or self._only_joint()
         reading = JointReading(name, self._joints.of(name), axis, True)
         fixed = np.array([pose(np.eye(3), center), pose(np.eye(3), -center) @ T_base_laser])
-        return Chain(fixed, ((reading, False),))
+        return TransformChain(fixed, ((reading, False),))
 
     def _only_joint(self) -> str:
         names = self._joints.heard()
@@ -251,7 +251,7 @@ class ChainFinder:
             )
         return names[0]
 
-    def tilt_part(self, chain: Chain) -> Part:
+    def tilt_part(self, chain: TransformChain) -> Part:
         """Return the tilt joint: the configured one, else the revolute one nearest to the laser.
 
         Raises

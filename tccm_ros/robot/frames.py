@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.geometry import inverse
 from tccm_ros.records import TransformSample
-from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
+from tccm_ros.robot.chain import JointReading, MovingTransform, Part, TransformChain
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint, RobotModel, read_urdf
 
@@ -216,7 +216,7 @@ def no_reading(joint: Joint) -> JointReading:
 
 def build_chain(
     path: list[tuple[Joint | TfEdge, bool]], reading: Callable[[Joint], JointReading] = no_reading
-) -> Chain:
+) -> TransformChain:
     """Return the chain of a path; `reading` gives the samples of a joint.
 
     Raises
@@ -231,7 +231,7 @@ def build_chain(
             if part is not None:
                 parts.append((part, backwards))
                 fixed.append(after)
-    return Chain(np.array(fixed), tuple(parts))
+    return TransformChain(np.array(fixed), tuple(parts))
 
 
 def _links(

@@ -11,7 +11,7 @@ from tccm_ros.arrays import Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.records import SelfShapes
-from tccm_ros.robot.chain import Chain, JointReading, Part
+from tccm_ros.robot.chain import JointReading, Part, TransformChain
 from tccm_ros.robot.chain_finder import ChainFinder, MountKind
 from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.joint_tracks import JointTracks
@@ -59,7 +59,7 @@ class Mount:
         self._frames = frames
         self._joints = joints
         self._finder = ChainFinder(config, kind, frames, joints, can_be_base=can_be_base)
-        self._chains: dict[str, Chain] = {}
+        self._chains: dict[str, TransformChain] = {}
         self._version = -1
         self._tilt = TiltReadout(config.rig.tilt_scale, config.rig.tilt_offset)
         self._shapes: ShapeModel | None = None
@@ -78,7 +78,7 @@ class Mount:
         return self._finder.is_base
 
     @property
-    def odometry_chain(self) -> Chain | None:
+    def odometry_chain(self) -> TransformChain | None:
         """Chain from the child frame of odometry to the base; None where they are equal."""
         return self._finder.odometry_chain
 
@@ -97,7 +97,7 @@ class Mount:
 
     # -- finding the chain ---------------------------------------------------------------------
 
-    def find(self, frame: str, *, final: bool) -> Chain | None:
+    def find(self, frame: str, *, final: bool) -> TransformChain | None:
         """Find the chain base -> sensor.
 
         Parameters
@@ -138,7 +138,7 @@ class Mount:
         self._chains[frame], self._no_chain = chain, None
         return chain
 
-    def _is_corrected(self, chain: Chain) -> bool:
+    def _is_corrected(self, chain: TransformChain) -> bool:
         """Return whether tilt corrections apply; for a camera only if its tilt joint is named."""
         if self._kind is not MountKind.ANY:
             return self._kind is MountKind.TILTING
@@ -179,7 +179,9 @@ class Mount:
 
     # -- poses ---------------------------------------------------------------------------------
 
-    def explain_missing(self, reason: str, track: Track, chain: Chain, stamp_ns: int) -> None:
+    def explain_missing(
+        self, reason: str, track: Track, chain: TransformChain, stamp_ns: int
+    ) -> None:
         """Set `problem` where there is a known reason for a track without samples at a record.
 
         Parameters
@@ -215,7 +217,7 @@ class Mount:
         """Clear the error of missing samples, as a later record was posed."""
         self._no_samples = None
 
-    def pose_stamps(self, chain: Chain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
+    def pose_stamps(self, chain: TransformChain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
         """Return the stamps at which to compute poses, so that the motion between is a short arc.
 
         Parameters
@@ -240,7 +242,7 @@ class Mount:
         )
 
 
-def _correct_pan(chain: Chain, tilt: Part, offset: float) -> None:
+def _correct_pan(chain: TransformChain, tilt: Part, offset: float) -> None:
     """Add the offset to the revolute joint before the tilt joint, if joint states give it."""
     before: list[JointReading] = []
     for part, _ in chain.parts:

@@ -8,7 +8,7 @@ from tccm_ros.errors import FrameError
 from tccm_ros.geometry import pose_from_roll_pitch
 from tccm_ros.records import Posed
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
-from tccm_ros.robot.chain import Chain, JointReading
+from tccm_ros.robot.chain import JointReading, TransformChain
 from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
@@ -155,7 +155,7 @@ class Posing:
             return self._base or self._motion.child_frame or frame
         return frame
 
-    def _needs(self, mount: Mount, chain: Chain) -> list[tuple[str, Track]]:
+    def _needs(self, mount: Mount, chain: TransformChain) -> list[tuple[str, Track]]:
         """Return the tracks that must bracket a record, each with the reason of a drop."""
         needs: list[tuple[str, Track]] = [
             ("no odometry", track) for track in self._motion.tracks(mount.base or "")
@@ -193,7 +193,7 @@ class Posing:
             return False
         return now_ns - since_ns > self._timeout_ns
 
-    def _pose(self, sensor: Sensor, chain: Chain, start_ns: int, end_ns: int) -> Posed:
+    def _pose(self, sensor: Sensor, chain: TransformChain, start_ns: int, end_ns: int) -> Posed:
         record, stream, mount = sensor.waiting[0], sensor.stream, sensor.mount
         base = mount.base or ""
         within = [track.stamps_within(start_ns, end_ns) for track in self._motion.tracks(base)]

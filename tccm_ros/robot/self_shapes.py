@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
 from tccm_ros.kernels import kernel
 from tccm_ros.records import SelfShapes
-from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
+from tccm_ros.robot.chain import JointReading, TransformChain, apply_fixed, apply_joint
 from tccm_ros.robot.frames import Edges, build_chain, find_path
 from tccm_ros.robot.urdf import Joint, RobotModel
 
@@ -76,7 +76,7 @@ class ShapeModel:
         self._axes = np.array([f.axis for f in self._joints]).reshape(-1, 3)
         self._is_revolute = np.array([f.reading.is_revolute for f in self._joints], np.bool_)
 
-    def _hang(self, chain: Chain) -> tuple[int, Float64]:
+    def _hang(self, chain: TransformChain) -> tuple[int, Float64]:
         """Return the last moved frame of a chain, and the fixed transform from there."""
         key: tuple[tuple[str, bool], ...] = ()
         for (part, backwards), before in zip(chain.parts, chain.fixed):

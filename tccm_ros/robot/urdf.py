@@ -73,7 +73,7 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
+class CollisionShape:
     """A collision shape of a link.
 
     Attributes
@@ -109,7 +109,7 @@ class RobotModel:
     root: str
     links: tuple[str, ...]
     joints: dict[str, Joint]
-    shapes: tuple[Shape, ...]
+    shapes: tuple[CollisionShape, ...]
     meshes: tuple[str, ...]
     faults: tuple[str, ...] = ()
 
@@ -329,9 +329,9 @@ def _root_link(links: tuple[str, ...], joints: dict[str, Joint]) -> str:
 
 def _shapes(
     root: ElementTree.Element,
-) -> tuple[tuple[Shape, ...], tuple[str, ...], list[str]]:
+) -> tuple[tuple[CollisionShape, ...], tuple[str, ...], list[str]]:
     """Return the shapes, the links with meshes, and descriptions of invalid shapes left out."""
-    shapes: list[Shape] = []
+    shapes: list[CollisionShape] = []
     meshes: list[str] = []
     faults: list[str] = []
     for link in root.findall("link"):
@@ -350,7 +350,7 @@ def _shapes(
             except UrdfError as error:
                 faults.append(str(error).removeprefix("robot description: "))
             else:
-                shapes.append(Shape(name, found.tag, size, T_link_shape))
+                shapes.append(CollisionShape(name, found.tag, size, T_link_shape))
     return tuple(shapes), tuple(dict.fromkeys(meshes)), faults
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 from tccm_ros.surfaces.planning_shapes import Box, Mesh
-from tccm_ros.surfaces.told_scene import Changes, Shapes
+from tccm_ros.surfaces.told_scene import SceneChanges, Shapes
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 
@@ -54,7 +54,7 @@ def planning_scene_message(
     types: MessageTypes,
     stamp_ns: int,
     frame_id: str,
-    changes: Changes,
+    changes: SceneChanges,
 ) -> Any:
     """Return a moveit_msgs/PlanningScene of changes (``is_diff``).
 

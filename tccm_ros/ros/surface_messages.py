@@ -197,8 +197,8 @@ def typed_map_message(
         objects=[object_message(types, stamp_ns, frame_id, item) for item in solution.objects],
         free_areas=_free_areas(types, solution.free_places, solution.place_size),
         compartments=[compartment_message(types, space) for space in solution.compartments],
-        walls=[_wall(types, header, wall) for wall in solution.slam.walls],
-        signs=[_sign(types, header, sign) for sign in solution.slam.signs],
+        walls=[_wall(types, header, wall) for wall in solution.graph.walls],
+        signs=[_sign(types, header, sign) for sign in solution.graph.signs],
         localisation=localisation_message(types, stamp_ns, frame_id, solution, map_name),
     )
 

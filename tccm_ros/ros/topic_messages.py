@@ -245,10 +245,10 @@ class SolutionMessageBuilder:
                 *context, solution.trajectory_ns.tolist(), solution.T_map_base
             ),
             "walls": lambda: self._walls.message(
-                wall_markers(context, solution.slam.walls), stamp_ns
+                wall_markers(context, solution.graph.walls), stamp_ns
             ),
             "signs": lambda: self._signs.message(
-                sign_markers(context, solution.slam.signs), stamp_ns
+                sign_markers(context, solution.graph.signs), stamp_ns
             ),
             "surfaces": lambda: self._surfaces.message(
                 [

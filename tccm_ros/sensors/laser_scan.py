@@ -16,7 +16,7 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.cdr.reading import read_scan
 from tccm_ros.config import Config
-from tccm_ros.config.sensors import ScanFilter
+from tccm_ros.config.sensors import ScanFilterConfig
 from tccm_ros.geometry import inverse, level
 from tccm_ros.records import PosedScan, Scan
 from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_message
@@ -64,7 +64,7 @@ def time_span(scan: Scan) -> tuple[int, int]:
     return (stamp_ns, end_ns) if end_ns >= stamp_ns else (end_ns, stamp_ns)
 
 
-def rejection_reason(scan: Scan, limits: ScanFilter | None = None) -> str | None:
+def rejection_reason(scan: Scan, limits: ScanFilterConfig | None = None) -> str | None:
     """Return why a scan is rejected; None where it is not.
 
     Parameters
@@ -84,7 +84,7 @@ def rejection_reason(scan: Scan, limits: ScanFilter | None = None) -> str | None
     return _reason_of_ranges(scan, limits)
 
 
-def _reason_of_ranges(scan: Scan, limits: ScanFilter | None) -> str | None:
+def _reason_of_ranges(scan: Scan, limits: ScanFilterConfig | None) -> str | None:
     """Return why a scan has no hit; None where it has one."""
     low, high = scan.range_min, scan.range_max
     if limits is not None:

@@ -7,7 +7,7 @@ from typing import Protocol
 from PIL import Image
 
 from tccm_ros.arrays import UInt8
-from tccm_ros.config.signs import Signs
+from tccm_ros.config.signs import SignsConfig
 from tccm_ros.signs.measurement import DetectedSign, RefusedText, SearchedText
 from tccm_ros.signs.numbers import has_digits, normalised, person_name, room_number
 from tccm_ros.signs.plates import (
@@ -32,7 +32,7 @@ class Detector(Protocol):
         """Return the text of a picture, uint8 (H, W) brightness, or (H, W, 3) RGB."""
 
 
-def sign_detector(settings: Signs) -> Detector:
+def sign_detector(settings: SignsConfig) -> Detector:
     """Return the detector selected by `signs.detector`.
 
     Raises
@@ -59,7 +59,7 @@ class SignDetector:
         When the packages for reading text are not installed.
     """
 
-    def __init__(self, side: int = Signs().detector_side) -> None:
+    def __init__(self, side: int = SignsConfig().detector_side) -> None:
         self._reader, self._side = TextReader(), side
 
     def detect(self, pixels: UInt8) -> list[DetectedSign]:

@@ -62,7 +62,7 @@ def yaw_offset_for(phi: Float64) -> float:
 
 
 @dataclass(slots=True)
-class Chain:
+class KeyframeChain:
     """Keyframes, each with a factor to the previous one of its session.
 
     Attributes

@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, planar, wrap_angle
 from tccm_ros.records import MapOdom, PoseCovariance
 from tccm_ros.robust import median_sigma
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.front_end import GraphKeyframe
 
 MEDIAN_VARIANCE = 0.5 * np.pi
@@ -123,7 +123,7 @@ def white_variance(groups: Sequence[Float64]) -> Float64:
     return np.array([0.5 * median_sigma(step) ** 2 for step in steps.T])
 
 
-def reweigh(chain: Chain) -> None:
+def reweigh(chain: KeyframeChain) -> None:
     """Reweight the external poses of keyframes by their consistency with odometry.
 
     A localisation that jumps was wrong before or after the jump. Iteratively reweighted least
@@ -133,7 +133,7 @@ def reweigh(chain: Chain) -> None:
     Parameters
     ----------
     chain
-        Chain whose `external_poses` covariances are updated.
+        Keyframes whose `external_poses` covariances are updated.
     """
     external = {k: chain.external_poses[k] for k in sorted(chain.external_poses)}
     if not external:

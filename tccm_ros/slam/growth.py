@@ -20,7 +20,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.factors.factor import Factor, by_variables
 from tccm_ros.slam.factors.keys import Key, wall_key
 from tccm_ros.slam.factors.walls import WallObservation
@@ -86,7 +86,7 @@ class Growth:
         changing: Iterable[Hashable],
         anchored: Iterable[Key],
         used: Inliers,
-        chain: Chain,
+        chain: KeyframeChain,
         closer: LoopCloser,
         lines: list[Lines],
         config: Config,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.records import Loop, RefusedSign
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import wall_key
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
@@ -66,7 +66,7 @@ class Inliers:
 
 def select_inliers(
     closer: LoopCloser,
-    chain: Chain,
+    chain: KeyframeChain,
     lines: list[Lines],
     observations: list[AnchoredObservation],
     sign_views: Sequence[SignView],

@@ -13,7 +13,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse2
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.saved_walls import SavedWalls
@@ -33,7 +33,7 @@ def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Prop
     config
         Groups ``loops`` and ``matching``.
     """
-    chain = Chain()
+    chain = KeyframeChain()
     closer = LoopCloser(config, chain, begins_trajectories=False)
     for keyframe, lines in zip(one.keyframes, one.lines):
         chain.add(keyframe, lines.phi)

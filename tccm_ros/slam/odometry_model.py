@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.config.slam import Odometry as OdometryConfig
+from tccm_ros.config.slam import OdometryConfig
 
 ODOMETRY_FLOOR = (0.005, 0.003)
 """Standard deviation (m, rad) of odometry at rest: encoder steps and slip (chosen)."""

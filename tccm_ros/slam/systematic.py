@@ -15,13 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.se2 import between, inverse
 
 
-def systematic_covariances(solution: GraphSolution, chain: Chain) -> Float64:
+def systematic_covariances(solution: GraphSolution, chain: KeyframeChain) -> Float64:
     """Return the covariances of the keyframes due to the scale of odometry.
 
     Parameters
@@ -43,7 +43,7 @@ def systematic_covariances(solution: GraphSolution, chain: Chain) -> Float64:
     return covs
 
 
-def scale_displacements(solution: GraphSolution, chain: Chain, session: int) -> Float64:
+def scale_displacements(solution: GraphSolution, chain: KeyframeChain, session: int) -> Float64:
     """Return the displacement of keyframes for a session's scale error of one sigma.
 
     Parameters
@@ -92,7 +92,7 @@ class CarriedDisplacement:
             self._cov = cov
 
 
-def _gradient(chain: Chain, poses: Float64, session: int) -> Float64:
+def _gradient(chain: KeyframeChain, poses: Float64, session: int) -> Float64:
     """Return J' W d, float64 (K, 3), for the changes d of a session's odometry steps.
 
     The residual of a step is Log(delta^-1 a^-1 b). In the frames of a and b, its derivatives are

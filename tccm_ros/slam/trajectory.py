@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
-from tccm_ros.config.slam import Odometry as OdometryConfig
+from tccm_ros.config.slam import OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
 from tccm_ros.robot.tracks import Track, bracket
 from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS

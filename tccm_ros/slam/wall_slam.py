@@ -27,7 +27,7 @@ from tccm_ros.records import (
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of
 from tccm_ros.slam.base_roll_pitch import RollPitchTrack
-from tccm_ros.slam.chain import AnchoredPose, Chain
+from tccm_ros.slam.chain import AnchoredPose, KeyframeChain
 from tccm_ros.slam.external_poses import MapOdomTrack, reweigh
 from tccm_ros.slam.factors.factor import Factor, by_variables
 from tccm_ros.slam.factors.keys import Key, view_key
@@ -106,7 +106,7 @@ class WallSlam:
         self.config = config
         self.label = label
         self._lines: list[Lines] = []
-        self._chain = Chain()
+        self._chain = KeyframeChain()
         is_mapping = config.graph.mode == "mapping"
         self._closer = LoopCloser(config, self._chain, begins_trajectories=is_mapping)
         self._front = FrontEnd(config)

@@ -29,7 +29,7 @@ from tccm_ros.surfaces.displacement import (
 )
 from tccm_ros.surfaces.free_grid import FreeGrid, blocks_of
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
-from tccm_ros.surfaces.views import Patch, View
+from tccm_ros.surfaces.views import SurfacePatch, View
 
 GONE_FRACTION = 0.7
 """A patch is removed as a whole if this fraction of it is gone, at any size; chosen."""
@@ -107,12 +107,12 @@ class _PatchIndex:
     bounds: Float64
     mean: Float64
     normal: Float64
-    patch: Patch
+    patch: SurfacePatch
     extent: BaseGeometry
     areas: dict[float, BaseGeometry] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, patch: Patch) -> _PatchIndex:
+    def of(cls, patch: SurfacePatch) -> _PatchIndex:
         """Return the index of a patch."""
         blur = line_of_sight(patch.mean, patch.spacing)
         extent = blurred(patch.outline, BORDER, (float(blur[0]), float(blur[1])))
@@ -356,7 +356,7 @@ def _rpy(T: Float64) -> Float64:
     return np.column_stack([T[:, :3, 3], roll, pitch, yaw])
 
 
-def may_be_recognised(patch: Patch) -> bool:
+def may_be_recognised(patch: SurfacePatch) -> bool:
     """Return whether a patch is large enough to be recognised at another place."""
     return patch.outline.area >= MIN_KNOWN_AREA and not is_line(patch.cov)
 
@@ -396,7 +396,7 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
 
 
 def _carve_patch(
-    pair: _ViewPair, patch: Patch, keep: Bool, config: Config
+    pair: _ViewPair, patch: SurfacePatch, keep: Bool, config: Config
 ) -> tuple[Int64, int | None]:
     """Find the points of a patch of the older view that the newer view of a pair removes.
 
@@ -474,7 +474,11 @@ def _measured_by(
 
 
 def _was_moved(
-    pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64], cell_size: float
+    pair: _ViewPair,
+    patch: SurfacePatch,
+    points: Float64,
+    looked_at: tuple[Bool, Int64],
+    cell_size: float,
 ) -> bool:
     """Return whether a patch has left one strip and covers another one in the newer view.
 

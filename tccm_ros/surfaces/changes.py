@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.records import PreviousPose, Surface
-from tccm_ros.surfaces.displacement import Footprint, is_displaced
+from tccm_ros.surfaces.displacement import HorizontalOutline, is_displaced
 from tccm_ros.surfaces.scene import KnownSurface, Scene, object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
 
@@ -284,9 +284,9 @@ def _has_moved(before: KnownSurface, after: KnownSurface) -> bool:
     return is_displaced(_footprint(before.surface), _footprint(after.surface))
 
 
-def _footprint(surface: Surface | PreviousPose) -> Footprint:
+def _footprint(surface: Surface | PreviousPose) -> HorizontalOutline:
     z = float(surface_pose(surface)[0][2, 3])
-    return Footprint(Polygon(surface.boundary[:, :2]).buffer(0.0), z)
+    return HorizontalOutline(Polygon(surface.boundary[:, :2]).buffer(0.0), z)
 
 
 def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterator[Change]:

@@ -40,7 +40,7 @@ SAME_AREA = 0.75
 rectangle of its sides; a square of 0.4 m may lose 2.5 cm at each edge."""
 
 
-class Footprint(NamedTuple):
+class HorizontalOutline(NamedTuple):
     """An outline in map, and its height.
 
     Attributes
@@ -67,7 +67,7 @@ class Footprint(NamedTuple):
 
 def footprint_in_map(
     outline: BaseGeometry, mean: Float64, spacing: float, T_map_view: Float64
-) -> Footprint:
+) -> HorizontalOutline:
     """Return the footprint of a patch in map.
 
     Parameters
@@ -82,7 +82,7 @@ def footprint_in_map(
     z = float(T[2, :3] @ mean + T[2, 3])
     placed = outline_in_map(outline, float(mean[2]), T)
     # Rounding can make an outline that nearly touches itself self-intersecting.
-    return Footprint(placed if placed.is_valid else shapely.make_valid(placed), z, (x, y))
+    return HorizontalOutline(placed if placed.is_valid else shapely.make_valid(placed), z, (x, y))
 
 
 def outline_in_map(outline: BaseGeometry, z: float, T_map_view: Float64) -> BaseGeometry:
@@ -101,7 +101,7 @@ def line_of_sight(mean: Float64, length: float) -> Float64:
     return np.asarray(mean[:2] * (length / max(distance, length, MIN_WIDTH)), np.float64)
 
 
-def is_of_one_size(first: Footprint, second: Footprint) -> bool:
+def is_of_one_size(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     """Return whether two outlines can be those of one surface, at any positions.
 
     The smaller one may be short by up to one scan line.
@@ -114,17 +114,17 @@ def is_of_one_size(first: Footprint, second: Footprint) -> bool:
     return bool(np.abs(sides).sum() <= np.hypot(SIZE_DIFFERENCE, _larger_blur(first, second)))
 
 
-def is_in_place(first: Footprint, second: Footprint) -> bool:
+def is_in_place(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     """Return whether two outlines are at the same place in x and y, at any heights."""
     step = np.abs(second.middle - first.middle)[:2].max()
     return bool(step <= max(IN_PLACE, _larger_blur(first, second)))
 
 
-def _larger_blur(first: Footprint, second: Footprint) -> float:
+def _larger_blur(first: HorizontalOutline, second: HorizontalOutline) -> float:
     return float(max(np.hypot(*first.blur), np.hypot(*second.blur)))
 
 
-def is_displaced(first: Footprint, second: Footprint) -> bool:
+def is_displaced(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     """Return whether a surface has moved from the first footprint to the second.
 
     A surface that grew because more of it was seen is not displaced, nor is one that lost a part.

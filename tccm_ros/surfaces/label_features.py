@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from tccm_ros.arrays import Float64
-from tccm_ros.config.surfaces import Labels
+from tccm_ros.config.surfaces import LabelsConfig
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 
@@ -104,7 +104,7 @@ class Features:
 
 
 def features_of(
-    surfaces: list[MergedSurface], floor_z: float | None, walls: Float64 | None, rules: Labels
+    surfaces: list[MergedSurface], floor_z: float | None, walls: Float64 | None, rules: LabelsConfig
 ) -> list[Features]:
     """Return the features of surfaces, including their relations to each other.
 
@@ -133,7 +133,7 @@ def _features(
     surfaces: list[MergedSurface],
     floor_z: float,
     near_walls: shapely.Geometry,
-    rules: Labels,
+    rules: LabelsConfig,
     in_flight: bool,
 ) -> Features:
     sides = box_sides(surface.polygon)
@@ -171,7 +171,7 @@ def outline_width(polygon: shapely.Polygon) -> float:
     return float((half - np.sqrt(max(half**2 - 4.0 * area, 0.0))) / 2.0)
 
 
-def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: Labels) -> bool:
+def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: LabelsConfig) -> bool:
     """Return whether a surface is a board over or under another one of a similar size."""
     low, high = rules.shelf_gap
     if not low <= abs(surface.height - other.height) <= high:
@@ -185,7 +185,7 @@ def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: Labels) -> 
     return bool(shared >= MIN_OVERLAP * max(surface.polygon.area, other.polygon.area))
 
 
-def _is_carried(surface: MergedSurface, other: MergedSurface, rules: Labels) -> bool:
+def _is_carried(surface: MergedSurface, other: MergedSurface, rules: LabelsConfig) -> bool:
     """Return whether a surface rises by a step's height from a larger one under or beside it."""
     low, high = rules.step_height
     if (
@@ -198,7 +198,7 @@ def _is_carried(surface: MergedSurface, other: MergedSurface, rules: Labels) -> 
     return bool(outline.intersection(under).length >= MIN_CARRIED * outline.length)
 
 
-def _is_back(back: MergedSurface, seat: MergedSurface, rules: Labels) -> bool:
+def _is_back(back: MergedSurface, seat: MergedSurface, rules: LabelsConfig) -> bool:
     """Return whether a surface is the top of a back along a seat.
 
     A back is narrow, higher than the seat, and beside most of the seat's length, not over it. A
@@ -216,7 +216,7 @@ def _is_back(back: MergedSurface, seat: MergedSurface, rules: Labels) -> bool:
     )
 
 
-def treads(surfaces: list[MergedSurface], rules: Labels) -> list[MergedSurface]:
+def treads(surfaces: list[MergedSurface], rules: LabelsConfig) -> list[MergedSurface]:
     """Return the surfaces that are treads of stairs, `MIN_TREADS` or more in a row.
 
     Parameters
@@ -237,7 +237,7 @@ def treads(surfaces: list[MergedSurface], rules: Labels) -> list[MergedSurface]:
     return [surface for surface, n in zip(order, 1 + below + above) if n >= MIN_TREADS]
 
 
-def _is_next(low: MergedSurface, high: MergedSurface, rules: Labels) -> bool:
+def _is_next(low: MergedSurface, high: MergedSurface, rules: LabelsConfig) -> bool:
     """Return whether one surface is the tread that follows another."""
     low_rise, high_rise = rules.stair_rise
     if not low_rise <= high.height - low.height <= high_rise:

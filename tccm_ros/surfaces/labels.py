@@ -15,7 +15,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.config.surfaces import Labels
+from tccm_ros.config.surfaces import LabelsConfig
 from tccm_ros.surfaces.floor import is_floor
 from tccm_ros.surfaces.label_features import Features, features_of
 from tccm_ros.surfaces.merged_surface import MergedSurface
@@ -157,7 +157,7 @@ def _fit(surface: Features, rule: Rule) -> float:
     )
 
 
-def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
+def _scores(surface: Features, rules: LabelsConfig) -> dict[SurfaceLabel, float]:
     """Return the score of each label: its rule, weighted by relations to walls and surfaces.
 
     Furniture without a label of its own competes as ``other``.
@@ -186,7 +186,7 @@ def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
     }
 
 
-def _best(surface: Features, rules: Labels) -> Label:
+def _best(surface: Features, rules: LabelsConfig) -> Label:
     scores = _scores(surface, rules)
     if surface.stacked:
         shelf = SurfaceLabel.SHELF

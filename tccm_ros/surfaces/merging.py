@@ -18,7 +18,7 @@ from tccm_ros.surfaces.contact import connect
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.patch_planes import stack_planes
 from tccm_ros.surfaces.plane_errors import fit_covariance
-from tccm_ros.surfaces.views import Patch, View, first_numbers
+from tccm_ros.surfaces.views import SurfacePatch, View, first_numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class NumberedPatch:
 
     number: int
     view: int
-    patch: Patch
+    patch: SurfacePatch
 
 
 Members = tuple[NumberedPatch, ...]
@@ -99,7 +99,7 @@ class Remainders:
         self._known = {k: r for k, r in self._known.items() if self._calls - r.used <= UNUSED}
         return found
 
-    def _rest(self, view: View, index: int, keep: Bool) -> Patch | None:
+    def _rest(self, view: View, index: int, keep: Bool) -> SurfacePatch | None:
         """Return a patch of a view with the kept points only; None: no points are kept."""
         patch, distance = view.patches[index], self._config.surfaces.merge_distance
         key = *view.key, index, distance, blake2b(keep.tobytes(), digest_size=16).digest()
@@ -119,12 +119,14 @@ its points."""
 class _Remainder(NamedTuple):
     """A patch, its remainder (None: no points are left), and the call that used it last."""
 
-    whole: Patch
-    rest: Patch | None
+    whole: SurfacePatch
+    rest: SurfacePatch | None
     used: int
 
 
-def _rest(patch: Patch, keep: Bool, distance: float, sensor: SensorKind) -> Patch | None:
+def _rest(
+    patch: SurfacePatch, keep: Bool, distance: float, sensor: SensorKind
+) -> SurfacePatch | None:
     """Return a patch of the kept points, with their moments and outline; None: no points."""
     if not keep.any():
         return None
@@ -137,7 +139,9 @@ def _rest(patch: Patch, keep: Bool, distance: float, sensor: SensorKind) -> Patc
     moved = np.eye(3)
     moved[0, 1:] = (mean - patch.mean)[:2]
     systematic = moved @ patch.systematic
-    return Patch(points, weights, int(weights.sum()), mean, cov, outline, spacing, own, systematic)
+    return SurfacePatch(
+        points, weights, int(weights.sum()), mean, cov, outline, spacing, own, systematic
+    )
 
 
 def clouds_in_map(patches: Sequence[NumberedPatch], T_map_view: Float64) -> list[Float64]:

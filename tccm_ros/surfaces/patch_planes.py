@@ -14,7 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
-from tccm_ros.surfaces.views import Patch
+from tccm_ros.surfaces.views import SurfacePatch
 
 GATE = 3.0
 """Max difference of the heights of two planes that agree, and max residual of sides that match, in
@@ -130,7 +130,7 @@ def pose_jacobian(T_map_base: Float64, centroid: Float64) -> Float64:
 
 
 def stack_planes(
-    patches: Sequence[Patch], view: Int64, T_map_view: Float64, cov_z_roll_pitch: Float64
+    patches: Sequence[SurfacePatch], view: Int64, T_map_view: Float64, cov_z_roll_pitch: Float64
 ) -> PatchPlanes:
     """Compute the planes of patches in map, with their covariances.
 

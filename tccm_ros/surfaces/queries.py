@@ -27,7 +27,7 @@ from tccm_ros.racks.insertions import (
 from tccm_ros.records import Surface
 from tccm_ros.surfaces.scene_objects import SceneObject, outline_of
 from tccm_ros.tabletop.placements import (
-    Approach,
+    ApproachDirection,
     Overhang,
     Placement,
     PlacementRequest,
@@ -197,9 +197,9 @@ class SurfaceQueries:
             Size of the item to put down, and of the hand.
         """
         chosen = self._chosen(wanted)
-        if request.approach == Approach.FRONT:
+        if request.approach == ApproachDirection.FRONT:
             return self._through_fronts([self.surfaces[k].id for k in chosen], request)
-        if request.approach == Approach.ABOVE:
+        if request.approach == ApproachDirection.ABOVE:
             request = replace(request, height=request.height + request.hand_height)
         return find_placements([self._to_put_on[k] for k in chosen], request)
 

@@ -21,7 +21,7 @@ from tccm_ros.surfaces.carving import MIN_KNOWN_AREA, Survivors, may_be_recognis
 from tccm_ros.surfaces.displacement import (
     BORDER,
     MIN_LIFT,
-    Footprint,
+    HorizontalOutline,
     is_in_place,
     is_of_one_size,
     line_of_sight,
@@ -71,8 +71,8 @@ class _Stand(NamedTuple):
     """
 
     surface: MergedSurface
-    footprint: Footprint
-    whole: Footprint
+    footprint: HorizontalOutline
+    whole: HorizontalOutline
     first: SightKey
     placed: SightKey
     last: SightKey
@@ -200,7 +200,7 @@ def _stand(
     )
 
 
-def footprint_of(surface: MergedSurface, T_map_view: Float64) -> Footprint:
+def footprint_of(surface: MergedSurface, T_map_view: Float64) -> HorizontalOutline:
     """Return the footprint of a surface, with the blur of the view with the finest scan lines.
 
     Parameters
@@ -212,7 +212,7 @@ def footprint_of(surface: MergedSurface, T_map_view: Float64) -> Footprint:
     """
     finest = min(surface.members, key=lambda m: (m.patch.spacing or np.inf, m.number))
     blur = T_map_view[finest.view, :2, :2] @ line_of_sight(finest.patch.mean, finest.patch.spacing)
-    return Footprint(surface.polygon, surface.height, tuple(blur.tolist()))
+    return HorizontalOutline(surface.polygon, surface.height, tuple(blur.tolist()))
 
 
 def _successors(stands: Sequence[_Stand]) -> dict[int, int]:

@@ -20,7 +20,7 @@ from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.plane_errors import fit_covariance
 from tccm_ros.surfaces.polygons import polygons_of
-from tccm_ros.surfaces.views import Patch, SeenObject, View
+from tccm_ros.surfaces.views import SeenObject, SurfacePatch, View
 from tccm_ros.tabletop.free_places import rectangle_corners
 
 Arrays = dict[str, NDArray[Any]]
@@ -214,7 +214,7 @@ def unpack_views(arrays: Mapping[str, NDArray[Any]]) -> list[View]:
 
 def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
     patches = [
-        Patch(
+        SurfacePatch(
             points,
             weights,
             int(a["count"][k]),

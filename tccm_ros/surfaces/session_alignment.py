@@ -21,7 +21,7 @@ from tccm_ros.cuboids.free_columns import KEY_STEP
 from tccm_ros.geometry import compose2, inverse2, planar, pose, spatial, transform
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loops.matching import Window, propose
-from tccm_ros.slam.loops.submaps import make_patch, make_submap
+from tccm_ros.slam.loops.submaps import make_submap, merge_scans
 from tccm_ros.slam.matching.level_scan import LevelScan, thin_with_normals
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.views import View
@@ -133,12 +133,12 @@ def align_session(
     if min(sum(len(k.scan.beams) for k in x) for x in (in_map, in_session)) < MIN_FRONTIER:
         return SessionAlignment(AlignmentResult.TOO_FEW_ENDS, np.eye(4))
     submap = make_submap(in_map, len(in_map) // 2, len(in_map))
-    patch = make_patch(in_session, len(in_session) // 2, len(in_session))
+    merged = merge_scans(in_session, len(in_session) // 2, len(in_session))
     low, high = submap.lines.points.min(axis=0), submap.lines.points.max(axis=0)
     # The centre of the session may be beside the map, by the range of its views.
-    far = float(np.hypot(*patch.points.T).max()) + 0.5 * float((high - low).max())
+    far = float(np.hypot(*merged.points.T).max()) + 0.5 * float((high - low).max())
     window = Window(np.array([*(0.5 * (low + high)), 0.0]), far, np.pi)
-    found = propose(submap, patch, window, config)
+    found = propose(submap, merged, window, config)
     if found is None or found.reason:
         is_ambiguous = found is not None and found.is_ambiguous
         result = AlignmentResult.AMBIGUOUS if is_ambiguous else AlignmentResult.NO_MATCH

@@ -19,7 +19,7 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.edge_samples import BEYOND, FREE_MARGIN_M, INSIDE, OUTSIDE, STRAIGHT
 from tccm_ros.surfaces.occluded_areas import PROBE_SPACING
-from tccm_ros.surfaces.views import Patch, View
+from tccm_ros.surfaces.views import SurfacePatch, View
 
 MIN_LENGTH = 0.2
 """Min length of a side, m; chosen: the yaw of shorter ones is uncertain."""
@@ -108,7 +108,7 @@ def find_sides(view: View) -> Sides:
     return Sides(*(table[field.name].copy() for field in fields(Sides)))
 
 
-def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
+def _side(patch: SurfacePatch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
     """Fit a side to a segment with the surface to its left; None: the segment is no side."""
     length = float(np.hypot(*(end - start)))
     if length < MIN_LENGTH:
@@ -131,7 +131,7 @@ def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Sid
 
 
 def _edge_points(
-    patch: Patch, start: Float64, along: Float64, outward: Float64, length: float
+    patch: SurfacePatch, start: Float64, along: Float64, outward: Float64, length: float
 ) -> tuple[Float64, Float64, float] | None:
     """Return positions along and across a side of its outermost points, and their median gap, m."""
     offset = patch.points[:, :2].astype(np.float64) - start

@@ -84,13 +84,13 @@ MAX_STATIONARY_MOTION = (0.01, 0.005)
 """Max motion (m, rad) of a stationary base; chosen."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfaceSolution:
     """Trajectory, walls and surfaces after one batch optimisation.
 
     Attributes
     ----------
-    slam
+    graph
         Keyframes, walls, loops and poses; in the frame of this session if it is not aligned.
     view_stamps_ns, T_map_views
         int64 (V,), increasing, and float64 (V, 4, 4): stamps and poses of the views of this
@@ -135,7 +135,7 @@ class SurfaceSolution:
         Walls and level scans as arrays, for a later session; empty without a level laser.
     """
 
-    slam: Solution
+    graph: Solution
     view_stamps_ns: Int64
     T_map_views: Float64
     view_poses: ViewPoses
@@ -207,7 +207,7 @@ class SurfaceSlam:
 
     def _begin(self) -> None:
         """Start a session, with the saved map if there is one."""
-        self.walls = (
+        self.wall_slam = (
             WallSlam.from_saved(self.config, self._saved_walls, _label_lines)
             if self._saved_walls
             else WallSlam(self.config, _label_lines)
@@ -215,13 +215,13 @@ class SurfaceSlam:
         self._handlers: dict[type, Callable[[Any], ScanPose | None]] = {
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
-            RollPitch: self.walls.add_roll_pitch,
-            MapOdom: self.walls.add_map_odom,
-            PoseCovariance: self.walls.add_pose_covariance,
-            LandmarkObservation: self.walls.add_landmark,
+            RollPitch: self.wall_slam.add_roll_pitch,
+            MapOdom: self.wall_slam.add_map_odom,
+            PoseCovariance: self.wall_slam.add_pose_covariance,
+            LandmarkObservation: self.wall_slam.add_landmark,
             SignMeasurement: self._take_sign,
-            SearchedPicture: self.walls.add_picture,
-            PoseGuess: self.walls.add_guess,
+            SearchedPicture: self.wall_slam.add_picture,
+            PoseGuess: self.wall_slam.add_guess,
             LabelCorrection: self._take_correction,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
@@ -268,13 +268,13 @@ class SurfaceSlam:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
         if self.config.localisation.is_external:
-            self.walls.add_scan_of_walls(posed)
+            self.wall_slam.add_scan_of_walls(posed)
             return None
-        return self.walls.add_scan(posed)
+        return self.wall_slam.add_scan(posed)
 
     def _take_sign(self, sign: SignMeasurement) -> None:
         self.counts["signs"] += 1
-        self.walls.add_sign(sign)
+        self.wall_slam.add_sign(sign)
 
     def _take_correction(self, correction: LabelCorrection) -> None:
         self.map.correct_label(correction)
@@ -283,11 +283,11 @@ class SurfaceSlam:
 
     def _take_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame
-        self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
+        self.wall_slam.add_odometry(record.stamp_ns, record.T_odom_base)
 
     def _take_view(self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals) -> None:
         self.counts[counted] += 1
-        if self.walls.is_lost:
+        if self.wall_slam.is_lost:
             self.counts["views while lost"] += 1
             return
         self.map.add(part)
@@ -297,7 +297,7 @@ class SurfaceSlam:
         detections = posed.detections
         self.counts["detections"] += len(detections.hypotheses)
         self._unusable.update(detections.unusable)
-        if self.walls.is_lost:
+        if self.wall_slam.is_lost:
             self.counts["detections while lost"] += len(detections.hypotheses)
             return
         is_in_map = detections.frame_id == self.config.frames.map_name
@@ -312,7 +312,7 @@ class SurfaceSlam:
 
     def _is_stationary(self, first_ns: int, last_ns: int) -> bool:
         """Return whether the base did not move between two stamps."""
-        motion = self.walls.motion_between(first_ns, last_ns)
+        motion = self.wall_slam.motion_between(first_ns, last_ns)
         if motion is None:
             return False
         return bool(
@@ -345,25 +345,25 @@ class SurfaceSlam:
         """
         is_lost, stages = self._is_lost, stages or OptionalStages()
         views = [view for view in self.map.views if view.session == self.session and not is_lost]
-        slam = self._solve_graph(views, is_final=is_final)
-        own = _view_poses(slam)
+        graph = self._solve_graph(views, is_final=is_final)
+        own = _view_poses(graph)
         alignment = self._align_session(views, own.T_map_view)
         T_map_session = np.eye(4) if alignment is None else alignment.T_map_session
         own = replace(own, T_map_view=T_map_session @ own.T_map_view)
         is_found = not is_lost and (alignment is None or alignment.found)
         surface_map = self.map if is_found else self._saved_map()
-        view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
-        lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
+        view_poses = self._all_poses(graph, own) if is_found else self._saved_poses(graph)
+        lines = np.array([wall.endpoints for wall in graph.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
-        saved_walls = self._walls_to_save(slam)
+        saved_walls = self._walls_to_save(graph)
         grid = occupancy_grid(saved_walls)
-        rooms = stages.run("rooms", lambda: self._rooms(slam, grid)) or ()
+        rooms = stages.run("rooms", lambda: self._rooms(graph, grid)) or ()
         placed = stages.run(
-            "names of rooms", lambda: placed_surfaces(mapped.surfaces, rooms, slam.signs)
+            "names of rooms", lambda: placed_surfaces(mapped.surfaces, rooms, graph.signs)
         )
         surfaces = placed or mapped.surfaces
         mapped = replace(mapped, surfaces=surfaces)
-        newest = self._place_detections(views, own.T_map_view, slam) if is_found else ()
+        newest = self._place_detections(views, own.T_map_view, graph) if is_found else ()
         tracked = track_objects(
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
         )
@@ -376,30 +376,31 @@ class SurfaceSlam:
             if self.config.surfaces.unseen_space:
                 unseen = stages.run("unseen", lambda: unseen_spaces(surfaces, seen, floor_z))
         place_size = self.config.objects.place_size
-        stamps, poses = self._trajectory(slam)
+        free = stages.run("free places", lambda: free_places(surfaces, objects, place_size))
+        stamps, poses = self._trajectory(graph)
         return SurfaceSolution(
-            slam,
-            np.array([view.stamp_ns for view in views], np.int64),
-            own.T_map_view,
-            view_poses,
-            mapped,
-            stamps,
-            compose2(planar(T_map_session), poses),
-            objects,
-            rooms,
-            stages.run("free places", lambda: free_places(surfaces, objects, place_size)) or {},
-            place_size,
-            alignment,
-            self._newest_ns,
-            newest,
-            count_unused(self._unusable, tracked.unused_detections),
-            corrected_labels(surface_map.views),
-            grid,
-            stages,
-            slam.attitude_at(stamps) if len(slam.attitudes) else slam.attitudes,
-            compartments or (),
-            unseen or (),
-            saved_walls,
+            graph=graph,
+            view_stamps_ns=np.array([view.stamp_ns for view in views], np.int64),
+            T_map_views=own.T_map_view,
+            view_poses=view_poses,
+            mapped=mapped,
+            trajectory_ns=stamps,
+            trajectory=compose2(planar(T_map_session), poses),
+            objects=objects,
+            rooms=rooms,
+            free_places=free or {},
+            place_size=place_size,
+            alignment=alignment,
+            stamp_ns=self._newest_ns,
+            newest_detections=newest,
+            unused_detections=count_unused(self._unusable, tracked.unused_detections),
+            corrected_labels=corrected_labels(surface_map.views),
+            grid=grid,
+            stages=stages,
+            attitudes=graph.attitude_at(stamps) if len(graph.attitudes) else graph.attitudes,
+            compartments=compartments or (),
+            unseen=unseen or (),
+            saved_walls=saved_walls,
         )
 
     def objects_now(
@@ -425,7 +426,7 @@ class SurfaceSlam:
         poses = dict(zip(keys, solution.view_poses.T_map_view))
         for view in self.map.views:
             if view.key not in poses:
-                pose = self.walls.pose_at(view.stamp_ns)
+                pose = self.wall_slam.pose_at(view.stamp_ns)
                 if pose is None:
                     return None
                 poses[view.key] = spatial(compose2(T_map_tracking, pose))
@@ -434,15 +435,15 @@ class SurfaceSlam:
             solution.surfaces, track_objects(self.map.views, T_map_view, self.config).tracks
         )
 
-    def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
+    def _rooms(self, graph: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
         """Return the rooms between the walls; none without a level laser, or while it is lost."""
         if self._is_lost or grid is None:
             return ()
-        outlines = find_rooms([wall.endpoints for wall in slam.walls], grid)
-        return named_rooms(outlines, slam.signs)
+        outlines = find_rooms([wall.endpoints for wall in graph.walls], grid)
+        return named_rooms(outlines, graph.signs)
 
     def _place_detections(
-        self, views: Sequence[View], T_map_view: Float64, slam: Solution
+        self, views: Sequence[View], T_map_view: Float64, graph: Solution
     ) -> tuple[SeenDetection, ...]:
         """Add detections to their views (`view_of`); return those whose next view may still arrive.
 
@@ -450,12 +451,12 @@ class SurfaceSlam:
         ----------
         views, T_map_view
             Views of this session, and their poses, float64 (V, 4, 4).
-        slam
+        graph
             The optimised graph, in the frame of this session.
         """
         stamps = [view.stamp_ns for view in views]
         still_ns = self._newest_ns - MAX_WAIT_NS
-        T_session_view = slam.T_map_views
+        T_session_view = graph.T_map_views
         newest: list[SeenDetection] = []
         waiting: list[PlacedDetections] = []
         for placed in self._detections:
@@ -468,7 +469,7 @@ class SurfaceSlam:
                 continue
             T_view = inverse(T_map_view[v])
             if not placed.is_in_map:
-                T_view = inverse(T_session_view[v]) @ slam.T_map_base_at(placed.stamp_ns)[0]
+                T_view = inverse(T_session_view[v]) @ graph.T_map_base_at(placed.stamp_ns)[0]
             seen = seen_detections(placed, T_view)
             if is_open:
                 newest += seen
@@ -480,13 +481,13 @@ class SurfaceSlam:
     def _solve_graph(self, views: list[View], *, is_final: bool) -> Solution:
         """Optimise the graph, and again with side factors if views have surfaces in common."""
         stamps = [view.stamp_ns for view in views]
-        slam = self.walls.solve(stamps, None, is_final=is_final)
+        graph = self.wall_slam.solve(stamps, None, is_final=is_final)
         if not self.config.surfaces.registration or len(views) < 2:
-            return slam
-        factors = self._registration.side_factors(views, slam)
+            return graph
+        factors = self._registration.side_factors(views, graph)
         if factors:
-            slam = self.walls.solve(stamps, factors, is_final=is_final)
-        return self._registration.levelled(slam)
+            graph = self.wall_slam.solve(stamps, factors, is_final=is_final)
+        return self._registration.levelled(graph)
 
     def is_aligned(self, solution: SurfaceSolution) -> bool:
         """Return whether this session was found in the saved map that it continues, if any."""
@@ -496,17 +497,17 @@ class SurfaceSlam:
 
     def unplaced_reason(self, solution: SurfaceSolution) -> str:
         """Return why this session was not found in the saved map, without advice for a driver."""
-        if self.walls.waits_for_external_pose:
+        if self.wall_slam.waits_for_external_pose:
             return "no transform map -> odom has come"
         if solution.alignment is not None:
             return str(solution.alignment.result)
-        return self.walls.waits_for.partition(":")[0] or "no place was searched"
+        return self.wall_slam.waits_for.partition(":")[0] or "no place was searched"
 
     @property
     def _is_lost(self) -> bool:
         """Whether this session is not yet localised in the saved walls, or by another program."""
-        is_searched = bool(self.saved_keyframes) and not self.walls.has_place
-        return is_searched or self.walls.waits_for_external_pose
+        is_searched = bool(self.saved_keyframes) and not self.wall_slam.has_place
+        return is_searched or self.wall_slam.waits_for_external_pose
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
         """Align this session with a saved map without walls; None if there is no such map."""
@@ -523,30 +524,30 @@ class SurfaceSlam:
             surface_map.add_view(saved.view)
         return surface_map
 
-    def _saved_poses(self, slam: Solution) -> ViewPoses:
+    def _saved_poses(self, graph: Solution) -> ViewPoses:
         """Return the poses of the saved map's views, which move with their keyframes."""
         keyframes = np.array([saved.keyframe for saved in self.saved_views], np.int64)
         T_anchor_view = np.array([s.T_anchor_view for s in self.saved_views]).reshape(-1, 4, 4)
-        poses = np.array([k.pose for k in slam.keyframes]).reshape(-1, 3)
+        poses = np.array([k.pose for k in graph.keyframes]).reshape(-1, 3)
         anchors = np.broadcast_to(np.eye(4), T_anchor_view.shape).copy()
         moves = np.array([saved.is_on_keyframe for saved in self.saved_views], bool)
         anchors[moves] = spatial(poses[keyframes[moves]])
         cov = np.array([saved.cov_z_roll_pitch for saved in self.saved_views]).reshape(-1, 3, 3)
         return ViewPoses(anchors @ T_anchor_view, cov, keyframes)
 
-    def _all_poses(self, slam: Solution, own: ViewPoses) -> ViewPoses:
-        old = self._saved_poses(slam)
+    def _all_poses(self, graph: Solution, own: ViewPoses) -> ViewPoses:
+        old = self._saved_poses(graph)
         return ViewPoses(
             np.concatenate([old.T_map_view, own.T_map_view]),
             np.concatenate([old.cov_z_roll_pitch, own.cov_z_roll_pitch]),
             np.concatenate([old.keyframes, own.keyframes]),
         )
 
-    def _trajectory(self, slam: Solution) -> tuple[Int64, Float64]:
+    def _trajectory(self, graph: Solution) -> tuple[Int64, Float64]:
         if self.counts["level scans"] or not self._tilt_stamps:
-            return slam.stamps_ns, slam.poses
+            return graph.stamps_ns, graph.poses
         stamps = np.array(sorted(self._tilt_stamps), np.int64)
-        return stamps, slam.pose_at(stamps)
+        return stamps, graph.pose_at(stamps)
 
     def saved(self, solution: SurfaceSolution) -> SavedMap:
         """Return the map that a later session can continue.
@@ -560,8 +561,8 @@ class SurfaceSlam:
         solved = with_newest(
             self.map.views[: len(view_poses.keyframes)], solution.newest_detections
         )
-        poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
-        number = self.walls.kept_keyframes()
+        poses = {k.id: spatial(k.pose) for k in solution.graph.keyframes}
+        number = self.wall_slam.kept_keyframes()
         views = []
         for view, T, cov, k in zip(
             solved,
@@ -575,18 +576,18 @@ class SurfaceSlam:
             views.append(SavedView(view, number.get(k, k), is_on_keyframe, T_anchor_view, cov))
         return SavedMap(state, tuple(views))
 
-    def _walls_to_save(self, slam: Solution) -> Mapping[str, NDArray[Any]]:
+    def _walls_to_save(self, graph: Solution) -> Mapping[str, NDArray[Any]]:
         """Return the walls and level scans of a solution; empty without a level laser."""
         if self._is_lost:
             return self._saved_walls
         is_external = self.config.localisation.is_external
         if is_external or not (self.counts["level scans"] or self.saved_keyframes):
             return self._kept_walls
-        return self.walls.saved(slam)
+        return self.wall_slam.saved(graph)
 
     def solved_map(self, solution: SurfaceSolution) -> SolvedMap:
         """Return the map of a solution and the pose of the robot in it, for a `Tracker`."""
-        graph, place = solution.slam, solution.alignment
+        graph, place = solution.graph, solution.alignment
         T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
         keyframe = None
         if len(graph.cov_keyframes):
@@ -594,12 +595,12 @@ class SurfaceSlam:
             pose = compose2(T_map_session, newest.pose)
             keyframe = SolvedKeyframe(newest.id, pose, graph.cov_keyframes[-1])
         return SolvedMap(
-            compose2(T_map_session, self.walls.correction(graph)),
+            compose2(T_map_session, self.wall_slam.correction(graph)),
             keyframe,
             MapWalls.of(graph.walls, T_map_session),
-            self.is_aligned(solution) and not self.walls.is_lost,
-            self.walls.placed_by_sign,
-            self.walls.is_unjoined,
+            self.is_aligned(solution) and not self.wall_slam.is_lost,
+            self.wall_slam.placed_by_sign,
+            self.wall_slam.is_unjoined,
         )
 
     def placed_map(self, walls: MapWalls) -> SolvedMap | None:
@@ -610,11 +611,11 @@ class SurfaceSlam:
         walls
             Walls of the newest solution, in map.
         """
-        keyframe = self.walls.placed_keyframe()
+        keyframe = self.wall_slam.placed_keyframe()
         if keyframe is None:
             return None
-        T_map_tracking = self.walls.map_from_tracking(keyframe.pose)
-        by_sign, is_unjoined = self.walls.placed_by_sign, self.walls.is_unjoined
+        T_map_tracking = self.wall_slam.map_from_tracking(keyframe.pose)
+        by_sign, is_unjoined = self.wall_slam.placed_by_sign, self.wall_slam.is_unjoined
         return SolvedMap(T_map_tracking, keyframe, walls, True, by_sign, is_unjoined)
 
     @classmethod
@@ -655,9 +656,9 @@ def seen_views(views: Sequence[View], T_map_view: Float64) -> list[SeenView]:
     ]
 
 
-def _view_poses(slam: Solution) -> ViewPoses:
-    cov = slam.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
-    return ViewPoses(slam.T_map_views, cov, slam.view_keyframes)
+def _view_poses(graph: Solution) -> ViewPoses:
+    cov = graph.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
+    return ViewPoses(graph.T_map_views, cov, graph.view_keyframes)
 
 
 def _label_lines(beams: Float64, config: Config) -> Int32:

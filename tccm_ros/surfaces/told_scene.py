@@ -66,7 +66,7 @@ class HeldObject(NamedTuple):
     shape: Box | Mesh | None = None
 
 
-class Changes(NamedTuple):
+class SceneChanges(NamedTuple):
     """Changes for the listeners: around the robot, and of what it holds."""
 
     diff: SceneDiff
@@ -96,19 +96,19 @@ class ToldScene:
         world = {**self._known, **self._put_down}
         return {name: shape for name, shape in world.items() if name not in hidden}
 
-    def update(self, known: Shapes) -> Changes:
+    def update(self, known: Shapes) -> SceneChanges:
         """Return the changes by the shapes of a new solution."""
         self._known, self._put_down = known, {}
         return self._changes()
 
-    def repeat(self) -> Changes:
+    def repeat(self) -> SceneChanges:
         """Return everything, for listeners that know nothing."""
         self._told = {}
         return self._changes(*self._held.values())
 
     def set_state(
         self, identity: int, state: int, link: str = "", touch_links: tuple[str, ...] = ()
-    ) -> Changes:
+    ) -> SceneChanges:
         """Show, leave out or attach an object; return the changes.
 
         Parameters
@@ -151,10 +151,10 @@ class ToldScene:
             self._told = {other: s for other, s in self._told.items() if other != name}
         return self._changes(*held)
 
-    def _changes(self, *held: HeldObject) -> Changes:
+    def _changes(self, *held: HeldObject) -> SceneChanges:
         diff = scene_diff(self._told, self.shapes)
         self._told = told(self._told, diff)
-        return Changes(diff, held)
+        return SceneChanges(diff, held)
 
 
 def scene_diff(before: Shapes, after: Shapes) -> SceneDiff:

@@ -21,7 +21,7 @@ import shapely
 
 from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.carving import Survivors
-from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
+from tccm_ros.surfaces.displacement import HorizontalOutline, footprint_in_map, is_displaced
 from tccm_ros.surfaces.merging import Members
 from tccm_ros.surfaces.polygons import GRID
 from tccm_ros.surfaces.views import View, first_numbers
@@ -129,7 +129,7 @@ class TrackIds:
         """Return the key of the last view that saw the surface."""
         return max(self._last_seen[member.number] for member in members)
 
-    def placed(self, members: Members, now: Footprint) -> SightKey:
+    def placed(self, members: Members, now: HorizontalOutline) -> SightKey:
         """Return the key of the first view that showed the surface at its current place.
 
         Parameters
@@ -140,7 +140,7 @@ class TrackIds:
         stamps = [self._own_placed(group) for group in self._in_place(members, now)]
         return min([self.last_seen(members), *stamps])
 
-    def outline_in_place(self, members: Members, now: Footprint) -> Footprint:
+    def outline_in_place(self, members: Members, now: HorizontalOutline) -> HorizontalOutline:
         """Return the union of the outlines of the surface in all views of its current place.
 
         The patch that replaced older ones may have few scan lines.
@@ -153,13 +153,15 @@ class TrackIds:
         seen = [self._footprint(group).outline for group in self._in_place(members, now)]
         return now._replace(outline=shapely.union_all([now.outline, *seen], grid_size=GRID))
 
-    def _in_place(self, members: Members, now: Footprint) -> list[list[tuple[int, int]]]:
+    def _in_place(self, members: Members, now: HorizontalOutline) -> list[list[tuple[int, int]]]:
         """Return the result of `_sights_in_place`, cached by surface."""
         if members not in self._known:
             self._known[members] = list(self._sights_in_place(members, now))
         return self._known[members]
 
-    def _sights_in_place(self, members: Members, now: Footprint) -> Iterator[list[tuple[int, int]]]:
+    def _sights_in_place(
+        self, members: Members, now: HorizontalOutline
+    ) -> Iterator[list[tuple[int, int]]]:
         """Yield the patches of each view of the surface at its current place, newest view first.
 
         These are all views after the last one that showed it at another place. The patches of a
@@ -183,7 +185,7 @@ class TrackIds:
         stamps = [view.stamp_ns if stamp_ns is None else stamp_ns for stamp_ns in placed]
         return SightKey(view.session, max(stamps))
 
-    def _footprint(self, sights: Sequence[tuple[int, int]]) -> Footprint:
+    def _footprint(self, sights: Sequence[tuple[int, int]]) -> HorizontalOutline:
         """Return the common footprint of patches of one view."""
         patches = [self._views[v].patches[p] for v, p in sights]
         T = self._T_map_view[sights[0][0]]
@@ -191,4 +193,4 @@ class TrackIds:
         outline = shapely.union_all([part.outline for part in parts])
         z = np.average([part.z for part in parts], weights=[p.count for p in patches])
         blur = max((part.blur for part in parts), key=lambda b: float(np.hypot(*b)))
-        return Footprint(outline, float(z), blur)
+        return HorizontalOutline(outline, float(z), blur)

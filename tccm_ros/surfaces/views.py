@@ -20,7 +20,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import ObjectBoxes, SensorKind, SurfaceCloud, ViewIntervals
 from tccm_ros.sensors.noise import systematic_errors
-from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
+from tccm_ros.surfaces.displacement import HorizontalOutline, footprint_in_map, is_displaced
 from tccm_ros.surfaces.front_points import are_on_front
 from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
 from tccm_ros.surfaces.outline import horizontal_outline
@@ -30,7 +30,7 @@ from tccm_ros.surfaces.thinning import thin_cloud
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class SurfacePatch:
     """The part of a surface that one view measured, in the base frame of the view.
 
     Attributes
@@ -145,7 +145,7 @@ class View:
     """
 
     stamp_ns: int
-    patches: tuple[Patch, ...]
+    patches: tuple[SurfacePatch, ...]
     free: FreeColumns
     max_range: float
     session: int = 0
@@ -176,7 +176,7 @@ class _Outlined(NamedTuple):
 
 def _make_patches(
     points: Float32, others: Float32, sensor: SensorKind, config: Config
-) -> list[Patch]:
+) -> list[SurfacePatch]:
     """Return the patches of one surface of a cloud, one for each part of its outline.
 
     Stray points are removed, first by the points of the cloud's other surfaces (`others`, float32
@@ -243,13 +243,13 @@ def _patch(
     weights: Int32,
     outline: MultiPolygon,
     spacing: float,
-) -> Patch:
+) -> SurfacePatch:
     exact = points.astype(np.float64)
     exact = exact[~are_on_front(exact)]
     mean = exact.mean(axis=0)
     cov = (exact - mean).T @ (exact - mean) / len(exact)
     own = fit_covariance(exact, np.ones(len(exact)))
-    return Patch(thinned, weights, len(exact), mean, cov, outline, spacing, own)
+    return SurfacePatch(thinned, weights, len(exact), mean, cov, outline, spacing, own)
 
 
 def first_numbers(views: Sequence[View]) -> list[int]:
@@ -295,7 +295,7 @@ def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) ->
     )
 
 
-def _footprint(patch: Patch) -> Footprint:
+def _footprint(patch: SurfacePatch) -> HorizontalOutline:
     return footprint_in_map(patch.outline, patch.mean, patch.spacing, np.eye(4))
 
 
@@ -344,7 +344,9 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     )
 
 
-def _with_systematic(patch: Patch, eye: Float64, sensor: SensorKind, config: Config) -> Patch:
+def _with_systematic(
+    patch: SurfacePatch, eye: Float64, sensor: SensorKind, config: Config
+) -> SurfacePatch:
     """Return a patch with the systematic error of its plane."""
     points, weights = patch.points.astype(np.float64), patch.weights.astype(np.float64)
     errors = systematic_errors(points, eye, sensor, config)

@@ -33,7 +33,7 @@ MIN_CLEARANCE_M = 1e-6
 polygons; chosen."""
 
 
-class Approach(StrEnum):
+class ApproachDirection(StrEnum):
     """Direction from which a hand places an object."""
 
     ANY = "any"
@@ -76,7 +76,7 @@ class PlacementRequest:
     max_count: int = 10
     reach_from: tuple[float, float] | None = None
     reach: float = 0.0
-    approach: Approach = Approach.ANY
+    approach: ApproachDirection = ApproachDirection.ANY
     hand_width: float = 0.0
     hand_height: float = 0.0
 

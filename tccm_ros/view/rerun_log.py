@@ -21,7 +21,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, spatial
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.records import Event, PlaneRecord, Posed, Surface
-from tccm_ros.replay.outcome import Outcome
+from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.report import palette
 from tccm_ros.results.cycles_file import CycleParts
 from tccm_ros.surfaces.scene import surface_pose
@@ -75,7 +75,7 @@ class RerunLog:
 
     # --- after the solution ---
 
-    def finish(self, outcome: Outcome, parts: CycleParts) -> None:
+    def finish(self, outcome: ReplayOutcome, parts: CycleParts) -> None:
         """Log the frames, the tilt cycles and the map of a finished replay."""
         solution = outcome.solution
         self._log_frames(solution)
@@ -94,7 +94,7 @@ class RerunLog:
         if not len(stamps):
             return
         T_odom_base = np.array([self._poses[stamp] for stamp in stamps.tolist()])
-        T_map_odom = spatial(solution.slam.pose_at(stamps)) @ inverse(T_odom_base)
+        T_map_odom = spatial(solution.graph.pose_at(stamps)) @ inverse(T_odom_base)
         for entity, T in ((ODOM, T_map_odom), (BASE, T_odom_base)):
             columns = rr.Transform3D.columns(translation=T[:, :3, 3], mat3x3=T[:, :3, :3])
             self._stream.send_columns(entity, [_times(stamps)], columns)
@@ -155,21 +155,21 @@ class RerunLog:
             self._stream.log(f"map/objects/{item.id}", box)
 
     def _log_signs(self, solution: SurfaceSolution) -> None:
-        for sign in solution.slam.signs:
+        for sign in solution.graph.signs:
             self._at(min((view.stamp_ns for view in sign.views), default=solution.stamp_ns))
             arrow = sign_arrow(sign.position, sign.normal, sign.text)
             self._stream.log(f"map/signs/{sign.id}", arrow)
 
     def _log_walls(self, solution: SurfaceSolution, floor: float) -> None:
-        faces = [wall_face(wall.endpoints, floor) for wall in solution.slam.walls]
+        faces = [wall_face(wall.endpoints, floor) for wall in solution.graph.walls]
         self._lines("map/walls", faces, palette.WALL)
 
     def _log_loops(self, solution: SurfaceSolution, floor: float) -> None:
-        at = {k.id: np.array([*k.pose[:2], floor]) for k in solution.slam.keyframes}
+        at = {k.id: np.array([*k.pose[:2], floor]) for k in solution.graph.keyframes}
         for entity, accepted in (("map/loops", True), ("map/rejected_loops", False)):
             ends = [
                 np.stack([at[loop.from_id], at[loop.to_id]])
-                for loop in solution.slam.loops
+                for loop in solution.graph.loops
                 if loop.accepted is accepted and {loop.from_id, loop.to_id} <= at.keys()
             ]
             self._lines(entity, ends, "#009e73" if accepted else "#d55e00")

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from tccm_ros.approach.speeds import (
     CommandHistory,
-    Limits,
+    SpeedLimits,
     Speeds,
     along_line,
     braked,
     rotate_to,
 )
 
-LIMITS = Limits(0.25, 0.6, 0.3, 1.0)
+LIMITS = SpeedLimits(0.25, 0.6, 0.3, 1.0)
 PERIOD_S = 0.05
 speeds = st.builds(Speeds, st.floats(-2.0, 2.0), st.floats(-4.0, 4.0))
 

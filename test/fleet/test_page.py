@@ -11,7 +11,7 @@ from PIL import Image
 
 from tccm_ros.config import Config
 from tccm_ros.fleet.layout import FleetFolder
-from tccm_ros.fleet.page import Row, fleet_rows, page_text, write_page
+from tccm_ros.fleet.page import RecordingRow, fleet_rows, page_text, write_page
 from tccm_ros.fleet.record import Cost, DoneRecord, Failure, settings_checksum, software_checksum
 from tccm_ros.results.models import CountsEntry, ScansUsedEntry
 
@@ -44,8 +44,8 @@ def folder(tmp_path):
 
 def rows(count=COUNT):
     made = [
-        Row(f"run-{k:05d}", f"/archive/run_{k}.mcap", "done", "", True, False, 1.6e9 + k, 60.0,
-            (k * 7919) % 1000, k % 17, k % 23, k % 5, 0, 4.0)
+        RecordingRow(f"run-{k:05d}", f"/archive/run_{k}.mcap", "done", "", True, False,
+            1.6e9 + k, 60.0, (k * 7919) % 1000, k % 17, k % 23, k % 5, 0, 4.0)
         for k in range(count)
     ]  # fmt: skip
     made[5] = replace(made[5], state="failed", reason="cut off", surfaces=None, has_results=False)

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from tccm_ros.config import Config
-from tccm_ros.fleet.map_inputs import Footprint, NumberedSign
+from tccm_ros.fleet.map_inputs import NumberedSign, SurfaceFootprint
 from tccm_ros.fleet.pair_matching import (
     compare_furniture,
     compare_signs,
@@ -16,9 +16,9 @@ from tccm_ros.fleet.pair_matching import (
 from tccm_ros.geometry import inverse2, transform2
 from tccm_ros.slam import map_matching
 
-FLOOR = Footprint(0, shapely.box(-4, -3, 4, 3), 0.0, True)
-TABLE = Footprint(1, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
-DESK = Footprint(2, shapely.box(-2, 1, -1, 1.6), 0.72, False)
+FLOOR = SurfaceFootprint(0, shapely.box(-4, -3, 4, 3), 0.0, True)
+TABLE = SurfaceFootprint(1, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
+DESK = SurfaceFootprint(2, shapely.box(-2, 1, -1, 1.6), 0.72, False)
 ROOM = (FLOOR, TABLE, DESK)
 AREA = TABLE.polygon.area + DESK.polygon.area
 
@@ -27,7 +27,7 @@ def seen_from(T, surfaces):
     """The surfaces in a frame at T."""
     inverse = inverse2(np.array(T, float))
     return [
-        Footprint(
+        SurfaceFootprint(
             s.id, shapely.transform(s.polygon, lambda xy: transform2(inverse, xy)), s.height,
             s.is_floor,
         )
@@ -49,12 +49,15 @@ def test_a_table_that_was_moved_away_is_counted_by_the_one_map_that_has_it():
 
 
 def test_tables_of_another_height_do_not_agree():
-    other = (FLOOR, *(Footprint(s.id, s.polygon, s.height + 0.1, False) for s in (TABLE, DESK)))
+    other = (
+        FLOOR,
+        *(SurfaceFootprint(s.id, s.polygon, s.height + 0.1, False) for s in (TABLE, DESK)),
+    )
     assert compare_furniture(ROOM, other, np.zeros(3))[1] == 0.0
 
 
 def test_what_the_other_map_has_not_seen_is_not_compared():
-    far = Footprint(0, shapely.box(10, 10, 14, 14), 0.0, True)
+    far = SurfaceFootprint(0, shapely.box(10, 10, 14, 14), 0.0, True)
     assert compare_furniture(ROOM, (far,), np.zeros(3)) == (0.0, 0.0)
 
 
@@ -133,7 +136,7 @@ def test_signs_of_both_maps_are_given_to_the_search(monkeypatch):
             assert all(v.sign == -1 for v in sign_views), "ids of signs are those of one map"
 
     monkeypatch.setattr(map_matching, "LoopCloser", Search)
-    monkeypatch.setattr(map_matching, "Chain", lambda: SimpleNamespace(add=lambda *_: None))
+    monkeypatch.setattr(map_matching, "KeyframeChain", lambda: SimpleNamespace(add=lambda *_: None))
     one = walls_with_signs(2, [(5, 1, 3)])
     other = walls_with_signs(3, [(9, 2, 0), (7, 2, 1), (1, 0, 0)])
     assert map_matching.match_walls(one, other, Config()) == []

@@ -20,7 +20,7 @@ from tccm_ros.errors import FleetError
 from tccm_ros.fleet import run
 from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.run import run_fleet
-from tccm_ros.fleet.task import Outcome
+from tccm_ros.fleet.task import JobStatus
 from tccm_ros.replay.replay import replay
 
 PATIENCE_S = 300.0
@@ -155,7 +155,7 @@ def assert_the_next_run_completes(bags, out, single, workers):
     done = len(finished(out))
     assert 0 < done < COUNT
     summary = run_fleet([str(bags)], out, Config(), workers=workers, pictures=False)
-    assert summary.counts == {Outcome.DONE: COUNT - done, Outcome.UNCHANGED: done}
+    assert summary.counts == {JobStatus.DONE: COUNT - done, JobStatus.UNCHANGED: done}
     assert_whole(out, single)
 
 
@@ -225,13 +225,13 @@ def test_a_recording_that_kills_its_workers_is_set_aside(bags, tmp_path, monkeyp
             with open(job.out / "deaths", "a") as file:
                 file.write("x")
             os.kill(os.getpid(), signal.SIGKILL)
-        from tccm_ros.fleet.task import Outcome, TaskResult
+        from tccm_ros.fleet.task import JobStatus, TaskResult
 
-        return TaskResult(Outcome.DONE)
+        return TaskResult(JobStatus.DONE)
 
     monkeypatch.setattr(run, "process", dies_for_one)
     summary = run_fleet([str(bags)], tmp_path / "out", Config())
-    assert summary.counts == {Outcome.DONE: COUNT - 1, Outcome.FAILED: 1}
+    assert summary.counts == {JobStatus.DONE: COUNT - 1, JobStatus.FAILED: 1}
     (failure,) = summary.failures.values()
     assert failure.reason.startswith("its worker died, 3 times")
     assert (tmp_path / "out" / "deaths").read_text() == "xxx"

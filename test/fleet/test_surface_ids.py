@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 import shapely
 
-from tccm_ros.fleet.map_inputs import Footprint
+from tccm_ros.fleet.map_inputs import SurfaceFootprint
 from tccm_ros.fleet.merge_file import IdEntry
 from tccm_ros.fleet.surface_ids import id_table
 from tccm_ros.geometry import inverse2
 
-TABLE = Footprint(5, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
+TABLE = SurfaceFootprint(5, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
 MERGED = (
-    Footprint(0, shapely.box(-4, -3, 4, 3), 0.0, True),
-    Footprint(7, shapely.box(0, 0, 1.3, 0.8), 0.75, False),
-    Footprint(8, shapely.box(0, 0, 1.4, 0.8), 1.2, False),
-    Footprint(9, shapely.box(0.9, 0, 2.0, 0.8), 0.74, False),
+    SurfaceFootprint(0, shapely.box(-4, -3, 4, 3), 0.0, True),
+    SurfaceFootprint(7, shapely.box(0, 0, 1.3, 0.8), 0.75, False),
+    SurfaceFootprint(8, shapely.box(0, 0, 1.4, 0.8), 1.2, False),
+    SurfaceFootprint(9, shapely.box(0.9, 0, 2.0, 0.8), 0.74, False),
 )
 
 
@@ -35,7 +35,7 @@ def test_else_it_is_the_surface_at_its_place_and_height(T):
 
 
 def test_what_is_not_there_any_more_has_no_new_id():
-    assert new_id(Footprint(5, shapely.box(5, 5, 6, 6), 0.74, False)) is None
-    assert new_id(Footprint(5, TABLE.polygon, 0.5, False)) is None
-    assert new_id(Footprint(5, TABLE.polygon, 0.0, False)) is None, "the floor is no table"
-    assert new_id(Footprint(5, shapely.box(0, -3, 1.4, 0.8), 0.74, False)) is None
+    assert new_id(SurfaceFootprint(5, shapely.box(5, 5, 6, 6), 0.74, False)) is None
+    assert new_id(SurfaceFootprint(5, TABLE.polygon, 0.5, False)) is None
+    assert new_id(SurfaceFootprint(5, TABLE.polygon, 0.0, False)) is None, "the floor is no table"
+    assert new_id(SurfaceFootprint(5, shapely.box(0, -3, 1.4, 0.8), 0.74, False)) is None

@@ -12,7 +12,7 @@ from tccm_ros.config import Config
 from tccm_ros.fleet import task
 from tccm_ros.fleet.record import read_record
 from tccm_ros.fleet.recordings import Recording, find_recordings
-from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
+from tccm_ros.fleet.task import Job, JobStatus, TaskResult, is_done, process
 from tccm_ros.replay.replay import replay
 
 
@@ -28,7 +28,7 @@ def job(bags, tmp_path):
 
 
 def test_the_results_are_those_of_a_single_replay(job, tmp_path):
-    assert process(job) == TaskResult(Outcome.DONE)
+    assert process(job) == TaskResult(JobStatus.DONE)
     replay(job.recording.source, tmp_path / "single", job.config, pictures=False)
     assert contents(job.results) == contents(tmp_path / "single")
     record = read_record(job.results)
@@ -62,7 +62,7 @@ def test_what_is_done_is_not_done_again(job):
     process(job)
     before = (job.results / "surfaces.json").stat()
     assert is_done(job)
-    assert process(job).outcome is Outcome.UNCHANGED
+    assert process(job).outcome is JobStatus.UNCHANGED
     assert (job.results / "surfaces.json").stat() == before
 
 
@@ -70,7 +70,7 @@ def test_files_that_were_touched_are_read_and_left(job, tmp_path):
     process(job)
     (tmp_path / "bags" / "robot_0" / "metadata.yaml").touch()
     assert not is_done(job)
-    assert process(job).outcome is Outcome.UNCHANGED
+    assert process(job).outcome is JobStatus.UNCHANGED
 
 
 def test_other_bytes_or_another_configuration_are_replayed(job, tmp_path):
@@ -78,9 +78,9 @@ def test_other_bytes_or_another_configuration_are_replayed(job, tmp_path):
     config = Config.model_validate({"surfaces": {"min_area": 0.2}})
     other = dataclasses.replace(job, config=config)
     assert not is_done(other)
-    assert process(other).outcome is Outcome.DONE
+    assert process(other).outcome is JobStatus.DONE
     (tmp_path / "bags" / "robot_0" / "stamps.csv").write_text("raw_scan_index,ipc_time,stamp\n")
-    assert process(other).outcome is Outcome.DONE
+    assert process(other).outcome is JobStatus.DONE
 
 
 def test_what_goes_wrong_is_told_and_leaves_nothing(bags, tmp_path):
@@ -88,7 +88,7 @@ def test_what_goes_wrong_is_told_and_leaves_nothing(bags, tmp_path):
     recordings = [*find_recordings([str(bad)]), Recording.of(str(tmp_path / "missing.mcap"))]
     for recording in recordings:
         result = process(Job(recording, tmp_path / "fleet", Config()))
-        assert result.outcome is Outcome.FAILED
+        assert result.outcome is JobStatus.FAILED
         assert recording.source in result.reason
         assert "\n" not in result.reason
     assert not list((tmp_path / "fleet").rglob("*.json"))

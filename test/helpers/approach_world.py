@@ -18,8 +18,8 @@ from shapely import Point, Polygon, affinity
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.remembered import Remembered
 from tccm_ros.approach.senses import Senses, TopCycle
-from tccm_ros.approach.settings import Goal, Robot, Surroundings
-from tccm_ros.approach.speeds import Limits, Speeds
+from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
+from tccm_ros.approach.speeds import SpeedLimits, Speeds
 from tccm_ros.approach.target import Target
 from tccm_ros.geometry import between2, compose2, inverse2, transform2
 from tccm_ros.slam.occupancy import OccupancyGrid
@@ -47,9 +47,9 @@ WATCHDOG_S = 0.25
 """Without a new command for so long the base stops by itself, s, as the guide asks for."""
 
 HEIGHT_M = 1.3
-ROBOT = Robot(
+ROBOT = RobotBase(
     Footprint.of([(0.25, 0.22), (-0.25, 0.22), (-0.25, -0.22), (0.25, -0.22)]),
-    Limits(0.25, 0.6, 0.3, 1.0), HEIGHT_M, LATENCY_S, 0.05, 8.0,
+    SpeedLimits(0.25, 0.6, 0.3, 1.0), HEIGHT_M, LATENCY_S, 0.05, 8.0,
 )  # fmt: skip
 CELL_M = 0.05
 

@@ -11,14 +11,14 @@ from sensor_msgs.msg import LaserScan
 
 from tccm_ros.calibrate.calibration import Calibration
 from tccm_ros.calibrate.observability import Observability
-from tccm_ros.config import Config, Rig
+from tccm_ros.config import Config, RigConfig
 from tccm_ros.config.reader import read_config
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import RobotDescription
 from tccm_ros.ros.writing import scan_message
 from tccm_ros.sensors.laser_scan import scan_from_message
 
-CALIBRATED = Rig(
+CALIBRATED = RigConfig(
     tilt_offset=0.021,
     tilt_scale=0.9950,
     joint_time_offset=9.3e-05,
@@ -42,7 +42,7 @@ def rig_file(tmp_path):
     observability = Observability(None, (), np.zeros((0, 0)))
     path = tmp_path / "rig.yaml"
     laser = SimpleNamespace(cycles=[SimpleNamespace(is_image=False)])
-    found = Calibration(("room",), CALIBRATED, Rig(), observability, laser, (), None, ("x",))
+    found = Calibration(("room",), CALIBRATED, RigConfig(), observability, laser, (), None, ("x",))
     path.write_text(found.yaml())
     return path
 

@@ -129,7 +129,7 @@ def test_odometry_from_the_future_does_not_move_the_robot():
         slam = fed.processor
         for _, record in sent:
             fed.add(record)
-        live = slam.walls.pose_at(records[-1][1].stamp_ns)
+        live = slam.wall_slam.pose_at(records[-1][1].stamp_ns)
         slam.add_pose_stamp(START_NS + SECOND)
         fed.finish()
         poses.append((*live, *slam.solve().trajectory.ravel()))

@@ -15,7 +15,7 @@ from tccm_ros.planes.inliers import Flood
 from tccm_ros.planes.region_growing import grow_regions
 
 P = Config().planes
-LIMITS = search.Limits(P.max_rms, float(P.min_points), P.min_area, P.flatness, 0.99)
+LIMITS = search.PlaneLimits(P.max_rms, float(P.min_points), P.min_area, P.flatness, 0.99)
 
 
 def searched(cuboids, visits=0):

@@ -27,7 +27,7 @@ from tccm_ros.surfaces import surface_slam
 from tccm_ros.surfaces.planning_shapes import Box, structure_shapes
 from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.surface_slam import seen_views
-from tccm_ros.tabletop.placements import Approach, PlacementRequest
+from tccm_ros.tabletop.placements import ApproachDirection, PlacementRequest
 
 HEIGHT, LENGTH = 0.01, 0.02
 """Clear heights are right to the first, widths and depths to the second, m (bench_racks.py)."""
@@ -169,7 +169,7 @@ def test_what_is_put_through_the_front_has_a_swept_box_that_cuts_no_solid(
         solution.surfaces, solution.objects, solution.floor_z, solution.compartments
     )
     request = PlacementRequest(
-        0.08, 0.12, 0.14, approach=Approach.FRONT, hand_width=0.1, hand_height=0.1
+        0.08, 0.12, 0.14, approach=ApproachDirection.FRONT, hand_width=0.1, hand_height=0.1
     )
     found = queries.find_placements(SurfaceFilter(), request)
     assert found
@@ -177,7 +177,7 @@ def test_what_is_put_through_the_front_has_a_swept_box_that_cuts_no_solid(
         space = next(c for c in solution.compartments if c.board == place.surface)
         assert cuts(made, space, T, place, request) == 0
     above = queries.find_placements(
-        SurfaceFilter(), replace(request, approach=Approach.ABOVE, hand_height=0.3)
+        SurfaceFilter(), replace(request, approach=ApproachDirection.ABOVE, hand_height=0.3)
     )
     boards = {c.board for c in solution.compartments}
     assert not boards & {p.surface for p in above}, "no hand is over an object below a board"

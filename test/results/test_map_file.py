@@ -42,7 +42,7 @@ def text_of(solution):
 
 def test_a_loaded_map_has_the_same_surfaces(run, saved):
     loaded = SurfaceSlam.from_saved(Config(), load_map(saved))
-    again = loaded.map.build(loaded._saved_poses(loaded.walls.solve()))
+    again = loaded.map.build(loaded._saved_poses(loaded.wall_slam.solve()))
     assert json_text(SurfacesFile.of(again.surfaces, again.floor_z, "map")) == text_of(run[1])
 
 
@@ -234,7 +234,7 @@ save_map(path, saved, solution)
 NO_SOLUTION = (
     "__import__('types').SimpleNamespace(surfaces=(), mapped=__import__('types').SimpleNamespace("
     "points=__import__('numpy').zeros((0, 3), 'f4'), surface_id=__import__('numpy').zeros(0, 'u4')"
-    "), objects=(), compartments=(), slam=__import__('types').SimpleNamespace(walls=(), "
+    "), objects=(), compartments=(), graph=__import__('types').SimpleNamespace(walls=(), "
     "keyframes=(), signs=()), stamp_ns=0)"
 )
 

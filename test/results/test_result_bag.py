@@ -92,7 +92,7 @@ def solution(cycles, level_scans=30):
     mapped = MappedSurfaces(surfaces, 0.0, points, ids, ((),) * len(seen))
     T_views = np.tile(np.eye(4), (len(seen), 1, 1))
     return SurfaceSolution(
-        slam=slam, view_stamps_ns=np.array(seen, np.int64), T_map_views=T_views,
+        graph=slam, view_stamps_ns=np.array(seen, np.int64), T_map_views=T_views,
         view_poses=poses_at(T_views), mapped=mapped, trajectory_ns=stamps, trajectory=poses,
         objects=(CUP,) if cycles else (), stamp_ns=int(stamps[-1]) if len(stamps) else 0,
     )  # fmt: skip
@@ -284,7 +284,7 @@ def test_poses_are_those_of_the_solution_with_the_covariance_of_their_keyframe(m
             assert np.array_equal(cov, np.eye(3) * 0.01)
             continue
         # Along the keyframe's x axis, as seen in map.
-        yaw = expected.slam.keyframes[1].pose[2]
+        yaw = expected.graph.keyframes[1].pose[2]
         along = np.array([np.cos(yaw), np.sin(yaw)])
         assert along @ cov[:2, :2] @ along == pytest.approx(ALONG[0, 0])
         assert np.trace(cov) == pytest.approx(np.trace(ALONG))

@@ -9,7 +9,7 @@ from shared_data import shared
 from sign_lists import directory
 from training_pictures import random_picture
 
-from tccm_ros.config.signs import Signs
+from tccm_ros.config.signs import SignsConfig
 from tccm_ros.errors import PictureError
 from tccm_ros.replay.picture_files import read_picture, signs_of_pictures
 from tccm_ros.signs.detector import SignDetector, sign_detector
@@ -149,8 +149,8 @@ def test_signs_of_rendered_pictures_are_read(detector):
 
 
 def test_the_configuration_chooses_the_detector():
-    assert type(sign_detector(Signs())) is SignDetector
-    assert type(sign_detector(Signs(detector="published"))) is SaliencyDetector
+    assert type(sign_detector(SignsConfig())) is SignDetector
+    assert type(sign_detector(SignsConfig(detector="published"))) is SaliencyDetector
 
 
 def test_the_same_picture_gives_the_same_signs(detector):

@@ -48,7 +48,7 @@ def test_surfaces_count_from_the_ground_whatever_the_attitude_of_the_base():
 def test_wheels_have_poses_of_the_same_bytes_as_planar_ones():
     solution = walked(SurfaceSlam(Config()), 0.0 * STANCES)
     assert not len(solution.attitudes)
-    assert not len(solution.slam.attitudes)
+    assert not len(solution.graph.attitudes)
     assert np.array_equal(solution.T_map_base[:, 2], [[0.0, 0.0, 1.0, 0.0]] * 3)
 
 

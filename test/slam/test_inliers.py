@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.inliers import select_inliers
 from tccm_ros.slam.loops.closing import LoopCloser
@@ -18,7 +18,7 @@ COV = np.diag([0.02**2, 0.02**2, 0.006**2])
 @pytest.mark.parametrize("shift", [0.0, 5.0])
 def test_a_session_without_consistent_loop_closures_keeps_its_pose(shift):
     """Two loop closures that differ by 5 m are both rejected; equal ones are kept."""
-    chain = Chain()
+    chain = KeyframeChain()
     for k in range(2 * KEYFRAMES):
         i, step = k % KEYFRAMES, np.array([0.5, 0.0, 0.0])
         keyframe = GraphKeyframe(

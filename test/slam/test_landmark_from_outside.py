@@ -72,7 +72,7 @@ def draw(slam, folder):
     """Write results and map of a run; return how many pixels of the picture show landmarks."""
     empty, found = SurfaceSlam(Config()).solve(), slam.solve()
     path = {"trajectory_ns": found.stamps_ns, "trajectory": found.poses}
-    solution = replace(empty, slam=found, **path)
+    solution = replace(empty, graph=found, **path)
     folder.mkdir()
     write_solution(folder, solution, Config())
     save_map(folder / "map.mcap", SavedMap(slam.saved(), ()), solution)

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, wrap_angle
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.factors.poses import BetweenKeyframes
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.matching.level_scan import make_level_scan
@@ -34,7 +34,7 @@ def nees(errors, covariances):
 
 def chain_of(session_starts=(0,), count=12):
     """Return a chain of equal steps; yaw offsets differ, as walls ask for them."""
-    chain, pose = Chain(), np.zeros(3)
+    chain, pose = KeyframeChain(), np.zeros(3)
     random = np.random.default_rng(0)
     for k in range(count):
         session = sum(k >= start for start in session_starts) - 1

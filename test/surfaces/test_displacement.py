@@ -8,7 +8,7 @@ from shapely import Point, Polygon, box
 from shapely.affinity import rotate, translate
 
 from tccm_ros.surfaces.displacement import (
-    Footprint,
+    HorizontalOutline,
     footprint_in_map,
     is_displaced,
     is_of_one_size,
@@ -18,7 +18,7 @@ TABLE = box(0.0, 0.0, 0.7, 1.0)
 
 
 def at(outline, z=0.7):
-    return Footprint(outline, z)
+    return HorizontalOutline(outline, z)
 
 
 @given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-0.01, 0.01))
@@ -88,6 +88,6 @@ def test_a_patch_is_placed_by_the_pose_of_its_view():
 def test_a_far_table_that_lost_a_scan_line_is_of_one_size(spacing, expected):
     """Its nearer end may be where the next scan line would have been; with dense ones it is not."""
     whole, far = box(0.0, 0.0, 0.41, 1.11), box(0.0, 0.0, 0.28, 1.11)
-    seen = Footprint(far, 0.7, (spacing, 0.0))
+    seen = HorizontalOutline(far, 0.7, (spacing, 0.0))
     assert is_of_one_size(seen, at(whole)) == expected
     assert is_of_one_size(at(whole), seen) == expected

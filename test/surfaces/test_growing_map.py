@@ -32,9 +32,9 @@ def solutions(events):
         if not isinstance(event, SurfaceCloud) or views < FIRST_VIEW:
             continue
         grown = slam.solve(is_final=False)
-        kept, slam.walls._growth = slam.walls._growth, None
+        kept, slam.wall_slam._growth = slam.wall_slam._growth, None
         batch = slam.solve()
-        slam.walls._growth = kept
+        slam.wall_slam._growth = kept
         yield grown, batch
 
 
@@ -42,10 +42,10 @@ def test_surfaces_have_the_ids_and_places_of_the_batch(events, monkeypatch):
     monkeypatch.setattr(wall_slam, "MIN_KEYFRAMES", 20)
     grown_solutions = 0
     for grown, batch in solutions(events):
-        if grown.slam.is_batch:
+        if grown.graph.is_batch:
             continue
         grown_solutions += 1
-        poses = [np.array([k.pose for k in s.slam.keyframes]) for s in (grown, batch)]
+        poses = [np.array([k.pose for k in s.graph.keyframes]) for s in (grown, batch)]
         moved = poses[0] - poses[1]
         assert np.hypot(moved[:, 0], moved[:, 1]).max() < MAX_M
         assert np.abs(wrap_angle(moved[:, 2])).max() < MAX_RAD

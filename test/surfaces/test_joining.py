@@ -13,7 +13,7 @@ from tccm_ros.surfaces.joining import _coplanar
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch
 from tccm_ros.surfaces.surface_map import SurfaceMap
-from tccm_ros.surfaces.views import Patch
+from tccm_ros.surfaces.views import SurfacePatch
 
 SIDEBOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
 POST = Screen(1.2, -0.09, 1.2, 0.09, 1.8)
@@ -148,7 +148,9 @@ def level_piece(x, height, view):
     """Return a level piece of 0.2 m around (x, 0) that one view has seen, flat but for 0.1 mm."""
     mean, cov, none = np.array([x, 0.0, height]), np.diag([0.01, 0.01, 1e-8]), MultiPolygon()
     exact = np.diag([1e-8, 1e-8, 1e-8])
-    patch = Patch(np.zeros((0, 3), "f4"), np.zeros(0, "i4"), 1000, mean, cov, none, 0.02, exact)
+    patch = SurfacePatch(
+        np.zeros((0, 3), "f4"), np.zeros(0, "i4"), 1000, mean, cov, none, 0.02, exact
+    )
     square = Polygon([(x - 0.1, -0.1), (x + 0.1, -0.1), (x + 0.1, 0.1), (x - 0.1, 0.1)])
     members = (NumberedPatch(0, view, patch),)
     return MergedSurface.of_moments(members, square, 1000.0, mean, cov)

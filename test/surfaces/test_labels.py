@@ -7,7 +7,7 @@ from furniture import noisy_surface
 from shapely import Point, affinity, box
 
 from tccm_ros.config import Config
-from tccm_ros.config.surfaces import Labels
+from tccm_ros.config.surfaces import LabelsConfig
 from tccm_ros.surfaces.label_features import outline_width
 from tccm_ros.surfaces.labels import SurfaceLabel, label_surfaces
 from tccm_ros.surfaces.polygons import box_sides
@@ -197,7 +197,7 @@ def test_a_rule_that_is_changed_takes_effect(rule):
 
 
 def test_there_is_an_example_for_each_rule():
-    rules = Labels().model_dump()
+    rules = LabelsConfig().model_dump()
     group = {name for name, value in rules.items() if isinstance(value, tuple) and len(value) == 6}
     assert group == set(RULES) == set(EXAMPLES)
 

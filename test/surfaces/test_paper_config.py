@@ -30,8 +30,8 @@ def test_walls_and_odometry_alone_correct_a_lap():
     run = plan.drive(plan.ring(), plan.route(LAP), seed=3, drift=0.003)
     slam = SurfaceSlam(PAPER)
     for scan in run.scans:
-        slam.walls.add_scan(scan)
-    solution = slam.solve().slam
+        slam.wall_slam.add_scan(scan)
+    solution = slam.solve().graph
     odometry = np.stack([plan.planar(scan.T_odom_base[0]) for scan in run.scans])
     assert plan.errors(run.truth, odometry)[0] > 0.4
     assert plan.errors(run.truth, solution.poses)[0] < 0.05
@@ -51,7 +51,7 @@ def test_surfaces_are_merged_as_published():
     counter, hob = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.94)
     slam = SurfaceSlam(PAPER)
     run = plan.drive(plan.box(-3, -3, 4, 3), np.zeros((1, 3)), beams=361)
-    slam.walls.add_scan(run.scans[0])
+    slam.wall_slam.add_scan(run.scans[0])
     for item in Room([counter, hob]).look((0.0, 0.0, 0.0), int(run.stamps_ns[0])):
         slam.add(item)
     assert len(above_floor(slam.solve().mapped)) == 1

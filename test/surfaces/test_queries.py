@@ -10,7 +10,7 @@ from tccm_ros.racks.insertions import AccessState
 from tccm_ros.records import Hypothesis, Surface
 from tccm_ros.surfaces.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene_objects import SceneObject
-from tccm_ros.tabletop.placements import Approach, PlacementRequest
+from tccm_ros.tabletop.placements import ApproachDirection, PlacementRequest
 
 UP = np.array([0.0, 0.0, 1.0])
 MUG = PlacementRequest(0.1, 0.1, 0.12)
@@ -149,11 +149,13 @@ def test_a_hand_from_above_needs_its_height_over_what_is_put_down():
     queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [], 0.1)
     below = SurfaceFilter(ids=frozenset({2}))
     assert queries.find_placements(below, MUG)
-    from_above = replace(MUG, approach=Approach.ABOVE, hand_height=0.1)
+    from_above = replace(MUG, approach=ApproachDirection.ABOVE, hand_height=0.1)
     assert queries.find_placements(below, from_above)
     assert not queries.find_placements(below, replace(from_above, hand_height=0.2))
 
 
 def test_nothing_goes_through_a_front_where_there_is_no_compartment():
     queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [], 0.1)
-    assert not queries.find_placements(SurfaceFilter(), replace(MUG, approach=Approach.FRONT))
+    assert not queries.find_placements(
+        SurfaceFilter(), replace(MUG, approach=ApproachDirection.FRONT)
+    )

@@ -8,7 +8,7 @@ from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.surfaces.merging import NumberedPatch
 from tccm_ros.surfaces.patch_planes import pose_jacobian
 from tccm_ros.surfaces.surface_errors import step_variance, surface_errors
-from tccm_ros.surfaces.views import Patch
+from tccm_ros.surfaces.views import SurfacePatch
 
 POSE = np.diag(np.square([0.005, 0.004, 0.003]))
 FIT = np.diag(np.square([0.001, 0.006, 0.006]))
@@ -18,7 +18,7 @@ OUTLINE = MultiPolygon()
 def patch(x, y, count=100, systematic=((0.002,), (0.0,), (0.0,))):
     points = np.array([[x, y, 0.7]], np.float32)
     cov = np.diag([0.04, 0.02, 0.0])
-    return Patch(
+    return SurfacePatch(
         points, np.array([count], np.int32), count, np.array([x, y, 0.7]), cov, OUTLINE, 0.02, FIT,
         np.array(systematic),
     )  # fmt: skip

@@ -24,5 +24,5 @@ SHIFT, YAW = MAX_STATIONARY_MOTION
 def test_a_base_that_moves_is_not_stationary(motion, expected, monkeypatch):
     slam = SurfaceSlam(Config())
     known = None if motion is None else np.array(motion)
-    monkeypatch.setattr(slam.walls, "motion_between", lambda first_ns, last_ns: known)
+    monkeypatch.setattr(slam.wall_slam, "motion_between", lambda first_ns, last_ns: known)
     assert slam._is_stationary(1, 2) is expected

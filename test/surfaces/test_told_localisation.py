@@ -47,7 +47,7 @@ def test_a_table_is_where_the_other_program_has_it():
     expected = T_MAP_ODOM @ np.append(here.centroid, 1.0)
     assert there.centroid == pytest.approx(expected[:3], abs=0.003)
     assert there.area == pytest.approx(here.area, rel=0.05)
-    assert told.slam.walls == () or not len(told.slam.walls)
+    assert told.graph.walls == () or not len(told.graph.walls)
     assert told.grid is None
 
 
@@ -60,7 +60,7 @@ def test_odometry_that_begins_far_away_changes_nothing():
 
 def test_before_it_is_told_nothing_is_mapped():
     pipeline, waiting = mapped(None)
-    assert pipeline.slam.walls.waits_for_external_pose
+    assert pipeline.slam.wall_slam.waits_for_external_pose
     assert not waiting.mapped.surfaces
     assert pipeline.slam.counts["views while lost"] == 0
 

@@ -25,7 +25,7 @@ def lap():
     config = Config.model_validate({"matching": {"enabled": False}, "loops": {"enabled": False}})
     slam = SurfaceSlam(config)
     for scan in run.scans:
-        slam.walls.add_scan(scan)
+        slam.wall_slam.add_scan(scan)
     for k in (FIRST, LATER):
         for record in Room([TABLE]).look(run.truth[k], int(run.stamps_ns[k])):
             slam.add(record)

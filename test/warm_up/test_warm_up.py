@@ -38,7 +38,7 @@ with BagReader(Path(sys.argv[1])) as reader:
 pipeline.finish()
 cuboids_archive(pipeline.tccm.map.cuboids(), Config(), "odom")
 solution = pipeline.solve()
-assert pipeline.cycles and solution.surfaces and solution.slam.walls
+assert pipeline.cycles and solution.surfaces and solution.graph.walls
 print(*sorted(compiled() - before), sep="\\n")
 """
 BAGS = Path(__file__).resolve().parents[2] / "bags"

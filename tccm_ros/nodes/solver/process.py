@@ -116,7 +116,7 @@ class SolverProcess:
         self._slam, self._shown, self._solved = slam, {}, None
         self._walls, self._reported_place = NO_WALLS, self._place
         self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
-        self._connection.send(Began(begin.session, slam.walls.first_keyframe))
+        self._connection.send(Began(begin.session, slam.wall_slam.first_keyframe))
 
     def _feed(self, feed: Feed) -> None:
         begin, self._read = self._read, feed.length
@@ -140,7 +140,7 @@ class SolverProcess:
 
     @property
     def _place(self) -> tuple[int, bool, bool, str]:
-        walls = self._slam.walls
+        walls = self._slam.wall_slam
         return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
     def _report_place(self) -> None:
@@ -150,9 +150,9 @@ class SolverProcess:
         self._reported_place = self._place
         slam = self._slam
         placed = slam.placed_map(self._walls)
-        resets, is_at_given_pose = slam.counts["resets"], slam.walls.is_at_given_pose
+        resets, is_at_given_pose = slam.counts["resets"], slam.wall_slam.is_at_given_pose
         self._connection.send(
-            Placed(self._session, resets, placed, slam.walls.waits_for, is_at_given_pose)
+            Placed(self._session, resets, placed, slam.wall_slam.waits_for, is_at_given_pose)
         )
 
     def _solve(self, solve: Solve) -> None:
@@ -177,7 +177,7 @@ class SolverProcess:
                 serialised,
                 time.monotonic() - start,
                 solution.unused_detections,
-                solution.slam.is_batch,
+                solution.graph.is_batch,
                 dict(solution.stages.failed),
             )
             self._connection.send(solved)

@@ -15,7 +15,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.records import PoseGuess
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.factors.factor import by_variables
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
@@ -25,8 +25,8 @@ from tccm_ros.slam.loops.consistency import consistent_with
 from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loops.path_lengths import PathLengths
 from tccm_ros.slam.loops.place_confirmation import PlaceConfirmation
-from tccm_ros.slam.loops.search import PATCH_HALF, LoopSearch, is_same_place
-from tccm_ros.slam.loops.submaps import Patch, make_patch
+from tccm_ros.slam.loops.search import MERGED_HALF, LoopSearch, is_same_place
+from tccm_ros.slam.loops.submaps import MergedScan, merge_scans
 from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.signs.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
@@ -101,7 +101,9 @@ class LoopCloser:
         Reason why the newest session has no place in the map yet; empty if it has.
     """
 
-    def __init__(self, config: Config, chain: Chain, *, begins_trajectories: bool = True) -> None:
+    def __init__(
+        self, config: Config, chain: KeyframeChain, *, begins_trajectories: bool = True
+    ) -> None:
         self.poses = np.zeros((0, 3))
         self.accepted: list[Proposal] = []
         self.rejected: list[Proposal] = []
@@ -156,18 +158,18 @@ class LoopCloser:
             return
         k = keyframe.id
         # Only this scan: surroundings of the keyframe may have changed.
-        patch = make_patch([replace(keyframe, scan=scan)], 0, 0)
-        self._place(k, patch, scan, tracked)
+        merged = merge_scans([replace(keyframe, scan=scan)], 0, 0)
+        self._place(k, merged, scan, tracked)
         self._begin_trajectory(k, scan.stamp_ns)
 
-    def _match_everywhere(self, k: int, patch: Patch) -> list[Proposal]:
-        """Match a patch with the map; if nothing fits, with the other trajectories."""
+    def _match_everywhere(self, k: int, merged: MergedScan) -> list[Proposal]:
+        """Match a merged scan with the map; if nothing fits, with the other trajectories."""
         others = set(self.unjoined.values()) - {self._root(k)} if self._begins_trajectories else ()
         found: list[Proposal] = []
         for root in (MAP, *sorted(others)):
             if any(not p.reason or p.is_ambiguous for p in found):
                 break
-            found = self._search.match_everywhere(k, patch, self.poses, self._sessions_of(root))
+            found = self._search.match_everywhere(k, merged, self.poses, self._sessions_of(root))
         return found
 
     def _sessions_of(self, root: int) -> list[int]:
@@ -351,8 +353,8 @@ class LoopCloser:
         driven, keyframe = self._lengths.driven, self._chain.keyframes[k]
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
         if self._root(k) != MAP:
-            patch = make_patch(self._chain.keyframes, k, PATCH_HALF)
-            self._place(k, patch, keyframe.scan)
+            merged = merge_scans(self._chain.keyframes, k, MERGED_HALF)
+            self._place(k, merged, keyframe.scan)
             if keyframe.session not in self.unjoined:
                 return
         for proposal in self._search.match_earlier_passes(k, self.poses, self._lengths):
@@ -362,23 +364,23 @@ class LoopCloser:
                 self.rejected.append(proposal)
 
     def _place(
-        self, k: int, patch: Patch, scan: LevelScan, tracked: TrackedPose | None = None
+        self, k: int, merged: MergedScan, scan: LevelScan, tracked: TrackedPose | None = None
     ) -> None:
-        """Search the whole map for a patch; accept the place once it is confirmed.
+        """Search the whole map for a merged scan; accept the place once it is confirmed.
 
         Parameters
         ----------
         k
             The newest keyframe.
-        patch
-            Patch around it, or around a later scan.
+        merged
+            Merged scan around it, or around a later scan.
         scan
-            The central scan of the patch.
+            The central scan of the merged scan.
         tracked
             The pose of the later scan in the keyframe.
         """
         self._searched_ns, session = scan.stamp_ns, self._chain.keyframes[k].session
-        found, agreement = next(iter(self._match_everywhere(k, patch)), None), 0.0
+        found, agreement = next(iter(self._match_everywhere(k, merged)), None), 0.0
         if found is not None:
             agreement = self._search.agreement(found, scan)
         if found is not None and tracked is not None:

@@ -1,4 +1,4 @@
-"""Loop closure proposals: match a patch of new keyframes with an old submap."""
+"""Loop closure proposals: match merged scans of new keyframes with old submaps."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.config.slam import Loops
+from tccm_ros.config.slam import LoopsConfig
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.poses import BetweenKeyframes
-from tccm_ros.slam.loops.submaps import Patch, Submap
+from tccm_ros.slam.loops.submaps import MergedScan, Submap
 from tccm_ros.slam.matching.alignment import Alignment, Prior, align
 from tccm_ros.slam.matching.correlation import SEARCH_WEIGHT, correlate, known_likelihood, support
 from tccm_ros.slam.matching.likelihood_grid import with_unknown
@@ -65,12 +65,12 @@ class LoopReason(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Window of a search for a patch in a submap.
+    """Window of a search for a merged scan in a submap.
 
     Attributes
     ----------
     centre
-        float64 (3,), expected pose of the patch in the submap.
+        float64 (3,), expected pose of the merged scan in the submap.
     half_width_m, half_width_rad
         Half widths of the window.
     min_score
@@ -157,12 +157,12 @@ class Proposal:
         return BetweenKeyframes(keys[self.a], keys[self.b], self.delta, self.cov, weight)
 
 
-def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Proposal | None:
-    """Search for a patch in a submap.
+def propose(submap: Submap, merged: MergedScan, window: Window, config: Config) -> Proposal | None:
+    """Search for a merged scan in a submap.
 
     Parameters
     ----------
-    submap, patch
+    submap, merged
         The map, and the scans to match with it.
     window
         Search window.
@@ -177,7 +177,7 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     loops, expected = config.loops, Prior(window.centre, window.information)
     found = correlate(
         submap.grid,
-        patch.search_points,
+        merged.search_points,
         window.centre,
         window.span,
         angle_step=window.angle_step,
@@ -187,8 +187,8 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     if found.score < 0.0:
         return None
     sigma = config.matching.range_sigma
-    result = align(submap.lines, patch.points, patch.normals, found.pose, sigma, expected)
-    near, free = support(submap.grid, patch.points, result.pose)
+    result = align(submap.lines, merged.points, merged.normals, found.pose, sigma, expected)
+    near, free = support(submap.grid, merged.points, result.pose)
     reason = ""
     if near < loops.min_inliers:
         reason = LoopReason.FEW_MATCHES.format(near)
@@ -199,8 +199,8 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     elif _is_other_place(result.pose, found.pose):
         reason = LoopReason.ALIGNED_ELSEWHERE
     elif window.half_width_m >= AMBIGUOUS_FROM:
-        second = _second_place(submap, patch, window, result.pose, found.score, loops.ambiguity)
-        better = 0.0 if second else _better_where_known(submap, patch, window, result.pose, loops)
+        second = _second_place(submap, merged, window, result.pose, found.score, loops.ambiguity)
+        better = 0.0 if second else _better_where_known(submap, merged, window, result.pose, loops)
         if second:
             reason = LoopReason.SECOND_PLACE.format(second)
         elif better:
@@ -208,7 +208,7 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     cov = _covariance(result, config.matching.correlated_beams)
     return Proposal(
         submap.centre,
-        patch.centre,
+        merged.centre,
         result.pose,
         cov,
         near,
@@ -219,7 +219,7 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
 
 
 def _covariance(result: Alignment, correlated_beams: float) -> Float64:
-    """Return the covariance (3, 3) of a match in the frame of its patch."""
+    """Return the covariance (3, 3) of a match in the frame of its merged scan."""
     information = result.information / correlated_beams + np.eye(3) / UNKNOWN_SIGMA**2
     cov = np.asarray(np.linalg.inv(information), np.float64)
     cov = rotate_covariance(cov, -float(result.pose[2]))
@@ -232,12 +232,12 @@ def _is_other_place(a: Float64, b: Float64) -> bool:
 
 
 def _second_place(
-    submap: Submap, patch: Patch, window: Window, best: Float64, score: float, ratio: float
+    submap: Submap, merged: MergedScan, window: Window, best: Float64, score: float, ratio: float
 ) -> float:
     """Return the score of another place over the best, if it is at least `ratio`; else 0."""
     other = correlate(
         submap.grid,
-        patch.search_points,
+        merged.search_points,
         window.centre,
         window.span,
         angle_step=window.angle_step,
@@ -248,19 +248,19 @@ def _second_place(
 
 
 def _better_where_known(
-    submap: Submap, patch: Patch, window: Window, best: Float64, loops: Loops
+    submap: Submap, merged: MergedScan, window: Window, best: Float64, loops: LoopsConfig
 ) -> float:
     """Return how well another place agrees in known cells, relative to the best, if better; else 0.
 
-    A score grows with the part of the patch that the submap covers, so that the right place, when
+    A score grows with the part of the scan that the submap covers, so that the right place, when
     the robot returns from the other side, may score less than a wrong one further inside. Here
     unknown cells have the mean likelihood of known cells at the best place, and the other place
     must pass the gates of a loop closure.
     """
-    agreement = known_likelihood(submap.grid, patch.search_points, best)
+    agreement = known_likelihood(submap.grid, merged.search_points, best)
     other = correlate(
         with_unknown(submap.grid, agreement),
-        patch.search_points,
+        merged.search_points,
         window.centre,
         window.span,
         angle_step=window.angle_step,
@@ -270,7 +270,7 @@ def _better_where_known(
     )
     if other.score < 0.0:
         return 0.0
-    near, free = support(submap.grid, patch.points, other.pose)
+    near, free = support(submap.grid, merged.points, other.pose)
     if near < loops.min_inliers or free > loops.max_contradiction:
         return 0.0
-    return known_likelihood(submap.grid, patch.search_points, other.pose) / agreement
+    return known_likelihood(submap.grid, merged.search_points, other.pose) / agreement

@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loops.matching import COARSE_STEP, LoopReason, Proposal, Window, propose
 from tccm_ros.slam.loops.path_lengths import PathLengths
-from tccm_ros.slam.loops.submaps import Patch, Submap, make_patch, make_submap
+from tccm_ros.slam.loops.submaps import MergedScan, Submap, make_submap, merge_scans
 from tccm_ros.slam.matching.alignment import seen_through
 from tccm_ros.slam.matching.correlation import correlate
 from tccm_ros.slam.matching.level_scan import LevelScan
@@ -26,9 +26,9 @@ from tccm_ros.slam.se2 import between, compose
 QUERY_STEP = 3
 """Every third keyframe is matched: neighbouring keyframes have similar views (chosen)."""
 
-SUBMAP_STEP, SUBMAP_HALF, PATCH_HALF = 5, 10, 4
-"""Keyframes between submaps, and on either side of the centre of a submap and of a patch: submaps
-of 21 keyframes every 5 keyframes (6 m every 1.5 m), patches of 9 keyframes (chosen)."""
+SUBMAP_STEP, SUBMAP_HALF, MERGED_HALF = 5, 10, 4
+"""Keyframes between submaps, and on either side of the centre of each and of a merged scan: submaps
+of 21 keyframes every 5 keyframes (6 m every 1.5 m), merged scans of 9 keyframes (chosen)."""
 
 OVERLAP = 3.0
 """Distance (m) below which keyframes observe the same walls (chosen)."""
@@ -49,13 +49,13 @@ SAME_POSITION = 1.0
 """Distance (m) between the results of two matches below which they are the same place (chosen)."""
 
 MIN_POINTS = 10
-"""Minimum number of points of a patch (chosen)."""
+"""Minimum number of points of a merged scan (chosen)."""
 
 CACHED_SUBMAPS, CACHED_LOST = 60, 250
 """Number of cached submaps, normally and while lost: 1 MB each (chosen)."""
 
 ROUGH_STEP = 4
-"""Every fourth point of a patch is used to rank submaps while lost (chosen)."""
+"""Every fourth point of a merged scan is used to rank submaps while lost (chosen)."""
 
 
 @dataclass(slots=True)
@@ -143,23 +143,23 @@ class LoopSearch:
 
     def _match(self, k: int, candidates: Sequence[tuple[int, Window]]) -> list[Proposal]:
         """Match keyframe k with submaps, each given by its centre and a window."""
-        patch = make_patch(self.keyframes, k, PATCH_HALF) if candidates else None
-        if patch is None or len(patch.points) < MIN_POINTS:
+        merged = merge_scans(self.keyframes, k, MERGED_HALF) if candidates else None
+        if merged is None or len(merged.points) < MIN_POINTS:
             return []
-        found = [propose(self._submap(c), patch, w, self.config) for c, w in candidates]
+        found = [propose(self._submap(c), merged, w, self.config) for c, w in candidates]
         return [proposal for proposal in found if proposal is not None]
 
     def match_everywhere(
-        self, k: int, patch: Patch, poses: Float64, localised: Collection[int]
+        self, k: int, merged: MergedScan, poses: Float64, localised: Collection[int]
     ) -> list[Proposal]:
-        """Match a patch with the whole map; return the best place, with a reason if ambiguous.
+        """Match a merged scan with the whole map; return the best place, a reason if ambiguous.
 
         Parameters
         ----------
         k
             The newest keyframe, whose session is excluded.
-        patch
-            Patch around that keyframe, or around a later scan.
+        merged
+            Merged scan around that keyframe, or around a later scan.
         poses
             float64 (K, 3), estimates of the keyframes.
         localised
@@ -167,13 +167,13 @@ class LoopSearch:
         """
         best: list[Proposal] = []
         unfit: list[Proposal] = []
-        if len(patch.points) < MIN_POINTS:
+        if len(merged.points) < MIN_POINTS:
             return best
         ratio = self.config.loops.ambiguity
-        for centre in self._likely_first(patch, self._other_sessions(k, localised)):
+        for centre in self._likely_first(merged, self._other_sessions(k, localised)):
             min_score = ratio * best[0].score if best else 0.0
             window = Window(np.zeros(3), LOST_WINDOW, np.pi, min_score)
-            found = propose(self._submap(centre, CACHED_LOST), patch, window, self.config)
+            found = propose(self._submap(centre, CACHED_LOST), merged, window, self.config)
             if found is not None and not found.reason:
                 best = sorted([*best, found], key=lambda p: -p.score)
             elif found is not None:
@@ -194,13 +194,13 @@ class LoopSearch:
         lines = self._submap(proposal.a, CACHED_LOST).lines
         return proposal.inliers - seen_through(proposal.delta, scan, lines)
 
-    def _likely_first(self, patch: Patch, centres: list[int]) -> list[int]:
+    def _likely_first(self, merged: MergedScan, centres: list[int]) -> list[int]:
         """Return submap centres ranked by a coarse match.
 
         Finding the right place early bounds the search in the other submaps.
         """
         span, step = (LOST_WINDOW, float(np.pi)), 2.0 * COARSE_STEP
-        some = np.ascontiguousarray(patch.search_points[::ROUGH_STEP])
+        some = np.ascontiguousarray(merged.search_points[::ROUGH_STEP])
         scores = []
         for centre in centres:
             grid = self._submap(centre, CACHED_LOST).grid

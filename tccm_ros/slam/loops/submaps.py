@@ -1,4 +1,4 @@
-"""Submaps and patches: consecutive keyframes as one map, and as one large scan."""
+"""Submaps and merged scans: consecutive keyframes as one map, and as one large scan."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, make_likeliho
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.se2 import transform_points
 
-PATCH_POINTS = 220
-"""Maximum number of points of a patch: more do not improve the accuracy of a match (chosen)."""
+MERGED_POINTS = 220
+"""Maximum number of points of a merged scan: more do not improve a match (chosen)."""
 
 SEARCH_POINTS = 110
 """Maximum number of points in a correlative search (chosen)."""
@@ -41,7 +41,7 @@ class Submap:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class MergedScan:
     """Several keyframes as one scan.
 
     Attributes
@@ -84,8 +84,8 @@ def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> S
     return Submap(centre, lines, grid)
 
 
-def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Patch:
-    """Return a patch built with the front end's estimates; points of the central scan come first.
+def merge_scans(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> MergedScan:
+    """Return a merged scan, built with estimates of the front end; its central scan comes first.
 
     Parameters
     ----------
@@ -100,10 +100,10 @@ def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Pa
     order = sorted(range(first, last + 1), key=lambda k: (abs(k - centre), k))
     poses = between2(keyframes[centre].pose, np.stack([keyframes[k].pose for k in order]))
     lines = make_line_map(poses, [keyframes[k].scan for k in order])
-    return Patch(
+    return MergedScan(
         centre,
-        _evenly(lines.points, PATCH_POINTS),
-        _evenly(lines.normals, PATCH_POINTS),
+        _evenly(lines.points, MERGED_POINTS),
+        _evenly(lines.normals, MERGED_POINTS),
         _evenly(lines.points, SEARCH_POINTS),
     )
 

@@ -21,7 +21,7 @@ from tccm_ros.slam.signs.association import associate_signs, number_signs
 from tccm_ros.slam.signs.plates import misplacement, plate_on_wall
 from tccm_ros.slam.signs.presence import (
     Looks,
-    SignPlace,
+    SeenSign,
     is_read_by_chance,
     is_taken_away,
     looks_at,
@@ -176,7 +176,7 @@ def _refused(sign: FoundSign, reason: str) -> RefusedSign:
     return RefusedSign(number, sign.position, reason)
 
 
-def _place(sign: FoundSign, walls: WallTable) -> SignPlace:
+def _place(sign: FoundSign, walls: WallTable) -> SeenSign:
     """Return position and normal of a sign before the optimisation of the graph."""
     if sign.wall >= 0:
         phi = float(walls.phi[sign.wall])
@@ -184,7 +184,7 @@ def _place(sign: FoundSign, walls: WallTable) -> SignPlace:
     else:
         away = (sign.origin - sign.position) * [1.0, 1.0, 0.0]
         normal = away / max(float(np.linalg.norm(away)), 1e-12)
-    return SignPlace(sign.position, normal, sign.views, sign.origins)
+    return SeenSign(sign.position, normal, sign.views, sign.origins)
 
 
 def _found(

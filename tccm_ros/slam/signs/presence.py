@@ -144,7 +144,7 @@ def seen_pictures(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SignPlace:
+class SeenSign:
     """Pose, size and readings of a sign.
 
     Attributes
@@ -173,7 +173,7 @@ class SignPlace:
         return float(np.median(pixels * distances / focal))
 
 
-def looks_at(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Looks:
+def looks_at(place: SeenSign, pictures: SeenPictures, walls: WallTable) -> Looks:
     """Return the pictures that show a sign, or should.
 
     Parameters
@@ -210,7 +210,7 @@ def looks_at(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Look
     )
 
 
-def _misses(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Int64:
+def _misses(place: SeenSign, pictures: SeenPictures, walls: WallTable) -> Int64:
     """Return the indices of pictures that should show a sign but have no reading there."""
     if not len(pictures):
         return np.zeros(0, np.int64)
@@ -239,7 +239,7 @@ def _misses(place: SignPlace, pictures: SeenPictures, walls: WallTable) -> Int64
     return np.array(kept, np.int64)
 
 
-def _seen_height(place: SignPlace, origins: Float64, focal: Float64) -> Float64:
+def _seen_height(place: SeenSign, origins: Float64, focal: Float64) -> Float64:
     """Return the heights (pixels) of a number, multiplied by the cosine of the viewing angle."""
     away = origins - place.position
     return np.asarray(place.height * focal * (away @ place.normal) / (away**2).sum(axis=1))

@@ -43,7 +43,7 @@ RECENT_KEYFRAMES = 15
 """Number of keyframes after a sighting that it can place (chosen: 4 m)."""
 
 
-class SignPlace(NamedTuple):
+class PlanarSign(NamedTuple):
     """A sign as a planar pose.
 
     Attributes
@@ -75,7 +75,7 @@ class SignWindow(NamedTuple):
         float64 (3,), pose of the keyframe in map.
     """
 
-    place: SignPlace
+    place: PlanarSign
     pose: Float64
 
 
@@ -90,9 +90,9 @@ class SignPlaces:
     """
 
     keyframes: list[GraphKeyframe]
-    _known: list[SignPlace] = field(default_factory=list)
+    _known: list[PlanarSign] = field(default_factory=list)
     _recent: list[SignView] = field(default_factory=list)
-    _seen: list[SignPlace] = field(default_factory=list)
+    _seen: list[PlanarSign] = field(default_factory=list)
 
     def load(self, views: Sequence[SignView], poses: Float64) -> None:
         """Add the signs of a saved map, with its keyframes at `poses`, float64 (K, 3)."""
@@ -139,7 +139,7 @@ class SignPlaces:
             if old.number == new.number
         ]
 
-    def _places_of(self, views: Sequence[SignView], poses: Float64) -> list[SignPlace]:
+    def _places_of(self, views: Sequence[SignView], poses: Float64) -> list[PlanarSign]:
         """Return the places of signs with confident readings in views."""
         if not views:
             return []
@@ -150,7 +150,7 @@ class SignPlaces:
 
     def _place(
         self, sighting: Sighting, views: Sequence[SignView], poses: Float64
-    ) -> SignPlace | None:
+    ) -> PlanarSign | None:
         """Return the place of a sighting; None if the direction of its wall is unknown."""
         at = sighting.point.position[:2]
         near = sorted({views[i].anchored.keyframe for i in sighting.views})
@@ -164,7 +164,7 @@ class SignPlaces:
         pose = np.array([*at, np.arctan2(y, x)])
         k = sighting.keyframe
         sign = Counter(views[i].sign for i in sighting.views).most_common(1)[0][0]
-        return SignPlace(sighting.number, k, between(poses[k], pose), sign)
+        return PlanarSign(sighting.number, k, between(poses[k], pose), sign)
 
     def _normals(self, k: int, pose: Float64, at: Float64) -> Float64:
         """Return the normals (N, 2) in map of keyframe k's scan points near a point (2,) in map."""

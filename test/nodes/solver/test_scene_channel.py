@@ -34,7 +34,7 @@ def solution(count: int) -> SurfaceSolution:
     T_views = np.tile(np.eye(4), (len(STAMPS), 1, 1))
     nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)
     return SurfaceSolution(
-        slam=slam, view_stamps_ns=STAMPS, T_map_views=T_views, view_poses=poses_at(T_views),
+        graph=slam, view_stamps_ns=STAMPS, T_map_views=T_views, view_poses=poses_at(T_views),
         mapped=MappedSurfaces(surfaces, 0.01, *nothing, ((),) * count), objects=(CUP,),
         trajectory_ns=np.zeros(0, np.int64), trajectory=np.zeros((0, 3)), stamp_ns=35,
     )  # fmt: skip

@@ -190,7 +190,7 @@ def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
     assert solver.newest is before
     expected = SurfaceSlam.from_saved(
         Config(), load_map(tmp_path / "map.mcap")
-    ).walls.first_keyframe
+    ).wall_slam.first_keyframe
     assert solver.begin(tmp_path / "map.mcap") == expected
     os.kill(solver.pid, signal.SIGKILL)
     (tmp_path / "map.mcap").unlink()
@@ -203,7 +203,7 @@ def test_a_map_that_is_loaded_at_the_start_is_answered_by_its_own_session(drive,
     write_map(tmp_path, slam, slam.solve())
     expected = SurfaceSlam.from_saved(
         Config(), load_map(tmp_path / "map.mcap")
-    ).walls.first_keyframe
+    ).wall_slam.first_keyframe
     assert expected[0] > 0
     (tmp_path / "damaged.mcap").write_bytes((tmp_path / "map.mcap").read_bytes()[:-5000])
     solver = Solver(Config(), lambda answer: None)
@@ -232,7 +232,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
     for scan in plan.drive(room, route, start_ns=2 * 10**18).scans:
         slam.add(scan)
         solver.feed(scan)
-    assert slam.walls.is_unjoined
+    assert slam.wall_slam.is_unjoined
     found = solved(solver)
     told = [a for a in solver.answers if isinstance(a, Placed)]
     assert [(a.map is not None, "beside the map" in a.waits_for) for a in told][-1] == (True, True)

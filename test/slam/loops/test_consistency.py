@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.geometry import between2, compose2
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loops.consistency import consistent_with, select_loops
 from tccm_ros.slam.loops.matching import Proposal
@@ -53,7 +53,7 @@ def test_right_proposals_are_consistent_when_half_of_all_are_wrong(seed):
 def test_graduated_non_convexity_drops_the_wrong_half_of_the_loop_closures(seed):
     truth, found, steps, _ = two_laps(drift=0.001, seed=seed)
     made, right = loops(truth, 0.5, seed)
-    chain, cov = Chain(), np.diag([0.01**2, 0.01**2, 0.002**2])
+    chain, cov = KeyframeChain(), np.diag([0.01**2, 0.01**2, 0.002**2])
     for k, (pose, delta) in enumerate(zip(found, steps)):
         chain.add(GraphKeyframe(k, None, pose, delta, cov), np.zeros(0))
     poses, kept = select_loops(chain.graph(found, {}), chain.keys, made)

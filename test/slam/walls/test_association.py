@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2
-from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.walls.association import WallTable, associate_walls
 from tccm_ros.slam.walls.lines import extract_lines
@@ -38,7 +38,7 @@ def look_around(sigma):
 
 
 def graph_of(poses, lines):
-    chain = Chain()
+    chain = KeyframeChain()
     for k, (pose, x) in enumerate(zip(poses, lines)):
         delta = between2(poses[k - 1], pose) if k else np.zeros(3)
         chain.add(GraphKeyframe(k, None, pose, delta, COV), x.phi)

@@ -22,7 +22,10 @@ MAPS = "maps"
 """Subfolder with the newest map, in a folder of its number."""
 
 MIN_PERIOD_S = 1.0
-"""Minimum time between two maps, s. They take at most half of the time of a replay."""
+"""Minimum time between two maps, s."""
+
+MAX_FRACTION = 0.5
+"""Maximum fraction of the time of a replay that its maps take."""
 
 
 class UnfinishedMaps:
@@ -51,7 +54,7 @@ class UnfinishedMaps:
         shutil.rmtree(self._maps / str(self._number), ignore_errors=True)
         self._number += 1
         end_s = time.monotonic()
-        self._next_s = end_s + max(MIN_PERIOD_S, end_s - begin_s)
+        self._next_s = end_s + max(MIN_PERIOD_S, (end_s - begin_s) * (1.0 / MAX_FRACTION - 1.0))
 
     def close(self) -> None:
         """Remove the maps."""

@@ -76,7 +76,9 @@ class Replay:
 
 @pytest.fixture(autouse=True)
 def _maps_at_once(monkeypatch):
+    """A map whenever it is offered: a replay that is held offers none when its pause is over."""
     monkeypatch.setattr("tccm_ros.replay.unfinished_maps.MIN_PERIOD_S", 0.0)
+    monkeypatch.setattr("tccm_ros.replay.unfinished_maps.MAX_FRACTION", 1.0)
 
 
 def test_a_page_shows_the_map_of_a_replay_grow_and_changes_none_of_its_results(

@@ -27,7 +27,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import PosedScan, PoseGuess
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_sim.engine import EPOCH_NS, Simulation
 from tccm_sim.options import Options
@@ -95,7 +95,7 @@ def find(arrays: dict, drive: Drive, start: int, told: Float64 | None = None) ->
     slam = WallSlam.from_saved(Config(), arrays)
     first_ns = drive.scans[start].scan.stamp_ns
     if told is not None:
-        guess = compose(drive.truth[start], told)
+        guess = compose_se2(drive.truth[start], told)
         slam.add_guess(PoseGuess(first_ns, guess, np.diag([0.25, 0.25, np.radians(15.0) ** 2])))
     driven, began = 0.0, time.process_time()
     for k in range(start, len(drive.scans)):
@@ -113,7 +113,7 @@ def find(arrays: dict, drive: Drive, start: int, told: Float64 | None = None) ->
 
 
 def is_right(pose: Float64, truth: Float64) -> bool:
-    error = between(truth, pose)
+    error = between_se2(truth, pose)
     return bool(np.hypot(*error[:2]) < WRONG_M and abs(error[2]) < WRONG_RAD)
 
 
@@ -187,7 +187,7 @@ def row_of_arena(real: Path, starts: int) -> None:
             rounds.append((None, 0.0, 0))
             continue
         truth = drive.truth[start + found.scans - 1]
-        rounds.append((compose(found.pose, inverse(truth)), found.after_m, found.scans))
+        rounds.append((compose_se2(found.pose, inverse_se2(truth)), found.after_m, found.scans))
     offsets = np.array([T for T, *_ in rounds if T is not None])
     usual = np.median(offsets, axis=0)
     for T, metres, scans in rounds:

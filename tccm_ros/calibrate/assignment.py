@@ -66,8 +66,8 @@ def assigned(
     problem = replace(problem, hits=hits, plane=of_hit[on_plane], place=place)
     tilt_hits = model.transform_points(hits, values)
     level = tuple(
-        _on_walls(problem, x, scans, at, tilt_hits, level_gate)
-        for at, scans in sorted(recording.level.items())
+        _on_walls(problem, x, scans, place, tilt_hits, level_gate)
+        for place, scans in sorted(recording.level.items())
     )
     return replace(problem, level=level)
 
@@ -129,10 +129,12 @@ def _on_walls(
         phi, rho, _ = x[problem.layout.wall(number)]
         along = np.array([-np.sin(phi), np.cos(phi)])
         limits = np.quantile(tilt_hits[mine, :2] @ along, [0.01, 0.99])
-        at = points[:, :2] @ along
+        positions = points[:, :2] @ along
         distance = np.abs(points[:, :2] @ [np.cos(phi), np.sin(phi)] - rho)
         better = (
-            (distance < nearest) & (at > limits[0] - WALL_MARGIN) & (at < limits[1] + WALL_MARGIN)
+            (distance < nearest)
+            & (positions > limits[0] - WALL_MARGIN)
+            & (positions < limits[1] + WALL_MARGIN)
         )
         nearest[better], wall[better] = distance[better], number
     return LevelHits(scans, place, wall)

@@ -35,7 +35,7 @@ from tccm_ros.slam.matching.alignment import align
 from tccm_ros.slam.matching.level_scan import LevelScan, thin_with_normals
 from tccm_ros.slam.matching.line_map import make_line_map
 from tccm_ros.slam.odometry_model import odometry_covariance
-from tccm_ros.slam.se2 import between, inverse, transform_points
+from tccm_ros.slam.se2 import between_se2, inverse_se2, transform_points
 
 MIN_YAW_RATE = 0.2
 """Minimum yaw rate (rad/s): below it, a scan of 0.1 s is distorted by less than its noise, 3 cm at
@@ -233,11 +233,11 @@ class _Steps:
         errors = np.zeros((len(pairs), 3))
         for k, pair in enumerate(pairs):
             first, second = (_level_scan(posed, track, timed, limits.time_offset) for posed in pair)
-            by_odometry = between(first.odom, second.odom)
+            by_odometry = between_se2(first.odom, second.odom)
             lines = make_line_map(np.zeros((1, 3)), [first])
             sigma = config.matching.range_sigma
             found = align(lines, second.points, second.normals, by_odometry, sigma)
-            errors[k] = between(by_odometry, found.pose)
+            errors[k] = between_se2(by_odometry, found.pose)
             variances = np.diag(odometry_covariance(by_odometry, config.odometry))
             self.chi2[k] = min(float(np.sum(errors[k] ** 2 / variances)), MAX_CHI2)
         kept = errors[self.chi2 < MAX_CHI2] if (self.chi2 < MAX_CHI2).any() else errors
@@ -280,7 +280,7 @@ def _level_scan(posed: PosedScan, track: _Track, config: Config, read_offset: fl
     odom = track.at(np.array([scan.stamp_ns]))[0]
     odom[2] = wrap_angle(odom[2])
     in_odom = transform2(poses, in_base[:, None])[:, 0]
-    beams = transform_points(inverse(odom), in_odom)
+    beams = transform_points(inverse_se2(odom), in_odom)
     origin = T[:2, 3].copy()
     points, normals = thin_with_normals(beams, origin, abs(scan.angle_increment))
     return LevelScan(scan.stamp_ns, odom, beams, origin, points, normals)

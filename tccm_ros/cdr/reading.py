@@ -55,35 +55,35 @@ MAX_TRAILING_BYTES = 15
 empty sequences, and DDS pads to 4."""
 
 
-def _align(at: int, size: int) -> int:
-    return (at - ORIGIN + size - 1 & -size) + ORIGIN
+def _align(offset: int, size: int) -> int:
+    return (offset - ORIGIN + size - 1 & -size) + ORIGIN
 
 
-def _text(data: bytes, at: int) -> tuple[str, int]:
+def _text(data: bytes, offset: int) -> tuple[str, int]:
     """Return the string at an offset (after alignment) and its end."""
-    at = _align(at, 4)
-    (length,) = _U32(data, at)
-    end = at + 4 + length
+    offset = _align(offset, 4)
+    (length,) = _U32(data, offset)
+    end = offset + 4 + length
     if length < 1 or end > len(data) or data[end - 1]:
         raise NotPlain
-    return data[at + 4 : end - 1].decode(), end
+    return data[offset + 4 : end - 1].decode(), end
 
 
-def _header(data: bytes, at: int) -> tuple[int, str, int]:
+def _header(data: bytes, offset: int) -> tuple[int, str, int]:
     """Return stamp in ns, frame, and the end of the header."""
-    at = _align(at, 4)
-    sec, nanosec = _STAMP(data, at)
-    frame, end = _text(data, at + 8)
+    offset = _align(offset, 4)
+    sec, nanosec = _STAMP(data, offset)
+    frame, end = _text(data, offset + 8)
     return sec * 1_000_000_000 + nanosec, frame, end
 
 
-def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any], int]:
+def _numbers(data: bytes, offset: int, dtype: str, size: int) -> tuple[NDArray[Any], int]:
     """Return a sequence of numbers of `size` bytes as a view, and its end."""
-    at = _align(at, 4)
-    (count,) = _U32(data, at)
+    offset = _align(offset, 4)
+    (count,) = _U32(data, offset)
     if count == 0:
-        return np.zeros(0, dtype), at + 4
-    start = _align(at + 4, size)
+        return np.zeros(0, dtype), offset + 4
+    start = _align(offset + 4, size)
     end = start + size * count
     if end > len(data):
         raise NotPlain
@@ -119,31 +119,31 @@ def _check(data: bytes, end: int) -> None:
 
 
 def _frames_of_odometry(data: bytes) -> tuple[tuple[str, ...], int]:
-    frame, at = _text(data, STAMP_END)
-    child, at = _text(data, at)
-    return (frame_name(frame), frame_name(child)), _align(at, 8)
+    frame, offset = _text(data, STAMP_END)
+    child, offset = _text(data, offset)
+    return (frame_name(frame), frame_name(child)), _align(offset, 8)
 
 
 def _names_of_joints(data: bytes) -> tuple[tuple[str, ...], int]:
-    _, at = _text(data, STAMP_END)
-    at = _align(at, 4)
-    (count,) = _U32(data, at)
-    at += 4
+    _, offset = _text(data, STAMP_END)
+    offset = _align(offset, 4)
+    (count,) = _U32(data, offset)
+    offset += 4
     names = []
     for _ in range(count):
-        name, at = _text(data, at)
+        name, offset = _text(data, offset)
         names.append(name)
-    return tuple(names), at
+    return tuple(names), offset
 
 
 def _frame_of_scan(data: bytes) -> tuple[tuple[str, ...], int]:
-    frame, at = _text(data, STAMP_END)
-    return (frame,), _align(at, 4)
+    frame, offset = _text(data, STAMP_END)
+    return (frame,), _align(offset, 4)
 
 
 def _frame_of_imu(data: bytes) -> tuple[tuple[str, ...], int]:
-    frame, at = _text(data, STAMP_END)
-    return (frame_name(frame),), _align(at, 8)
+    frame, offset = _text(data, STAMP_END)
+    return (frame_name(frame),), _align(offset, 8)
 
 
 _odometry_names = _Names(_frames_of_odometry)
@@ -154,52 +154,52 @@ _imu_names = _Names(_frame_of_imu)
 
 def read_odometry(data: bytes) -> tuple[Odometry]:
     """Return the pose of a nav_msgs/Odometry."""
-    stamp_ns, (frame, child), at = _odometry_names(data)
-    _check(data, at + POSE_BYTES + AFTER_POSE_BYTES)
-    numbers = _POSE(data, at)
+    stamp_ns, (frame, child), offset = _odometry_names(data)
+    _check(data, offset + POSE_BYTES + AFTER_POSE_BYTES)
+    numbers = _POSE(data, offset)
     return (Odometry(stamp_ns, frame, child, pose_matrix(numbers[:3], numbers[3:], "odometry")),)
 
 
 def read_imu(data: bytes) -> tuple[Imu]:
     """Return the angular velocity and the acceleration of a sensor_msgs/Imu."""
-    stamp_ns, (frame,), at = _imu_names(data)
-    _check(data, at + IMU_BYTES)
-    rates = _VECTOR(data, at + ORIENTATION_BYTES)
-    acceleration = _VECTOR(data, at + ORIENTATION_BYTES + VECTOR_BYTES)
+    stamp_ns, (frame,), offset = _imu_names(data)
+    _check(data, offset + IMU_BYTES)
+    rates = _VECTOR(data, offset + ORIENTATION_BYTES)
+    acceleration = _VECTOR(data, offset + ORIENTATION_BYTES + VECTOR_BYTES)
     return (imu_record(stamp_ns, frame, rates, acceleration),)
 
 
 def read_joint_sample(data: bytes) -> tuple[JointSample]:
     """Return the positions of a sensor_msgs/JointState."""
-    stamp_ns, names, at = _joint_names(data)
-    positions, at = _numbers(data, at, "<f8", 8)
-    _, at = _numbers(data, at, "<f8", 8)
-    _, at = _numbers(data, at, "<f8", 8)
-    _check(data, at)
+    stamp_ns, names, offset = _joint_names(data)
+    positions, offset = _numbers(data, offset, "<f8", 8)
+    _, offset = _numbers(data, offset, "<f8", 8)
+    _, offset = _numbers(data, offset, "<f8", 8)
+    _check(data, offset)
     return (joint_sample(stamp_ns, names, positions),)
 
 
 def read_scan(data: bytes) -> tuple[Scan]:
     """Return the scan of a sensor_msgs/LaserScan."""
-    stamp_ns, (frame,), at = _scan_names(data)
-    numbers = _BEAMS(data, at)
-    ranges, at = _numbers(data, at + BEAMS_BYTES, "<f4", 4)
-    _, at = _numbers(data, at, "<f4", 4)
-    _check(data, at)
+    stamp_ns, (frame,), offset = _scan_names(data)
+    numbers = _BEAMS(data, offset)
+    ranges, offset = _numbers(data, offset + BEAMS_BYTES, "<f4", 4)
+    _, offset = _numbers(data, offset, "<f4", 4)
+    _check(data, offset)
     return (scan_record(stamp_ns, frame, numbers, ranges),)
 
 
 def read_transforms(data: bytes, *, is_static: bool = False) -> list[TransformSample]:
     """Return the transforms of a tf2_msgs/TFMessage."""
     (count,) = _U32(data, ORIGIN)
-    at = ORIGIN + 4
+    offset = ORIGIN + 4
     found = []
     for _ in range(count):
-        stamp_ns, parent, at = _header(data, at)
-        child, at = _text(data, at)
-        at = _align(at, 8)
-        found.append((stamp_ns, (parent, child), _POSE(data, at)))
-        at += POSE_BYTES
-    _check(data, at)
+        stamp_ns, parent, offset = _header(data, offset)
+        child, offset = _text(data, offset)
+        offset = _align(offset, 8)
+        found.append((stamp_ns, (parent, child), _POSE(data, offset)))
+        offset += POSE_BYTES
+    _check(data, offset)
     rows = ((stamp_ns, frames, pose[:3], pose[3:]) for stamp_ns, frames, pose in found)
     return transform_samples(rows, is_static)

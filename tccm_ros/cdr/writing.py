@@ -208,12 +208,12 @@ def _numbers(run: Sequence[tuple[str, str]]) -> Step:
 
 
 def _layout(start: int, codes: Sequence[str]) -> Callable[..., bytes]:
-    text, at = "<", start
+    text, offset = "<", start
     for code in codes:
         size = struct.calcsize(f"<{code}")
-        gap = -at % size
+        gap = -offset % size
         text += "x" * gap + code
-        at += gap + size
+        offset += gap + size
     return struct.Struct(text).pack
 
 

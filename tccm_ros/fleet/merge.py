@@ -154,10 +154,10 @@ def _remembered(out: Path) -> Path:
 
 def _with_twins(components: list[Component], twins: Mapping[int, int]) -> list[Component]:
     """Add identical maps to the component of the first of them."""
-    kept = [c for c in components if not set(c.T_root_map) <= set(twins)]
+    kept = [c for c in components if not set(c.p_root_map) <= set(twins)]
     for twin, first in twins.items():
-        component = next(c for c in kept if first in c.T_root_map)
-        component.T_root_map[twin] = component.T_root_map[first]
+        component = next(c for c in kept if first in c.p_root_map)
+        component.p_root_map[twin] = component.p_root_map[first]
     return kept
 
 
@@ -194,7 +194,7 @@ def _entry(
             T,
             id_table(inputs[k].surfaces, offsets[inputs[k].checksum], T, owners, found),
         )
-        for k, T in component.T_root_map.items()
+        for k, T in component.p_root_map.items()
     ]
     return ComponentEntry(folder, tuple(maps))
 

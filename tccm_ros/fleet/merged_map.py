@@ -43,9 +43,9 @@ def merged_map(
     views: list[SavedView] = []
     parts = []
     for k in members:
-        moved = _moved(inputs[k].walls, component.T_root_map[k], first[k], sessions[k])
+        moved = _moved(inputs[k].walls, component.p_root_map[k], first[k], sessions[k])
         parts.append(moved)
-        T = spatial(component.T_root_map[k])
+        T = spatial(component.p_root_map[k])
         for saved in inputs[k].saved.views:
             anchor = saved.T_anchor_view if saved.is_on_keyframe else T @ saved.T_anchor_view
             view = replace(saved.view, session=saved.view.session + sessions[k])
@@ -71,7 +71,7 @@ def merged_map(
 def distinct_maps(component: Component, inputs: Sequence[MapInput]) -> list[int]:
     """Return the indices of a component's maps, without those identical to an earlier one."""
     first: dict[str, int] = {}
-    for k in sorted(component.T_root_map):
+    for k in sorted(component.p_root_map):
         first.setdefault(inputs[k].checksum, k)
     return sorted(first.values())
 
@@ -86,7 +86,7 @@ def _sessions(item: MapInput) -> int:
     return 1 + max([keyframes, *(saved.view.session for saved in item.saved.views)])
 
 
-def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> SavedWalls:
+def _moved(walls: SavedWalls, p_root_map: Float64, first: int, session: int) -> SavedWalls:
     """Return a map's walls in another frame, with keyframe ids and sessions offset."""
     keyframes = [
         replace(keyframe, id=keyframe.id + first, session=keyframe.session + session)
@@ -100,6 +100,6 @@ def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> 
     seen = [AnchoredObservation(s.observation, on(s.anchored)) for s in walls.observations]
     # Sign ids are local to a map; the merged map assigns new ones.
     signs = [replace(v, anchored=on(v.anchored), sign=-1) for v in walls.sign_views]
-    poses = compose2(T_root_map, walls.poses)
+    poses = compose2(p_root_map, walls.poses)
     unjoined = {s + session: root + session for s, root in walls.unjoined.items()}
     return SavedWalls(keyframes, walls.lines, poses, loops, seen, signs, unjoined)

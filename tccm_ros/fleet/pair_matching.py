@@ -75,7 +75,7 @@ class PairMatch:
     ----------
     reason
         Reason for acceptance or rejection (`PairReason`).
-    T_one_other
+    p_one_other
         float64 (3,), planar pose of the second map in the first; zero without a match.
     loops
         The matched keyframes.
@@ -84,7 +84,7 @@ class PairMatch:
     """
 
     reason: str
-    T_one_other: Vector
+    p_one_other: Vector
     loops: tuple[PairLoop, ...] = ()
     compared_area: float = 0.0
     agreement: float = 0.0
@@ -121,7 +121,7 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
 
 
 def compare_furniture(
-    one: Sequence[SurfaceFootprint], other: Sequence[SurfaceFootprint], T_one_other: Float64
+    one: Sequence[SurfaceFootprint], other: Sequence[SurfaceFootprint], p_one_other: Float64
 ) -> tuple[float, float]:
     """Return the area of furniture seen in both maps, m2, and the fraction that agrees.
 
@@ -129,10 +129,10 @@ def compare_furniture(
     ----------
     one, other
         Surfaces of the maps.
-    T_one_other
+    p_one_other
         float64 (3,), planar pose of the second map in the first.
     """
-    moved = [surface.moved(T_one_other) for surface in other]
+    moved = [surface.moved(p_one_other) for surface in other]
     counts = [_agreeing(a, b) for a, b in ((one, moved), (moved, one))]
     compared = sum(area for area, _ in counts)
     return compared, sum(area for _, area in counts) / compared if compared else 0.0
@@ -156,7 +156,7 @@ def _agreeing(
 
 
 def compare_signs(
-    one: Sequence[NumberedSign], other: Sequence[NumberedSign], T_one_other: Float64
+    one: Sequence[NumberedSign], other: Sequence[NumberedSign], p_one_other: Float64
 ) -> tuple[int, int]:
     """Return the numbers of door signs that read the same and differently in both maps.
 
@@ -164,7 +164,7 @@ def compare_signs(
     ----------
     one, other
         Signs of the maps.
-    T_one_other
+    p_one_other
         float64 (3,), planar pose of the second map in the first.
     """
     if not one or not other:
@@ -172,7 +172,7 @@ def compare_signs(
     positions = np.array([sign.position for sign in one])
     same = others = 0
     for sign in other:
-        xy = transform2(T_one_other, sign.position[None, :2])[0]
+        xy = transform2(p_one_other, sign.position[None, :2])[0]
         distances = np.linalg.norm(positions - [*xy, sign.position[2]], axis=1)
         nearest = int(np.argmin(distances))
         if distances[nearest] <= MAX_SIGN_DISTANCE:

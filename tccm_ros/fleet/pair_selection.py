@@ -29,13 +29,13 @@ class Component:
 
     Attributes
     ----------
-    T_root_map
+    p_root_map
         float64 (3,) of each map, by index; zero for the first map.
     pairs
         Accepted pairs.
     """
 
-    T_root_map: dict[int, Float64] = field(default_factory=dict)
+    p_root_map: dict[int, Float64] = field(default_factory=dict)
     pairs: list[Pair] = field(default_factory=list)
 
 
@@ -55,21 +55,21 @@ def select_pairs(
     contradicting: set[Pair] = set()
     for pair in sorted(matches, key=lambda p: (-_support(p, matches), -len(matches[p].loops), p)):
         i, j = pair
-        one, other = (next(c for c in components if k in c.T_root_map) for k in pair)
-        T_root_j = compose2(one.T_root_map[i], matches[pair].T_one_other)
+        one, other = (next(c for c in components if k in c.p_root_map) for k in pair)
+        p_root_j = compose2(one.p_root_map[i], matches[pair].p_one_other)
         if one is other:
-            if _is_same(one.T_root_map[j], T_root_j):
+            if _is_same(one.p_root_map[j], p_root_j):
                 one.pairs.append(pair)
             else:
                 contradicting.add(pair)
             continue
-        T = compose2(T_root_j, inverse2(other.T_root_map[j]))
-        one.T_root_map |= {k: compose2(T, pose) for k, pose in other.T_root_map.items()}
+        T = compose2(p_root_j, inverse2(other.p_root_map[j]))
+        one.p_root_map |= {k: compose2(T, pose) for k, pose in other.p_root_map.items()}
         one.pairs += [*other.pairs, pair]
         components = [c for c in components if c is not other]
     for component in components:
         _begin_at_first(component)
-    return sorted(components, key=lambda c: (-len(c.T_root_map), min(c.T_root_map))), contradicting
+    return sorted(components, key=lambda c: (-len(c.p_root_map), min(c.p_root_map))), contradicting
 
 
 def _support(pair: Pair, matches: Mapping[Pair, PairMatch]) -> int:
@@ -79,15 +79,15 @@ def _support(pair: Pair, matches: Mapping[Pair, PairMatch]) -> int:
     for k in {k for p in matches for k in p} - {i, j}:
         first, second = _relative(matches, i, k), _relative(matches, k, j)
         if first is not None and second is not None:
-            is_closed = _is_same(matches[pair].T_one_other, compose2(first, second))
+            is_closed = _is_same(matches[pair].p_one_other, compose2(first, second))
             support += 1 if is_closed else -1
     return support
 
 
 def _relative(matches: Mapping[Pair, PairMatch], i: int, j: int) -> Float64 | None:
     if (i, j) in matches:
-        return matches[i, j].T_one_other
-    return inverse2(matches[j, i].T_one_other) if (j, i) in matches else None
+        return matches[i, j].p_one_other
+    return inverse2(matches[j, i].p_one_other) if (j, i) in matches else None
 
 
 def _is_same(one: Float64, other: Float64) -> bool:
@@ -99,7 +99,7 @@ def _is_same(one: Float64, other: Float64) -> bool:
 
 def _begin_at_first(component: Component) -> None:
     """Move the frame to the first map, and sort the maps and pairs."""
-    to_first = inverse2(component.T_root_map[min(component.T_root_map)])
-    poses = component.T_root_map
-    component.T_root_map = {k: compose2(to_first, poses[k]) for k in sorted(poses)}
+    to_first = inverse2(component.p_root_map[min(component.p_root_map)])
+    poses = component.p_root_map
+    component.p_root_map = {k: compose2(to_first, poses[k]) for k in sorted(poses)}
     component.pairs.sort()

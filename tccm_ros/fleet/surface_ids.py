@@ -22,7 +22,7 @@ def owners_of_patches(surfaces: Sequence[Surface]) -> dict[int, int]:
 def id_table(
     surfaces: Sequence[SurfaceFootprint],
     first_patch: int,
-    T_map_old: Float64,
+    p_map_old: Float64,
     owners: Mapping[int, int],
     merged: Sequence[SurfaceFootprint],
 ) -> tuple[IdEntry, ...]:
@@ -37,7 +37,7 @@ def id_table(
         Surfaces of the map.
     first_patch
         Offset of its patch numbers in the merged map.
-    T_map_old
+    p_map_old
         float64 (3,), planar pose of its frame in the merged map's.
     owners
         Surface id in the merged map by patch number.
@@ -48,7 +48,7 @@ def id_table(
     for surface in surfaces:
         new = owners.get(surface.id + first_patch)
         if new is None:
-            new = _at_its_place(surface.moved(T_map_old), merged)
+            new = _at_its_place(surface.moved(p_map_old), merged)
         table.append(IdEntry(surface.id, new))
     return tuple(table)
 

@@ -54,7 +54,7 @@ from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.map_records import MapSurface
 from tccm_ros.nodes.nav2_navigator import Nav2Navigator
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.run import run
@@ -155,7 +155,7 @@ class ApproachNode(Node):
         self._client = SurfaceMapClient(self, name)
         self._grid: OccupancyGrid | None = None
         self._grid_problem = ""
-        self.create_subscription(GridMessage, "map", self._take_grid, latched())
+        self.create_subscription(GridMessage, "map", self._take_grid, latched_qos())
         kind = TwistStamped if self.config.approach.stamped else Twist
         self._commands = self.create_publisher(kind, "cmd_vel", 1)
         self._dock_poses = self.create_publisher(PoseStamped, "~/detected_dock_pose", 1)

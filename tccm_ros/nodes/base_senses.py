@@ -22,7 +22,7 @@ from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform, tr
 from tccm_ros.nodes.inputs import Inputs
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.map_records import MapLocalisation
-from tccm_ros.nodes.qos import latched, sensor, static_transforms, surface_message
+from tccm_ros.nodes.qos import latched_qos, sensor_qos, static_transforms_qos, surface_message_qos
 from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.tf import has_tf2_msgs
@@ -75,20 +75,20 @@ class BaseSenses:
         self._placed: tuple[MapLocalisation, Float64] | None = None
         records = RecordSubscriptions(node, config, self._inputs, refusals, {scans.role: scans})
         records.to_sensors(self._take_sensor, watch="event")
-        measured = sensor(config.qos.reliability)
+        measured = sensor_qos(config.qos.reliability)
         subscribe = partial(records.to, take=self._take_sensor, watch="event")
         subscribe("odom", measured)
         subscribe("joint_states", measured)
-        subscribe("robot_description", latched())
+        subscribe("robot_description", latched_qos())
         if has_tf2_msgs():
             subscribe("tf", measured, topic="/tf")
-            subscribe("tf_static", static_transforms(), topic="/tf_static")
+            subscribe("tf_static", static_transforms_qos(), topic="/tf_static")
         records.to(
-            "surfaces", surface_message(), self._take_cycle, topic="tccm/surfaces", watch="event",
-            is_measured=False,
+            "surfaces", surface_message_qos(), self._take_cycle, topic="tccm/surfaces",
+            watch="event", is_measured=False,
         )  # fmt: skip
         self._inputs.subscribe(
-            "sensor_msgs/msg/PointCloud2", "tccm/obstacles", self._take_cuboids, latched(),
+            "sensor_msgs/msg/PointCloud2", "tccm/obstacles", self._take_cuboids, latched_qos(),
             watch="event",
         )  # fmt: skip
 
@@ -117,9 +117,9 @@ class BaseSenses:
         if pose is None:
             return
         T = spatial(pose)
-        sensor = np.array([0.0, 0.0, 1.0]) if cloud.viewpoint is None else cloud.viewpoint
+        viewpoint = np.array([0.0, 0.0, 1.0]) if cloud.viewpoint is None else cloud.viewpoint
         points = transform(T, cloud.points.astype(np.float64))
-        seen_from = transform(T, np.asarray(sensor, np.float64)[None])[0]
+        seen_from = transform(T, np.asarray(viewpoint, np.float64)[None])[0]
         self._cycle = TopCycle(cloud.stamp_ns * 1e-9, points, seen_from)
         self._remembered.look(self._cycle)
 

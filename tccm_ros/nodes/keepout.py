@@ -12,7 +12,7 @@ from uuid import NAMESPACE_URL, uuid5
 
 from rclpy.node import Node
 
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.ros_types import is_installed, message_class
 from tccm_ros.records import Surface
 from tccm_ros.results.keepout_mask import obstructing
@@ -32,7 +32,7 @@ def tell_keepout_info(node: Node, mask_topic: str) -> None:
     if not is_installed(FILTER_INFO):
         return
     kind = message_class(FILTER_INFO)
-    publisher = node.create_publisher(kind, "~/keepout_info", latched())
+    publisher = node.create_publisher(kind, "~/keepout_info", latched_qos())
     mask = node.resolve_topic_name(mask_topic)
     info = kind(type=KEEPOUT_FILTER, filter_mask_topic=mask, base=0.0, multiplier=1.0)
     publisher.publish(info)

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
 from tccm_ros.geometry import planar, pose_from_quaternion
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import PoseGuess
 from tccm_ros.records.building import frame_name, stamp_ns_from_message
@@ -80,7 +80,7 @@ class LocalisationPublisher:
         self._newest: Any = None
         with suppress(ImportError):
             self._publisher = node.create_publisher(
-                message_class(LOCALISATION), "~/localisation", latched()
+                message_class(LOCALISATION), "~/localisation", latched_qos()
             )
         self._subscription: Any = None
 

@@ -47,7 +47,7 @@ from tccm_ros.nodes.map_records import (
     MapWall,
     SavedMap,
 )
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros.types import pose_message
@@ -121,16 +121,16 @@ class SurfaceMapClient:
         }
         self._check_box = node.create_client(CheckBox, f"{tilt_name}/check_box")
         for kind, topic, take, qos in (
-            (SurfaceMap, "surface_map", self._take_map, latched()),
-            (Localisation, "localisation", self._take_localisation, latched()),
+            (SurfaceMap, "surface_map", self._take_map, latched_qos()),
+            (Localisation, "localisation", self._take_localisation, latched_qos()),
             (SurfaceEvent, "events", self._take_event, EVENTS_DEPTH),
         ):
             node.create_subscription(kind, f"{name}/{topic}", take, qos)
 
     @property
     def is_ready(self) -> bool:
-        """Whether a map has been received and the services of its node are available."""
-        return bool(self.surfaces) and self.has_services
+        """Whether a map, maybe an empty one, was received and the services are available."""
+        return self.stamp_ns is not None and self.has_services
 
     @property
     def has_services(self) -> bool:

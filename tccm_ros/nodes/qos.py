@@ -30,22 +30,22 @@ LARGE_DEPTH = 10
 """Queue depth of images and point clouds: a third of a second of a camera, 6 MB."""
 
 
-def sensor(reliability: str = "best_effort", *, depth: int = SENSOR_DEPTH) -> QoSProfile:
+def sensor_qos(reliability: str = "best_effort", *, depth: int = SENSOR_DEPTH) -> QoSProfile:
     """Return the profile of a sensor subscription; best effort matches every publisher."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy[reliability.upper()])
 
 
-def latched() -> QoSProfile:
+def latched_qos() -> QoSProfile:
     """Return the profile of maps, planes and markers: a late subscriber gets the newest message."""
     return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def static_transforms() -> QoSProfile:
+def static_transforms_qos() -> QoSProfile:
     """Return the profile of /tf_static: late subscribers get all latched transforms."""
     return QoSProfile(depth=SENSOR_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def surface_message() -> QoSProfile:
+def surface_message_qos() -> QoSProfile:
     """Return the profile of the surface message between the two nodes, which loses nothing."""
     return QoSProfile(depth=SURFACE_MESSAGE_DEPTH)
 

@@ -14,7 +14,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import TccmError
 from tccm_ros.nodes.clock import stamp_on_receipt
 from tccm_ros.nodes.inputs import Inputs, Watch
-from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
+from tccm_ros.nodes.qos import LARGE_DEPTH, latched_qos, sensor_qos, static_transforms_qos
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.ros_types import is_installed, message_class
 from tccm_ros.nodes.tf import has_tf2_msgs
@@ -91,16 +91,16 @@ class RecordSubscriptions:
 
     def to_robot(self, take: Take) -> None:
         """Subscribe to odometry, joints, IMU, description, transforms and external poses."""
-        measured = sensor(self._config.qos.reliability)
+        measured = sensor_qos(self._config.qos.reliability)
         self.to("odom", measured, take)
         self.to("joint_states", measured, take)
         self.to("imu", measured, take, watch="event")
         if self._config.localisation.is_external:
             self.to("external_pose", measured, take, watch="event")
-        self.to("robot_description", latched(), take, watch="event")
+        self.to("robot_description", latched_qos(), take, watch="event")
         if has_tf2_msgs():
             self.to("tf", measured, take, topic="/tf", watch="event")
-            self.to("tf_static", static_transforms(), take, topic="/tf_static", watch="event")
+            self.to("tf_static", static_transforms_qos(), take, topic="/tf_static", watch="event")
 
     def to(
         self,
@@ -165,7 +165,7 @@ class RecordSubscriptions:
         roles = (r for r, s in self._streams.items() if not s.is_occasional and r != stream.role)
         self.to(
             stream.role,
-            sensor(self._config.qos.reliability),
+            sensor_qos(self._config.qos.reliability),
             take,
             watch=watch,
             reader=stream.reader,
@@ -185,7 +185,7 @@ class RecordSubscriptions:
         self.to(role, self._large(), take, reader=reader)
 
     def _large(self) -> QoSProfile:
-        return sensor(self._config.qos.reliability, depth=LARGE_DEPTH)
+        return sensor_qos(self._config.qos.reliability, depth=LARGE_DEPTH)
 
     def _topic_beside(self, role: str, beside: str) -> str:
         """Return the topic of a calibration: beside the image's if only the image is remapped."""

@@ -23,7 +23,7 @@ from tccm_ros.errors import TccmError
 from tccm_ros.geometry import inverse, pose_from_quaternion, transform
 from tccm_ros.nodes.inputs import Inputs
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
 from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -72,8 +72,8 @@ class RerunFeed:
         subscriptions.to_robot(self._robot.add)
         for kind, topic, take, qos in (
             (TransformStamped, f"{map_node}/map_to_odom", self._take_map_odom, 10),
-            (MarkerArray, f"{tccm_node}/planes", self._take_planes, latched()),
-            (PointCloud2, f"{tccm_node}/map_cloud", self._take_cuboids, latched()),
+            (MarkerArray, f"{tccm_node}/planes", self._take_planes, latched_qos()),
+            (PointCloud2, f"{tccm_node}/map_cloud", self._take_cuboids, latched_qos()),
         ):
             node.create_subscription(kind, topic, take, qos)
         self._intake.start()

@@ -23,7 +23,13 @@ from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.localisation import BY_START, LocalisationPublisher
 from tccm_ros.nodes.map_session import MapSession
 from tccm_ros.nodes.outputs import SolutionOutputs
-from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
+from tccm_ros.nodes.qos import (
+    LARGE_DEPTH,
+    SENSOR_DEPTH,
+    latched_qos,
+    sensor_qos,
+    surface_message_qos,
+)
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -133,7 +139,7 @@ class SlamNode(SensorNode):
         if not self._is_external:  # an external localisation owns the grid
             topics[GRID_TOPIC] = GRID
         self._outputs = SolutionOutputs(
-            self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
+            self, topics, latched_qos(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
         tell_keepout_info(self, f"~/{KEEPOUT_TOPIC}")
         self._client_api = ClientApi(
@@ -161,7 +167,7 @@ class SlamNode(SensorNode):
         for role in SURFACE_MESSAGE_TOPICS:
             self.record_subscriptions.to(
                 role,
-                surface_message(),
+                surface_message_qos(),
                 self.offer_computed,
                 topic=f"tccm/{role}",
                 watch="event",
@@ -178,7 +184,7 @@ class SlamNode(SensorNode):
                 reader.message_type,
                 stream.role,
                 self._on_mapped_scan,
-                sensor(self.config.qos.reliability, depth=depth),
+                sensor_qos(self.config.qos.reliability, depth=depth),
                 watch="event",
                 raw=True,
             )

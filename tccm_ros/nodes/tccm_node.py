@@ -24,7 +24,7 @@ from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
 from tccm_ros.nodes.joint_timing_watch import JointTimingWatch
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.previous_map import keep_previous
-from tccm_ros.nodes.qos import latched, sensor, surface_message
+from tccm_ros.nodes.qos import latched_qos, sensor_qos, surface_message_qos
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -71,7 +71,7 @@ class TccmNode(SensorNode):
             lambda: inverse(self.robot.robot.motion.odometry.T_near_odom),
         )
         profiles = {
-            topic: surface_message() if topic in SURFACE_MESSAGE_TOPICS else latched()
+            topic: surface_message_qos() if topic in SURFACE_MESSAGE_TOPICS else latched_qos()
             for topic in CYCLE_TOPICS
         }
         self._outputs = Outputs(
@@ -84,7 +84,7 @@ class TccmNode(SensorNode):
         )
         self._level = LevelProjector(self.config)
         self._level_scans = (
-            self.create_publisher(LaserScan, "~/level_scan", sensor("reliable"))
+            self.create_publisher(LaserScan, "~/level_scan", sensor_qos("reliable"))
             if self._level.is_on
             else None
         )

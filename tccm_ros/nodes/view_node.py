@@ -25,7 +25,7 @@ from tccm_ros.errors import MissingExtraError, RequestError, one_line
 from tccm_ros.extras import check_extra
 from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.run import run
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.view.live_state import LiveState
@@ -110,8 +110,8 @@ class ViewNode(Node):
         self._map_frame = "map"
         self._client.on_event(lambda e: self._update(lambda s: s.add_event(event_text(e))))
         for kind, topic, take, qos in (
-            (_surface_map(), f"{name}/surface_map", self._take_map, latched()),
-            (Path, f"{name}/path", self._take_path, latched()),
+            (_surface_map(), f"{name}/surface_map", self._take_map, latched_qos()),
+            (Path, f"{name}/path", self._take_path, latched_qos()),
             (PoseWithCovarianceStamped, "pose", self._take_pose, EVENTS_DEPTH),
             (DiagnosticArray, "/diagnostics", self._take_diagnostics, EVENTS_DEPTH),
         ):

@@ -168,10 +168,10 @@ def _path_difference(before: Trajectory, after: Trajectory) -> PathDifference:
     lengths = before.length, after.length
     if len(before.stamps) == 0 or len(after.stamps) == 0:
         return PathDifference(*lengths, 0, None, None)
-    at = before.nearest(after.stamps)
-    near = np.abs(before.stamps[at] - after.stamps) <= MAX_STAMP_DIFFERENCE_S
+    nearest = before.nearest(after.stamps)
+    near = np.abs(before.stamps[nearest] - after.stamps) <= MAX_STAMP_DIFFERENCE_S
     if not near.any():
         return PathDifference(*lengths, 0, None, None)
-    distances = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
+    distances = np.linalg.norm((before.positions[nearest] - after.positions)[near, :2], axis=1)
     rms = float(np.sqrt(np.mean(distances**2)))
     return PathDifference(*lengths, int(near.sum()), rms, float(distances.max()))

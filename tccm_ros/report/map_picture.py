@@ -174,8 +174,8 @@ def _draw_path(axes: Axes, results: Results) -> None:
         return
     axes.plot(*path.positions[:, :2].T, color=palette.PATH, lw=1.1, zorder=9)
     axes.plot(*path.positions[0, :2], "s", ms=5, color=palette.PATH, mec="white", zorder=10)
-    at = path.nearest(results.view_stamps())
-    poses = path.T_map_base[np.unique(at)]
+    nearest = path.nearest(results.view_stamps())
+    poses = path.T_map_base[np.unique(nearest)]
     if len(poses):
         x, y, dx, dy = poses[:, 0, 3], poses[:, 1, 3], poses[:, 0, 0], poses[:, 1, 0]
         axes.quiver(x, y, dx, dy, color=palette.VIEW, angles="xy", scale_units="xy", width=0.0022,

@@ -142,11 +142,11 @@ def signs_table(results: Results) -> str:
     rows = []
     for sign in results.signs:
         sigma = 1000.0 * float(np.sqrt(np.trace(sign.covariance)))
-        at = " ".join(f"{value:.2f}" for value in sign.position)
+        position = " ".join(f"{value:.2f}" for value in sign.position)
         wall = "" if sign.wall is None else sign.wall
         rows.append(
-            (sign.id, sign.number, sign.text, f"{sign.confidence:.2f}", at, f"{sigma:.0f}", wall,
-             len(sign.views))
+            (sign.id, sign.number, sign.text, f"{sign.confidence:.2f}", position, f"{sigma:.0f}",
+             wall, len(sign.views))
         )  # fmt: skip
     head = ("id", "number", "text", "confidence", "x y z, m", "sigma, mm", "wall", "views")
     return table(head, rows, numbers=(0, 3, 5, 6, 7))

@@ -73,9 +73,9 @@ class StopGravity:
         self._measured, self._contradictions = self._measured + 1, 0
         if self._measured == 1:
             self.offset, self.scatter = offset, 0.0
-        off, gain = offset - self.offset, 1.0 / min(self._measured, AVERAGED_STEPS)
-        self.offset = self.offset + gain * off
-        self.scatter += gain * (0.5 * float(off @ off) - self.scatter)
+        difference, gain = offset - self.offset, 1.0 / min(self._measured, AVERAGED_STEPS)
+        self.offset = self.offset + gain * difference
+        self.scatter += gain * (0.5 * float(difference @ difference) - self.scatter)
         return True
 
 

@@ -134,5 +134,5 @@ class GyroHeading:
         first = int(np.searchsorted(stamps, start_ns, "right")) - 1
         last = int(np.searchsorted(stamps, end_ns)) + 1
         since, rates = stamps[first:last] - start_ns, self.track.values[first:last] @ axis
-        at = np.union1d(np.clip(since, 0, end_ns - start_ns), [0, end_ns - start_ns])
-        return float(np.trapezoid(np.interp(at, since, rates), at * 1e-9))
+        times = np.union1d(np.clip(since, 0, end_ns - start_ns), [0, end_ns - start_ns])
+        return float(np.trapezoid(np.interp(times, since, rates), times * 1e-9))

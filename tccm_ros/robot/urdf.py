@@ -129,12 +129,12 @@ def _parse(text: str) -> ElementTree.Element:
         For declarations of entities, before any is read, and for text that is not XML.
     """
     text = _DECLARATION.sub("", text.lstrip("\ufeff \t\r\n"))
-    parts, at = [], 0
+    parts, end = [], 0
     for found in _COMMENT_OR_DATA.finditer(text):
         data = "" if found.group().startswith("<!--") else found.group()
-        parts += [_escaped(text[at : found.start()]), data]
-        at = found.end()
-    parts.append(_escaped(text[at:]))
+        parts += [_escaped(text[end : found.start()]), data]
+        end = found.end()
+    parts.append(_escaped(text[end:]))
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate("utf-8")
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end

@@ -87,7 +87,7 @@ def _layout(message: Any, fields: dict[str, Any], names: list[str]) -> np.dtype[
             )
         formats.append(order + kind)
         offsets.append(int(fields[name].offset))
-    needed = max(at + np.dtype(form).itemsize for at, form in zip(offsets, formats))
+    needed = max(offset + np.dtype(form).itemsize for offset, form in zip(offsets, formats))
     if needed > step:
         raise MessageError(f"point cloud has points of {step} bytes, its fields need {needed}")
     size = int(message.width) * int(message.height)

@@ -150,10 +150,10 @@ def _next_number(words: Any, state: Any) -> Any:
     """
     value, shift = np.int64(0), np.int64(0)
     while shift < 33:
-        at = state[0] >> 3
-        if at >= len(words):
+        k = state[0] >> 3
+        if k >= len(words):
             return np.int64(-1)
-        nibble = (np.int64(words[at]) >> (28 - 4 * (state[0] & 7))) & 15
+        nibble = (np.int64(words[k]) >> (28 - 4 * (state[0] & 7))) & 15
         state[0] += 1
         value |= (nibble & 7) << shift
         shift += 3
@@ -178,24 +178,24 @@ def decode_rvl(words: Any, numbers: Any) -> bool:
     bool
         Whether the data are complete.
     """
-    state, at, last = np.zeros(1, np.int64), 0, np.int64(0)
-    while at < len(numbers):
+    state, k, last = np.zeros(1, np.int64), 0, np.int64(0)
+    while k < len(numbers):
         zeros = _next_number(words, state)
-        if zeros < 0 or zeros > len(numbers) - at:
+        if zeros < 0 or zeros > len(numbers) - k:
             return False
-        at += zeros
-        if at == len(numbers):
+        k += zeros
+        if k == len(numbers):
             return True
         count = _next_number(words, state)
-        if count < 0 or count > len(numbers) - at or count + zeros == 0:
+        if count < 0 or count > len(numbers) - k or count + zeros == 0:
             return False
         for _ in range(count):
             coded = _next_number(words, state)
             if coded < 0:
                 return False
             last += (coded >> 1) ^ -(coded & 1)
-            numbers[at] = np.uint16(last & 0xFFFF)
-            at += 1
+            numbers[k] = np.uint16(last & 0xFFFF)
+            k += 1
     return True
 
 

@@ -104,7 +104,7 @@ def hog_features(patches: UInt8) -> Float32:
                 cell = histograms[y // CELL, x // CELL]
                 cell[int(low) % BINS] += length * (1.0 - rest)
                 cell[int(low + 1) % BINS] += length * rest
-        at = 0
+        start = 0
         for row in range(rows - 1):
             for column in range(columns - 1):
                 i = 0
@@ -115,8 +115,8 @@ def hog_features(patches: UInt8) -> Float32:
                             i += 1
                 _normalise(block)
                 for i in range(4 * BINS):
-                    features[k, at + i] = block[i]
-                at += 4 * BINS
+                    features[k, start + i] = block[i]
+                start += 4 * BINS
     return features
 
 

@@ -56,8 +56,8 @@ def interpolate(stamps_ns: Int64, values: Float64, asked_ns: ArrayLike) -> Float
     if not len(values):
         return np.zeros((len(asked), 3))
     # Relative to the first stamp, nanoseconds are exact in float64 for a hundred days.
-    at, known = (asked - stamps_ns[0]).astype(float), (stamps_ns - stamps_ns[0]).astype(float)
-    return np.stack([np.interp(at, known, column) for column in values.T], axis=1)
+    wanted, known = (asked - stamps_ns[0]).astype(float), (stamps_ns - stamps_ns[0]).astype(float)
+    return np.stack([np.interp(wanted, known, column) for column in values.T], axis=1)
 
 
 class AttitudeTrack:

@@ -17,7 +17,7 @@ from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS, KeyframeView
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph.pose_graph import PoseGraph
-from tccm_ros.slam.se2 import compose
+from tccm_ros.slam.se2 import compose_se2
 
 START_SIGMA = 1e-4
 """Standard deviation (m, rad) of the first pose, which defines the map frame: small, but not zero
@@ -150,7 +150,7 @@ class KeyframeChain:
         starts: dict[Key, Float64] = {}
         factors: list[Factor] = []
         for key, on in anchored.items():
-            starts[key] = spatial(compose(np.asarray(poses[on.keyframe]), on.pose))
+            starts[key] = spatial(compose_se2(np.asarray(poses[on.keyframe]), on.pose))
             starts[key][2, 3] = on.attitude[0]
             keys, sigmas = (self.keys[on.keyframe], key), on.sigma_z_roll_pitch
             factors.append(KeyframeView(*keys, on.pose, on.cov, sigmas, on.attitude))

@@ -100,8 +100,8 @@ class MapOdomTrack:
             cov = np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
             return np.broadcast_to(cov, (len(stamps_ns), 3, 3))
         known = sorted(self._covariances)
-        at = [max(bisect_right(known, stamp) - 1, 0) for stamp in stamps_ns]
-        return np.array([self._covariances[known[i]] for i in at])
+        rows = [max(bisect_right(known, stamp) - 1, 0) for stamp in stamps_ns]
+        return np.array([self._covariances[known[i]] for i in rows])
 
 
 def white_variance(groups: Sequence[Float64]) -> Float64:

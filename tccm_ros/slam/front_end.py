@@ -21,7 +21,14 @@ from tccm_ros.slam.matching.likelihood_grid import CELL, LikelihoodGrid, make_li
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.matching.visibility import passes_and_hits
 from tccm_ros.slam.odometry_model import OdometryScale, gyro_yaw_variance, odometry_covariance
-from tccm_ros.slam.se2 import between, compose, fuse, inverse, rotate_covariance, transform_points
+from tccm_ros.slam.se2 import (
+    between_se2,
+    compose_se2,
+    fuse,
+    inverse_se2,
+    rotate_covariance,
+    transform_points,
+)
 
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw), m and rad, of an unknown motion between two scans (chosen)."""
@@ -269,7 +276,9 @@ class FrontEnd:
             cov = self._track(scan)
         self._last = scan
         keyframe = self.keyframes[-1]
-        tracked = TrackedPose(scan.stamp_ns, keyframe.id, between(keyframe.pose, self.pose), cov)
+        tracked = TrackedPose(
+            scan.stamp_ns, keyframe.id, between_se2(keyframe.pose, self.pose), cov
+        )
         self.tracked.append(tracked)
         return tracked
 
@@ -311,7 +320,7 @@ class FrontEnd:
         self._check_standing(scan, prior, prior_cov)
         self._check_lost(scan, inliers)
         self._update_velocity(scan, before, prior_cov)
-        moved = between(keyframe.pose, self.pose)
+        moved = between_se2(keyframe.pose, self.pose)
         steps = self.steps(moved)
         is_early = inliers < EARLY_KEYFRAME_INLIERS and sum(steps) > EARLY_FRACTION
         is_due = max(steps) > 1.0 or is_early
@@ -329,7 +338,7 @@ class FrontEnd:
         observed, seconds = self._information is not None, self._seconds_to(scan)
         if observed:
             before, seconds = self._matched.pose, (scan.stamp_ns - self._matched.stamp_ns) * 1e-9
-        self._velocity = between(before, self.pose) / seconds
+        self._velocity = between_se2(before, self.pose) / seconds
         if not self._believes_odometry(scan):
             information = np.zeros((3, 3)) if self._information is None else self._information
             information = rotate_covariance(information, -float(self.pose[2]))
@@ -346,7 +355,7 @@ class FrontEnd:
         if not self._believes_odometry(scan):
             return np.zeros(3)
         # The translation since the anchor, along the axes of the scan.
-        shift = -inverse(between(self._anchor_odom, scan.odom)) * np.array([1.0, 1.0, 0.0])
+        shift = -inverse_se2(between_se2(self._anchor_odom, scan.odom)) * np.array([1.0, 1.0, 0.0])
         shift *= self._scale.error_variance**0.5
         if self._information is None:
             return shift
@@ -357,7 +366,7 @@ class FrontEnd:
         keyframe = self.keyframes[-1]
         if self._information is None or self._anchor_cov.any():
             return
-        odometry = between(keyframe.scan.odom, scan.odom)
+        odometry = between_se2(keyframe.scan.odom, scan.odom)
         information = rotate_covariance(self._information, -float(keyframe.pose[2]))
         noise = odometry_covariance(odometry, self.config.odometry)
         self._scale.update(odometry, moved, information, noise)
@@ -372,17 +381,19 @@ class FrontEnd:
         """
         assert self._last is not None
         assert self._matched is not None
-        step = self._scale.corrected(between(self._last.odom, scan.odom))
-        since = self._scale.corrected(between(self._anchor_odom, scan.odom))
+        step = self._scale.corrected(between_se2(self._last.odom, scan.odom))
+        since = self._scale.corrected(between_se2(self._anchor_odom, scan.odom))
         if step.any():
             self._moved, self._contradictions = True, 0
         if not self._believes_odometry(scan):
-            expected = compose(self.pose, decaying_motion(self._velocity, self._seconds_to(scan)))
+            expected = compose_se2(
+                self.pose, decaying_motion(self._velocity, self._seconds_to(scan))
+            )
             unknown_s = (scan.stamp_ns - self._matched.stamp_ns) * 1e-9
             return expected, expected, STEADY_COV * max(1.0, unknown_s / STEADY_TIME) ** 2
         if step.any():
             self._use_gyro(scan, step)
-        expected = compose(self.pose, step)
+        expected = compose_se2(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
         # Matching must not accumulate heading errors of a robot at rest. Late odometry looks like
         # rest for one scan.
@@ -420,7 +431,7 @@ class FrontEnd:
     def _check_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
         """Count consecutive scans that observe a motion while odometry reports rest."""
         assert self._last is not None
-        if not scan.has_odometry or between(self._last.odom, scan.odom).any():
+        if not scan.has_odometry or between_se2(self._last.odom, scan.odom).any():
             return
         if self._believes_odometry(scan):
             contradicts = self._contradicts(scan, prior, prior_cov)
@@ -465,7 +476,7 @@ class FrontEnd:
         """
         if self._believes_odometry(scan):
             return False
-        deviation = between(prior.pose, result.pose)
+        deviation = between_se2(prior.pose, result.pose)
         is_far = deviation @ prior.information @ deviation > CONTRADICTION_CHI2
         return bool(is_far) or (self._is_contradicted() and result.inliers < MIN_INLIERS)
 
@@ -491,7 +502,7 @@ class FrontEnd:
         """Return whether odometry, which has reported motion before, reports rest."""
         if self._last is None or not self._moved or not self._believes_odometry(scan):
             return False
-        step = between(self._last.odom, scan.odom)
+        step = between_se2(self._last.odom, scan.odom)
         moved, turned = float(np.hypot(step[0], step[1])), abs(float(step[2]))
         return moved < STANDING_STEP[0] and turned < STANDING_STEP[1]
 
@@ -502,7 +513,7 @@ class FrontEnd:
         free = self._align_near(scan, self.pose, prior, STEADY_COV, self._window(STEADY_COV))
         information = free.information / self.config.matching.correlated_beams
         total = np.linalg.inv(information + np.linalg.inv(prior_cov))
-        deviation = between(prior, free.pose)
+        deviation = between_se2(prior, free.pose)
         # Odometry's covariance is isotropic; the information is along the map's axes.
         deviation[:2] = free.pose[:2] - prior[:2]
         weight = information - information @ total @ information
@@ -579,7 +590,7 @@ class FrontEnd:
         if self._believes_odometry(scan):
             # Without odometry, this is the predicted pose.
             moved = decaying_motion(self._velocity, self._seconds_to(scan))
-            centres.append(compose(self.pose, moved))
+            centres.append(compose_se2(self.pose, moved))
         found = [self._align_near(scan, c, c, LOOSE_COV, window) for c in centres]
         min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         # No match is an alternative as well; its quality is 0.
@@ -597,7 +608,7 @@ class FrontEnd:
         Among N poses, the best fits log N independent beams by accident: a camera's short arc of
         furniture nearly always fits somewhere, a scan of 360 deg does not.
         """
-        away = np.abs(between(predicted, found.pose))
+        away = np.abs(between_se2(predicted, found.pose))
         cells, yaws = 2.0 * np.hypot(*away[:2]) / CELL + 1.0, 2.0 * away[2] / MIN_ANGLE_STEP + 1.0
         beams = len(scan.points) / self.config.matching.correlated_beams
         return float(np.log(cells**2 * yaws) / (NATS_PER_BEAM * beams))
@@ -610,7 +621,7 @@ class FrontEnd:
 
     def _add_keyframe(self, scan: LevelScan, cov: Float64, systematic: Float64) -> None:
         first = not self.keyframes or self.keyframes[-1].session != self.session
-        delta = np.zeros(3) if first else between(self.keyframes[-1].pose, self.pose)
+        delta = np.zeros(3) if first else between_se2(self.keyframes[-1].pose, self.pose)
         number, pose = self.first_id + len(self.keyframes), self.pose.copy()
         keyframe = GraphKeyframe(number, scan, pose, delta, cov, self.session, systematic)
         self.keyframes.append(keyframe)

@@ -29,7 +29,7 @@ from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, loop_records
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.consistency import LOOP_CHI2
-from tccm_ros.slam.se2 import compose
+from tccm_ros.slam.se2 import compose_se2
 from tccm_ros.slam.systematic import CarriedDisplacement, scale_displacements
 from tccm_ros.slam.walls.association import min_confirmations
 from tccm_ros.slam.walls.corners import find_corners
@@ -118,7 +118,7 @@ class Growth:
         if self._localised != closer.localised or any(map(chain.starts, new)):
             return False
         for k in new:
-            pose = compose(self.poses[-1], chain.keyframes[k].delta)
+            pose = compose_se2(self.poses[-1], chain.keyframes[k].delta)
             self.poses = np.concatenate([self.poses, pose[None]])
         self._assigned_at = np.concatenate([self._assigned_at, self.poses[self._first_new :]])
         loops = closer.accepted[self._loops_seen :]

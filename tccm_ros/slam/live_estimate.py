@@ -20,7 +20,7 @@ from tccm_ros.geometry import transform2, wrap_angle
 from tccm_ros.records import Wall
 from tccm_ros.slam.base_attitude import LEVEL, Attitude, with_attitude
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
-from tccm_ros.slam.se2 import compose, rotate_covariance
+from tccm_ros.slam.se2 import compose_se2, rotate_covariance
 from tccm_ros.slam.walls.association import GATE_CHI2, GATE_SIGMAS
 from tccm_ros.slam.walls.line_noise import line_covariance
 from tccm_ros.slam.walls.lines import Lines
@@ -74,20 +74,20 @@ class MapWalls(NamedTuple):
     extent: Float64
 
     @classmethod
-    def of(cls, walls: Sequence[Wall], T_map_walls: Float64) -> MapWalls:
+    def of(cls, walls: Sequence[Wall], p_map_walls: Float64) -> MapWalls:
         """Return walls transformed to map.
 
         Parameters
         ----------
         walls
             Walls in a common frame.
-        T_map_walls
+        p_map_walls
             Planar pose (3,) of that frame in map.
         """
         facing = np.array([0.0 if wall.is_seen_from_origin else np.pi for wall in walls])
-        phi = np.array([wall.phi for wall in walls]) + facing + T_map_walls[2]
+        phi = np.array([wall.phi for wall in walls]) + facing + p_map_walls[2]
         own = np.array([wall.endpoints for wall in walls]).reshape(-1, 2)
-        ends = transform2(T_map_walls, own).reshape(-1, 2, 2)
+        ends = transform2(p_map_walls, own).reshape(-1, 2, 2)
         normals = np.stack([np.cos(phi), np.sin(phi)], axis=1)
         tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
         along = np.einsum("wek,wk->we", ends, tangents)
@@ -183,7 +183,7 @@ class LiveEstimate:
     def pose(self, tracked: TrackedPose) -> Float64:
         """Return the pose float64 (3,) in map of a scan that is relative to the newest keyframe."""
         assert self._newest is not None
-        return compose(self._newest.pose, tracked.pose)
+        return compose_se2(self._newest.pose, tracked.pose)
 
     def covariance(self, tracked: TrackedPose) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in map of such a pose.
@@ -206,7 +206,7 @@ class LiveEstimate:
         """Return the estimate of a keyframe from that of the previous one."""
         if before is None:
             return _Estimate(keyframe.pose.copy(), np.zeros((3, 3)))
-        pose = compose(before.pose, keyframe.delta)
+        pose = compose_se2(before.pose, keyframe.delta)
         cov = moved_covariance(before.cov, before.pose, pose)
         estimate = _Estimate(pose, cov + rotate_covariance(keyframe.cov, float(pose[2])))
         if not self._config.walls.enabled or not len(self._walls.phi):

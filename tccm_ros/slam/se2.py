@@ -1,6 +1,6 @@
 """Planar poses in compiled code: fast versions of functions in `geometry`.
 
-From Python, `compose` and `between` take 0.8 us here, and 11 and 20 us in `geometry`, whose
+From Python, `compose_se2` and `between_se2` take 0.8 us here, and 11 and 20 us in `geometry`, whose
 functions take arrays of any shape; compiled code can call only these. Tests compare the two. Poses
 are float64 (3,) of (x, y, yaw), m and rad; yaw is wrapped to [-pi, pi].
 """
@@ -19,7 +19,7 @@ def _wrap(angle: float) -> float:
 
 
 @kernel
-def compose(a: Float64, b: Float64) -> Float64:
+def compose_se2(a: Float64, b: Float64) -> Float64:
     """Return a * b."""
     c, s = np.cos(a[2]), np.sin(a[2])
     result = np.empty(3)
@@ -30,7 +30,7 @@ def compose(a: Float64, b: Float64) -> Float64:
 
 
 @kernel
-def inverse(a: Float64) -> Float64:
+def inverse_se2(a: Float64) -> Float64:
     """Return the inverse of a."""
     c, s = np.cos(a[2]), np.sin(a[2])
     result = np.empty(3)
@@ -40,9 +40,9 @@ def inverse(a: Float64) -> Float64:
 
 
 @kernel
-def between(a: Float64, b: Float64) -> Float64:
-    """Return the pose of b relative to a: inverse(a) * b."""
-    return compose(inverse(a), b)
+def between_se2(a: Float64, b: Float64) -> Float64:
+    """Return the pose of b relative to a: inverse_se2(a) * b."""
+    return compose_se2(inverse_se2(a), b)
 
 
 @kernel

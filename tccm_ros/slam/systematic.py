@@ -18,7 +18,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph.pose_graph import GraphSolution
-from tccm_ros.slam.se2 import between, inverse
+from tccm_ros.slam.se2 import between_se2, inverse_se2
 
 
 def systematic_covariances(solution: GraphSolution, chain: KeyframeChain) -> Float64:
@@ -84,7 +84,7 @@ class CarriedDisplacement:
         """Propagate to the last of the next keyframes, whose pose has the covariance (3, 3)."""
         predicted = self._cov
         for keyframe in keyframes:
-            A = adjoint(inverse(keyframe.delta))
+            A = adjoint(inverse_se2(keyframe.delta))
             self.displacement = A @ self.displacement + keyframe.systematic
             predicted = A @ predicted @ A.T + keyframe.cov
         if keyframes:
@@ -105,7 +105,7 @@ def _gradient(chain: KeyframeChain, poses: Float64, session: int) -> Float64:
             continue
         weighted = np.linalg.solve(keyframe.cov, keyframe.systematic)
         gradient[k] += weighted
-        gradient[k - 1] -= adjoint(between(poses[k], poses[k - 1])).T @ weighted
+        gradient[k - 1] -= adjoint(between_se2(poses[k], poses[k - 1])).T @ weighted
     return gradient
 
 

@@ -42,7 +42,7 @@ from tccm_ros.slam.live_estimate import (
 )
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.odometry_model import odometry_covariance
-from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
+from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2, rotate_covariance
 from tccm_ros.slam.walls.lines import extract_lines
 
 COUNTED = {
@@ -73,7 +73,7 @@ class SolvedMap(NamedTuple):
 
     Attributes
     ----------
-    T_map_tracking
+    p_map_tracking
         float64 (3,), pose in map of the tracking frame: the front end's own map.
     keyframe
         The newest keyframe; None without keyframes.
@@ -87,7 +87,7 @@ class SolvedMap(NamedTuple):
         Whether the session is on a trajectory beside the map, with an unknown place in the map.
     """
 
-    T_map_tracking: Float64
+    p_map_tracking: Float64
     keyframe: SolvedKeyframe | None
     walls: MapWalls
     is_localised: bool = True
@@ -214,7 +214,7 @@ class Tracker:
         if self._stamp_ns < 0:
             return LivePose(-1, np.zeros(3), np.zeros(3))
         pose = self._pose()
-        map_odom = compose(pose, inverse(self._odom))
+        map_odom = compose_se2(pose, inverse_se2(self._odom))
         return LivePose(self._stamp_ns, pose, map_odom, attitude=self._attitude)
 
     def current_covariance(self) -> Float64:
@@ -228,7 +228,7 @@ class Tracker:
             return self._estimate.covariance(self._front.tracked[-1])
         solved = None if self._solved is None else self._solved.keyframe
         pose, start = self._pose(), np.zeros(3) if solved is None else solved.pose
-        step = odometry_covariance(between(start, pose), self._config.odometry)
+        step = odometry_covariance(between_se2(start, pose), self._config.odometry)
         cov = rotate_covariance(step, float(pose[2]))
         if solved is not None:
             known = rotate_covariance(solved.cov, float(start[2]))
@@ -237,11 +237,11 @@ class Tracker:
 
     def _pose(self) -> Float64:
         if self._map_odom is not None:
-            return compose(self._map_odom, self._odom)
+            return compose_se2(self._map_odom, self._odom)
         if self._front.tracked:
             return self._estimate.pose(self._front.tracked[-1])
         pose = self._start(self._odom)
-        return pose if self._solved is None else compose(self._solved.T_map_tracking, pose)
+        return pose if self._solved is None else compose_se2(self._solved.p_map_tracking, pose)
 
     def _add_scan(self, posed: PosedScan) -> None:
         self.odom_frame = posed.odom_frame
@@ -267,7 +267,7 @@ class Tracker:
             if before is None:
                 self.counts["lost"] += 1
             else:
-                start = compose(before[0], between(before[1], level.odom))
+                start = compose_se2(before[0], between_se2(before[1], level.odom))
         lines = extract_lines(level.beams, level.origin, self._config)
         self._estimate.add(self._front.keyframes[-1], lines, start)
 
@@ -285,4 +285,4 @@ class Tracker:
         """Return the pose (3,) by odometry alone: the first base pose is the origin."""
         if self._first_odometry is None:
             return np.zeros(3)
-        return between(self._first_odometry[1], odom)
+        return between_se2(self._first_odometry[1], odom)

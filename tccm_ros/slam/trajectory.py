@@ -14,7 +14,7 @@ from tccm_ros.robot.tracks import Track, bracket
 from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance
-from tccm_ros.slam.se2 import between, compose
+from tccm_ros.slam.se2 import between_se2, compose_se2
 
 SCAN_FLOOR = (0.001, 0.0005)
 """Additional standard deviation (m, rad) of a pose at the stamp of a scan (chosen)."""
@@ -157,15 +157,15 @@ def poses_at_stamps(
         start, now = odometry.at(here.stamp_ns), odometry.at(int(stamp))
         index[v] = here.keyframe
         if start is not None and now is not None:
-            poses[v] = compose(here.pose, between(start, now))
+            poses[v] = compose_se2(here.pose, between_se2(start, now))
         else:
             after = tracked[min(i + 1, len(tracked) - 1)]
             poses[v] = _between_scans(here, after, keyframes, int(stamp))
-        covs[v] = here.cov + motion_covariance(between(here.pose, poses[v]), model, SCAN_FLOOR)
+        covs[v] = here.cov + motion_covariance(between_se2(here.pose, poses[v]), model, SCAN_FLOOR)
         for side in (-TILT_MOTION_NS, TILT_MOTION_NS):
             end = odometry.at(int(stamp) + side)
             if now is not None and end is not None:
-                covs[v] += motion_covariance(between(now, end), model)
+                covs[v] += motion_covariance(between_se2(now, end), model)
     return index, poses, covs
 
 
@@ -178,5 +178,5 @@ def _between_scans(
         return here.pose
     end = after.pose
     if after.keyframe != here.keyframe:
-        end = compose(keyframes[after.keyframe].delta, end)
+        end = compose_se2(keyframes[after.keyframe].delta, end)
     return _interpolate(here.pose, end, (stamp - here.stamp_ns) / (after.stamp_ns - here.stamp_ns))

@@ -43,7 +43,7 @@ from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.odometry_front_end import OdometryFrontEnd
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
-from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2
 from tccm_ros.slam.signs.landmarks import sign_observations, sign_records
 from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
@@ -157,7 +157,7 @@ class WallSlam:
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:
             self._closer.search(level, tracked)
-        pose = compose(self._closer.poses[tracked.keyframe], tracked.pose)
+        pose = compose_se2(self._closer.poses[tracked.keyframe], tracked.pose)
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
     def add_scan_of_walls(self, scan: PosedScan) -> None:
@@ -167,7 +167,7 @@ class WallSlam:
         """
         level = make_level_scan(scan, self.config)
         newest = self._newest
-        if newest and max(self._front.steps(between(newest.odom, level.odom))) <= 1.0:
+        if newest and max(self._front.steps(between_se2(newest.odom, level.odom))) <= 1.0:
             return
         self._newest = level
         lines = extract_lines(level.beams, level.origin, self.config, self.label)
@@ -240,8 +240,8 @@ class WallSlam:
         is_pose_given, self._is_pose_given = self._is_pose_given, False
         if is_pose_given and self._newest is not None and self.has_place_now:
             last = self._front.tracked[-1]
-            step = compose(last.pose, between(self._newest.odom, level.odom))
-            self._closer.note_expected(compose(self._closer.poses[last.keyframe], step))
+            step = compose_se2(last.pose, between_se2(self._newest.odom, level.odom))
+            self._closer.note_expected(compose_se2(self._closer.poses[last.keyframe], step))
 
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the live estimate of the motion of the base between two stamps, float64 (3,).
@@ -250,11 +250,11 @@ class WallSlam:
         """
         if self._front.tracked:
             first, last = self._anchor([first_ns, last_ns])
-            return between(first.pose, last.pose) if first.keyframe == last.keyframe else None
+            return between_se2(first.pose, last.pose) if first.keyframe == last.keyframe else None
         if not len(self._odometry):
             return np.zeros(3)
         start, end = self._odometry.at(first_ns), self._odometry.at(last_ns)
-        return None if start is None or end is None else between(start, end)
+        return None if start is None or end is None else between_se2(start, end)
 
     def pose_at(self, stamp_ns: int) -> Float64 | None:
         """Return the live estimate (3,) of the base at a stamp, in the front end's own map.
@@ -263,7 +263,7 @@ class WallSlam:
         """
         if self._front.tracked:
             anchored = self._anchor([stamp_ns])[0]
-            return compose(self._chain.keyframes[anchored.keyframe].pose, anchored.pose)
+            return compose_se2(self._chain.keyframes[anchored.keyframe].pose, anchored.pose)
         odom = self._odometry.at(stamp_ns) if len(self._odometry) else None
         return None if odom is None else self._start(odom)
 
@@ -273,10 +273,10 @@ class WallSlam:
         With an external localisation, the pose is in its map.
         """
         if len(self._map_odom):
-            return compose(self._map_odom.newest(), odom)
+            return compose_se2(self._map_odom.newest(), odom)
         if not len(self._odometry):
             return np.zeros(3)
-        return between(self._odometry.first(), odom)
+        return between_se2(self._odometry.first(), odom)
 
     def _take_keyframe(self) -> int:
         """Add the last scan if it became a keyframe; return its id, or -1."""
@@ -491,12 +491,12 @@ class WallSlam:
         observations = [*used.observations, *sign_observations(used.signs)]
         seen = landmark_factors(observations, unit_variance=used.scale)
         starts, anchors = self._chain.anchor({**anchored, **seen.anchored}, poses)
-        between = [
+        between_se2 = [
             f
             for f in self._between
             if not isinstance(f, BetweenViews) or {f.i, f.j} <= anchored.keys()
         ]
-        others = [*between, *used.sign_factors(self.config), *seen.factors]
+        others = [*between_se2, *used.sign_factors(self.config), *seen.factors]
         if uses_corners(self.config):
             others += corner_factors(used.corners, used.walls, keys, self.config)
         names = by_variables(anchors), by_variables(others, "beside")
@@ -543,7 +543,7 @@ class WallSlam:
         map_odom, first = self._map_odom, int(self._odometry.stamps_ns[0])
         start = np.zeros(3)
         if len(map_odom):
-            start = compose(map_odom.before(first), self._odometry.first())
+            start = compose_se2(map_odom.before(first), self._odometry.first())
         odometry_slam._front = self._odometry_front.update(self._odometry, start)
         while odometry_slam._take_keyframe() >= 0:
             pass
@@ -625,7 +625,7 @@ class WallSlam:
 
     def map_from_tracking(self, newest: Float64) -> Float64:
         """Return the pose of the front end's own map, from the pose (3,) of the newest keyframe."""
-        return compose(newest, inverse(self._front.keyframes[-1].pose))
+        return compose_se2(newest, inverse_se2(self._front.keyframes[-1].pose))
 
     def placed_keyframe(self) -> SolvedKeyframe | None:
         """Return the newest keyframe in the map, before it is solved; None without a place."""

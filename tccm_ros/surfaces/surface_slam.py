@@ -404,7 +404,7 @@ class SurfaceSlam:
         )
 
     def objects_now(
-        self, solution: SurfaceSolution, T_map_tracking: Float64
+        self, solution: SurfaceSolution, p_map_tracking: Float64
     ) -> tuple[SceneObject, ...] | None:
         """Return the objects after the newest view, on the surfaces of the newest solution.
 
@@ -412,7 +412,7 @@ class SurfaceSlam:
 
         Parameters
         ----------
-        solution, T_map_tracking
+        solution, p_map_tracking
             The newest solution, and float64 (3,) of its `solved_map`.
 
         Returns
@@ -429,7 +429,7 @@ class SurfaceSlam:
                 pose = self.wall_slam.pose_at(view.stamp_ns)
                 if pose is None:
                     return None
-                poses[view.key] = spatial(compose2(T_map_tracking, pose))
+                poses[view.key] = spatial(compose2(p_map_tracking, pose))
         T_map_view = np.array([poses[view.key] for view in self.map.views]).reshape(-1, 4, 4)
         return scene_objects(
             solution.surfaces, track_objects(self.map.views, T_map_view, self.config).tracks
@@ -588,16 +588,16 @@ class SurfaceSlam:
     def solved_map(self, solution: SurfaceSolution) -> SolvedMap:
         """Return the map of a solution and the pose of the robot in it, for a `Tracker`."""
         graph, place = solution.graph, solution.alignment
-        T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
+        p_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
         keyframe = None
         if len(graph.cov_keyframes):
             newest = graph.keyframes[-1]
-            pose = compose2(T_map_session, newest.pose)
+            pose = compose2(p_map_session, newest.pose)
             keyframe = SolvedKeyframe(newest.id, pose, graph.cov_keyframes[-1])
         return SolvedMap(
-            compose2(T_map_session, self.wall_slam.correction(graph)),
+            compose2(p_map_session, self.wall_slam.correction(graph)),
             keyframe,
-            MapWalls.of(graph.walls, T_map_session),
+            MapWalls.of(graph.walls, p_map_session),
             self.is_aligned(solution) and not self.wall_slam.is_lost,
             self.wall_slam.placed_by_sign,
             self.wall_slam.is_unjoined,
@@ -614,9 +614,9 @@ class SurfaceSlam:
         keyframe = self.wall_slam.placed_keyframe()
         if keyframe is None:
             return None
-        T_map_tracking = self.wall_slam.map_from_tracking(keyframe.pose)
+        p_map_tracking = self.wall_slam.map_from_tracking(keyframe.pose)
         by_sign, is_unjoined = self.wall_slam.placed_by_sign, self.wall_slam.is_unjoined
-        return SolvedMap(T_map_tracking, keyframe, walls, True, by_sign, is_unjoined)
+        return SolvedMap(p_map_tracking, keyframe, walls, True, by_sign, is_unjoined)
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

@@ -25,8 +25,8 @@ def right(i, j, noise=0.0, rng=None):
 
 
 def check_poses(component, poses=POSES):
-    for k, T in component.T_root_map.items():
-        expected = between2(poses[min(component.T_root_map)], poses[k])
+    for k, T in component.p_root_map.items():
+        expected = between2(poses[min(component.p_root_map)], poses[k])
         assert np.allclose(T, expected, atol=0.1)
 
 
@@ -36,7 +36,7 @@ def test_all_right_pairs_make_one_component_in_the_frame_of_the_first():
     (component,), contradicting = select_pairs(5, pairs)
     assert not contradicting
     assert len(component.pairs) == 10
-    assert np.array_equal(component.T_root_map[0], np.zeros(3))
+    assert np.array_equal(component.p_root_map[0], np.zeros(3))
     check_poses(component)
 
 
@@ -44,7 +44,7 @@ def test_all_right_pairs_make_one_component_in_the_frame_of_the_first():
 def test_one_wrong_pair_bends_nothing_however_many_keyframes_it_has(wrong, loops):
     pairs = {p: right(*p) for p in itertools.combinations(range(5), 2)}
     error = np.array([1.0, -2.0, 0.3])
-    pairs[wrong] = match(pairs[wrong].T_one_other + error, loops)
+    pairs[wrong] = match(pairs[wrong].p_one_other + error, loops)
     (component,), contradicting = select_pairs(5, pairs)
     assert contradicting == {wrong}
     assert wrong not in component.pairs
@@ -54,14 +54,14 @@ def test_one_wrong_pair_bends_nothing_however_many_keyframes_it_has(wrong, loops
 def test_what_is_not_connected_is_a_component_of_its_own():
     pairs = {(0, 3): right(0, 3), (1, 4): right(1, 4), (3, 4): right(3, 4)}
     components, _ = select_pairs(5, pairs)
-    assert [sorted(c.T_root_map) for c in components] == [[0, 1, 3, 4], [2]]
+    assert [sorted(c.p_root_map) for c in components] == [[0, 1, 3, 4], [2]]
     for component in components:
         check_poses(component)
 
 
 def test_no_pairs_leave_every_map_by_itself():
     components, contradicting = select_pairs(3, {})
-    assert [list(c.T_root_map) for c in components] == [[0], [1], [2]]
+    assert [list(c.p_root_map) for c in components] == [[0], [1], [2]]
     assert contradicting == set()
 
 
@@ -73,4 +73,4 @@ def test_the_order_in_which_pairs_come_has_no_effect(order):
     (component,), _ = select_pairs(3, dict(known[k] for k in order))
     (expected,), _ = select_pairs(3, dict(known))
     assert component.pairs == expected.pairs
-    assert all(np.array_equal(component.T_root_map[k], expected.T_root_map[k]) for k in range(3))
+    assert all(np.array_equal(component.p_root_map[k], expected.p_root_map[k]) for k in range(3))

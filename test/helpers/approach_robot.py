@@ -18,7 +18,7 @@ from tccm_interfaces.srv import FindSurfaces
 
 from tccm_ros.approach.speeds import Speeds
 from tccm_ros.geometry import compose2, inverse2, spatial, transform2
-from tccm_ros.nodes.qos import latched, surface_message
+from tccm_ros.nodes.qos import latched_qos, surface_message_qos
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import Odometry, Scan, SurfaceCloud, TransformSample
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_message
@@ -84,11 +84,11 @@ class ApproachRobot:
         self._odometry = make(type(self._odometry_message()), topic, reliable)
         self._scan = make(type(self._scan_message()), "scan", reliable)
         self._cycles = make(type(self._cloud(np.zeros((0, 3)), np.zeros(3), 0.0)),
-                            "tccm/surfaces", surface_message())  # fmt: skip
-        self._obstacles = make(type(self._obstacles_message()), "tccm/obstacles", latched())
-        self._grid = self.map_node.create_publisher(OccupancyGrid, "map", latched())
-        self._map = self.map_node.create_publisher(SurfaceMap, "~/surface_map", latched())
-        self._where = self.map_node.create_publisher(Localisation, "~/localisation", latched())
+                            "tccm/surfaces", surface_message_qos())  # fmt: skip
+        self._obstacles = make(type(self._obstacles_message()), "tccm/obstacles", latched_qos())
+        self._grid = self.map_node.create_publisher(OccupancyGrid, "map", latched_qos())
+        self._map = self.map_node.create_publisher(SurfaceMap, "~/surface_map", latched_qos())
+        self._where = self.map_node.create_publisher(Localisation, "~/localisation", latched_qos())
         self.map_node.create_service(FindSurfaces, "~/find_surfaces", self._find)
         self.node.create_subscription(Twist, "cmd_vel", self._obey, 10)
         self.surfaces = self._surfaces()

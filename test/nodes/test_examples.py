@@ -17,7 +17,7 @@ from shapely import Point, Polygon
 from std_srvs.srv import Trigger
 
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.surface_messages import SURFACE, SURFACE_EVENT, SURFACE_MAP
 
@@ -148,7 +148,7 @@ def test_a_map_that_comes_before_the_services_are_found_is_listed(ros):
     kind = message_class(SURFACE_MAP)
     node = ros.add(Node("surface_slam", context=ros.another_context()))
     table = message_class(SURFACE)(id=7, label="table", height=0.7)
-    node.create_publisher(kind, "~/surface_map", latched()).publish(kind(surfaces=[table]))
+    node.create_publisher(kind, "~/surface_map", latched_qos()).publish(kind(surfaces=[table]))
     with example(ros, "list_counters.py") as listing:
         ros.spin_until(lambda: node.count_subscribers("~/surface_map"))
         for service, path in MAP_SERVICES.items():
@@ -168,7 +168,9 @@ def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
         message_class(SURFACE)(id=k, label="table", near_signs=near) for k, near in signs.items()
     ]
     shelf = message_class(SURFACE)(id=11, label="shelf", near_signs=["KITCHEN"])
-    node.create_publisher(kind, "~/surface_map", latched()).publish(kind(surfaces=[*tables, shelf]))
+    node.create_publisher(kind, "~/surface_map", latched_qos()).publish(
+        kind(surfaces=[*tables, shelf])
+    )
 
     def moved(identity, x):
         told = event(kind=event.MOVED, surface_ids_before=[identity], surface_ids_after=[identity])

@@ -5,7 +5,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, LaserScan
 
 from tccm_ros.nodes.inputs import Inputs
-from tccm_ros.nodes.qos import sensor
+from tccm_ros.nodes.qos import sensor_qos
 
 SCAN = "sensor_msgs/msg/LaserScan"
 
@@ -14,7 +14,7 @@ def watched(ros, reliability="best_effort", silence=0.0):
     node = ros.add(Node("probe", context=ros.context))
     inputs = Inputs(node, silence)
     received = []
-    inputs.subscribe(SCAN, "tilt_scan", received.append, sensor(reliability))
+    inputs.subscribe(SCAN, "tilt_scan", received.append, sensor_qos(reliability))
     return inputs, received
 
 
@@ -28,7 +28,7 @@ def test_a_topic_without_publisher_is_a_problem_that_names_it(ros):
 def test_an_input_that_is_not_needed_may_be_absent(ros):
     node = ros.add(Node("probe", context=ros.context))
     inputs = Inputs(node, 0.0)
-    inputs.subscribe(SCAN, "extra", lambda _: None, sensor(), watch="event")
+    inputs.subscribe(SCAN, "extra", lambda _: None, sensor_qos(), watch="event")
     assert inputs.problems() == []
     assert inputs.problems() == []
 
@@ -78,7 +78,7 @@ def test_inputs_that_pause_one_after_the_other_are_not_silent(ros, monkeypatch):
     inputs, scans = watched(ros, silence=5.0)
     joints, now_s = [], [0.0]
     joint_type = "sensor_msgs/msg/JointState"
-    inputs.subscribe(joint_type, "joint_states", joints.append, sensor(), watch="stream")
+    inputs.subscribe(joint_type, "joint_states", joints.append, sensor_qos(), watch="stream")
     monkeypatch.setattr(inputs, "_now", lambda: round(now_s[0] * 1e9))
     talker = ros.add(Node("talker", context=ros.context))
     scan = talker.create_publisher(LaserScan, "tilt_scan", 10)

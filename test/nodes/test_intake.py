@@ -8,7 +8,7 @@ from std_msgs.msg import String
 
 from tccm_ros.nodes.inputs import Inputs
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.qos import sensor
+from tccm_ros.nodes.qos import sensor_qos
 
 STRING = "std_msgs/msg/String"
 
@@ -25,7 +25,7 @@ def heard(ros):
             raise ValueError(message.data)
         got.append(message.data)
 
-    inputs.subscribe(STRING, "words", take, sensor("reliable"))
+    inputs.subscribe(STRING, "words", take, sensor_qos("reliable"))
     timer = node.create_timer(0.01, lambda: got.append("tick"), callback_group=intake.group)
     intake.add_timer(timer)
     talker = ros.add(Node("talker", context=ros.another_context()))
@@ -82,7 +82,7 @@ def test_no_message_is_lost_where_the_intake_starts_anew(ros):
     talker = ros.add(Node("talker", context=ros.another_context()))
     publishers = []
     for topic in ("words", "more_words"):
-        inputs.subscribe(STRING, topic, take, sensor("reliable"))
+        inputs.subscribe(STRING, topic, take, sensor_qos("reliable"))
         publishers.append(talker.create_publisher(String, topic, 10))
         ros.connect(talker, node, f"/{topic}")
     for publisher in publishers:

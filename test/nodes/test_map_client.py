@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.geometry import spatial
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
@@ -49,7 +49,7 @@ def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
     ros.connect(node, own, "/surface_slam/events")
     robot.play(recording(4), tilt_node, node)
-    ros.spin_until(lambda: client.is_ready and events)
+    ros.spin_until(lambda: client.is_ready and client.surfaces and events)
     assert [(e.kind, e.label, e.T_before) for e in events] == [("appeared", "table", None)]
     (table,) = (s for s in client.surfaces if s.label == "table")
     # The table of the room: 0.8 m by 1.0 m, its middle at (0.8, 0).
@@ -96,7 +96,8 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     with pytest.raises(RequestError, match="there is no map yet"):
         answered(ros, client.set_pose(np.eye(4)))
     robot.play(recording(4), tilt_node, node)
-    ros.spin_until(lambda: client.is_ready and client.can_check_boxes and client.localisation)
+    ros.spin_until(lambda: client.is_ready and client.can_check_boxes)
+    ros.spin_until(lambda: client.surfaces and client.localisation)
     assert (client.localisation.state, client.localisation.reason) == ("tracking", "")
     # The walls of the room, each in the plane of z = 0.
     assert len(client.walls) >= 3
@@ -136,7 +137,7 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     names = []
     own.create_subscription(
         SurfaceMap, "/surface_slam/surface_map",
-        lambda message: names.append((message.name, message.localisation.map_name)), latched(),
+        lambda message: names.append((message.name, message.localisation.map_name)), latched_qos(),
     )  # fmt: skip
     assert answered(ros, client.load_named_map("home")).name == "home"
     ros.spin_until(lambda: names and names[-1] == ("home", "home"))
@@ -148,8 +149,8 @@ def up(z):
     return T
 
 
-def test_the_hundredth_question_takes_no_more_steps_than_the_first(ros):
-    from tccm_ros.client import SurfaceMapClient
+def map_server(ros):
+    """Return a node that answers the requests of `SurfaceMapClient`, and has no map yet."""
     from tccm_ros.nodes.map_client import MAP_SERVICES
 
     server = ros.add(Node("surface_slam", context=ros.another_context()))
@@ -160,6 +161,28 @@ def test_the_hundredth_question_takes_no_more_steps_than_the_first(ros):
 
     for kind, name in MAP_SERVICES.items():
         server.create_service(kind, f"~/{name}", answer)
+    return server
+
+
+def test_a_client_is_ready_with_an_empty_map(ros):
+    from tccm_interfaces.msg import SurfaceMap
+
+    from tccm_ros.client import SurfaceMapClient
+
+    server = map_server(ros)
+    client = SurfaceMapClient(ros.add(Node("asker", context=ros.context)))
+    ros.spin_until(lambda: client.has_services)
+    assert not client.is_ready, "no map has come"
+    maps = server.create_publisher(SurfaceMap, "~/surface_map", latched_qos())
+    maps.publish(SurfaceMap())
+    ros.spin_until(lambda: client.is_ready)
+    assert (client.surfaces, client.stamp_ns) == ((), 0)
+
+
+def test_the_hundredth_question_takes_no_more_steps_than_the_first(ros):
+    from tccm_ros.client import SurfaceMapClient
+
+    map_server(ros)
     own = ros.add(Node("asker", context=ros.context))
     client, steps, step = SurfaceMapClient(own), [], ros.executor.wait_for_ready_callbacks
     ros.spin_until(lambda: client.has_services)

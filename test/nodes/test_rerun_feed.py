@@ -11,7 +11,7 @@ from live_robot import WALL, overrides, recording, slam, tccm
 
 from tccm_ros.geometry import inverse
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.records import JointSample, Odometry, RobotDescription, TransformSample
 from tccm_ros.ros.pointcloud import MAP_ROW
 from tccm_ros.ros.writing import (
@@ -82,7 +82,7 @@ def test_images_with_their_camera_and_clouds_are_on_the_table(ros, server, writt
     T_odom_start = np.eye(4)
     T_odom_start[0, 3] = start_m
     described = robot_description_message(robot.types, RobotDescription(URDF))
-    latched_topic = robot.node.create_publisher(type(described), "robot_description", latched())
+    latched_topic = robot.node.create_publisher(type(described), "robot_description", latched_qos())
     latched_topic.publish(described)
     ros.connect(robot.node, view, "/robot_description")
 

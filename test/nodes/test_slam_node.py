@@ -130,7 +130,7 @@ def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
     shift = np.array([1.0, 2.0, 0.5])
     newest = solved.map.keyframe
     moved = solved.map._replace(
-        T_map_tracking=compose2(shift, solved.map.T_map_tracking),
+        p_map_tracking=compose2(shift, solved.map.p_map_tracking),
         keyframe=newest._replace(pose=compose2(shift, newest.pose)),
         walls=solved.map.walls._make(a[:0] for a in solved.map.walls),
     )

@@ -14,7 +14,7 @@ from tccm_ros.ros.reading import pose_covariance_from_message
 from tccm_ros.slam.external_poses import MEDIAN_VARIANCE, MapOdomTrack, white_variance
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.se2 import between, compose
+from tccm_ros.slam.se2 import between_se2, compose_se2
 from tccm_ros.slam.wall_slam import WallSlam
 
 SECOND = 1_000_000_000
@@ -36,8 +36,8 @@ def drive(told, drift=0.0, seed=1):
     odom = np.zeros(3)
     for k in range(STEPS):
         if k:
-            step = between(truth(k - 1), truth(k)) * (1.0 + drift)
-            odom = compose(odom, step + rng.normal(0.0, [5e-4, 2e-4, 2e-4]))
+            step = between_se2(truth(k - 1), truth(k)) * (1.0 + drift)
+            odom = compose_se2(odom, step + rng.normal(0.0, [5e-4, 2e-4, 2e-4]))
         slam.add_odometry(k * SECOND // 10, spatial(odom))
         pose = told(k) if k % 5 == 0 else None
         if pose is not None:

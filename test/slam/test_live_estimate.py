@@ -117,15 +117,15 @@ def test_two_walls_put_a_pose_back_to_where_it_is(seed):
     config.walls.flatness = 0.001
     random = np.random.default_rng(seed)
     truth = np.array([0.3, -0.2, 0.4])
-    T_map_walls = random.normal(size=3)
+    p_map_walls = random.normal(size=3)
     estimate = LiveEstimate(config)
     add(estimate, 0, np.zeros(3))
-    start = compose2(T_map_walls, np.zeros(3))
-    estimate.take(SolvedKeyframe(0, start, np.zeros((3, 3))), MapWalls.of(WALLS[:2], T_map_walls))
+    start = compose2(p_map_walls, np.zeros(3))
+    estimate.take(SolvedKeyframe(0, start, np.zeros((3, 3))), MapWalls.of(WALLS[:2], p_map_walls))
     error = random.normal(size=3) * [0.01, 0.01, 0.003]
     add(estimate, 1, truth + error, seen_from(truth, WALLS[:2]))
     found = estimate.pose(TrackedPose(0, 1, np.zeros(3), np.zeros((3, 3))))
-    assert np.abs(between2(compose2(T_map_walls, truth), found)[:2]).max() < 0.001
+    assert np.abs(between2(compose2(p_map_walls, truth), found)[:2]).max() < 0.001
     # Along one wall alone it stays where odometry put it.
     single = LiveEstimate(config)
     add(single, 0, np.zeros(3))

@@ -33,7 +33,7 @@ def test_objects_of_a_newer_view_are_those_of_the_next_solution():
     solution = slam.solve()
     (cup,) = solution.objects
     look(slam, 20 * S, 0.3, (1.3, 0.0), (1.8, 0.2))
-    objects = slam.objects_now(solution, slam.solved_map(solution).T_map_tracking)
+    objects = slam.objects_now(solution, slam.solved_map(solution).p_map_tracking)
     expected = slam.solve().objects
     assert [o.id for o in objects] == [o.id for o in expected] == [cup.id, cup.id + 2]
     for item, other in zip(objects, expected):

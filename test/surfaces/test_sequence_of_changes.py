@@ -75,7 +75,7 @@ def test_objects_between_solutions_are_where_the_next_solution_has_them(inputs):
             solution = slam.solve(with_racks=False)
             known = {item.id: item.center for item in objects}
             moved += [o.center - known[o.id] for o in solution.objects if o.id in known]
-            last = solution, slam.solved_map(solution).T_map_tracking
+            last = solution, slam.solved_map(solution).p_map_tracking
     assert len(moved) > 5
     assert np.abs(moved).max() < LIVE_M
 

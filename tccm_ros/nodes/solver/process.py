@@ -159,7 +159,7 @@ class SolverProcess:
         start = time.monotonic()
         solution = self._slam.solve(is_final=solve.is_final)
         solved_map = self._slam.solved_map(solution)
-        self._walls, self._solved = solved_map.walls, (solution, solved_map.T_map_tracking)
+        self._walls, self._solved = solved_map.walls, (solution, solved_map.p_map_tracking)
         saved = self._slam.saved(solution)
         frame = self._slam.config.frames.map_name
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:

@@ -181,17 +181,17 @@ def _selected_inverse(firsts: Any, rows: Any, L: Any, D: Any) -> Any:
     """Return the entries of (L D L')^-1 on the pattern of L, and its diagonal."""
     n = len(D)
     Z, diagonal = np.empty(len(L)), np.empty(n)
-    at, sums = np.full(n, -1, np.int64), np.empty(n)
+    place, sums = np.full(n, -1, np.int64), np.empty(n)
     for j in range(n - 1, -1, -1):
         first, last = firsts[j], firsts[j + 1]
         for p in range(first, last):
-            at[rows[p]] = p
+            place[rows[p]] = p
             sums[p - first] = 0.0
         for p in range(first, last):
             k, weight = rows[p], L[p]
             own = diagonal[k] * weight
             for q in range(firsts[k], firsts[k + 1]):
-                b = at[rows[q]]
+                b = place[rows[q]]
                 if b >= 0:
                     sums[b - first] += Z[q] * weight
                     own += Z[q] * L[b]
@@ -200,7 +200,7 @@ def _selected_inverse(firsts: Any, rows: Any, L: Any, D: Any) -> Any:
         for p in range(first, last):
             Z[p] = -sums[p - first]
             diagonal[j] -= Z[p] * L[p]
-            at[rows[p]] = -1
+            place[rows[p]] = -1
     return Z, diagonal
 
 

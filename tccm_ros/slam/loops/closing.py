@@ -28,7 +28,7 @@ from tccm_ros.slam.loops.place_confirmation import PlaceConfirmation
 from tccm_ros.slam.loops.search import MERGED_HALF, LoopSearch, is_same_place
 from tccm_ros.slam.loops.submaps import MergedScan, merge_scans
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2
 from tccm_ros.slam.signs.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
 from tccm_ros.slam.signs.views import SignView
 
@@ -272,7 +272,9 @@ class LoopCloser:
         self._unused.extend(observations)
         keyframe = self._chain.keyframes[k]
         starts = self._chain.starts(k)
-        self._append(keyframe, keyframe.pose if starts else compose(self.poses[-1], keyframe.delta))
+        self._append(
+            keyframe, keyframe.pose if starts else compose_se2(self.poses[-1], keyframe.delta)
+        )
         if self._root(k) == MAP:
             self._waiting.append(k)
         if len(self._waiting) >= BATCH:
@@ -384,7 +386,7 @@ class LoopCloser:
         if found is not None:
             agreement = self._search.agreement(found, scan)
         if found is not None and tracked is not None:
-            delta = compose(found.delta, inverse(tracked.pose))
+            delta = compose_se2(found.delta, inverse_se2(tracked.pose))
             found = replace(found, b=k, delta=delta, cov=found.cov + tracked.cov)
         self.waits_for = UNCONFIRMED
         if found is None or found.reason:
@@ -410,10 +412,10 @@ class LoopCloser:
         if is_late or self._root(k) == MAP:
             self._guess = None
             return
-        moved = between(self.poses[self._guessed], self.poses[k])
+        moved = between_se2(self.poses[self._guessed], self.poses[k])
         sigmas = np.sqrt(np.diag(guess.cov))
         window = Window(
-            compose(guess.pose, moved),
+            compose_se2(guess.pose, moved),
             max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
             min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
         )
@@ -472,7 +474,7 @@ class LoopCloser:
         if is_joined:
             self._join(last)
         error = np.array(
-            [between(p.delta, between(self.poses[p.a], self.poses[p.b])) for p in fresh]
+            [between_se2(p.delta, between_se2(self.poses[p.a], self.poses[p.b])) for p in fresh]
         )
         self.accepted.extend(fresh)
         self._lengths.add_loops(fresh, self._config.loops.drift)
@@ -486,13 +488,15 @@ class LoopCloser:
 
     def _join(self, loop: Proposal) -> None:
         """Move the trajectory of a loop closure's second keyframe to that of its first."""
-        T = compose(compose(self.poses[loop.a], loop.delta), inverse(self.poses[loop.b]))
+        T = compose_se2(
+            compose_se2(self.poses[loop.a], loop.delta), inverse_se2(self.poses[loop.b])
+        )
         target, session = self._root(loop.a), self._chain.keyframes[loop.b].session
         sessions = self._sessions_of(self._root(loop.b)) or [session]
         keyframes = self._chain.keyframes[: len(self.poses)]
         members = [keyframe.id for keyframe in keyframes if keyframe.session in sessions]
         for k in members:
-            self.poses[k] = compose(T, self.poses[k])
+            self.poses[k] = compose_se2(T, self.poses[k])
         self._trajectories.update(dict.fromkeys(sessions, target))
         if target == MAP:
             self._waiting.extend(members)

@@ -21,7 +21,7 @@ from tccm_ros.slam.loops.submaps import MergedScan, Submap, make_submap, merge_s
 from tccm_ros.slam.matching.alignment import seen_through
 from tccm_ros.slam.matching.correlation import correlate
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.se2 import between, compose
+from tccm_ros.slam.se2 import between_se2, compose_se2
 
 QUERY_STEP = 3
 """Every third keyframe is matched: neighbouring keyframes have similar views (chosen)."""
@@ -130,7 +130,7 @@ class LoopSearch:
         ]
         centres.sort(key=lambda c: (float(np.hypot(*(poses[c, :2] - guess.centre[:2]))), c))
         near = [
-            (c, replace(guess, centre=between(poses[c], guess.centre)))
+            (c, replace(guess, centre=between_se2(poses[c], guess.centre)))
             for c in centres[:MAX_PASSES]
         ]
         fit = [p for p in self._match(k, near) if not p.reason]
@@ -231,7 +231,7 @@ class LoopSearch:
             (
                 int(centres[i]),
                 Window(
-                    between(poses[centres[i]], poses[k]),
+                    between_se2(poses[centres[i]], poses[k]),
                     float(half_width_m[i]),
                     float(half_width_rad[i]),
                 ),
@@ -262,6 +262,6 @@ class LoopSearch:
 
 def is_same_place(one: Proposal, other: Proposal, poses: Float64) -> bool:
     """Return whether two proposals give their keyframe the same place; poses float64 (K, 3)."""
-    a = compose(poses[one.a], one.delta)
-    b = compose(poses[other.a], other.delta)
+    a = compose_se2(poses[one.a], one.delta)
+    b = compose_se2(poses[other.a], other.delta)
     return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < SAME_POSITION)

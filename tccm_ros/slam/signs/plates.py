@@ -58,13 +58,13 @@ def plate_on_wall(
     towards = -(corners @ normal)
     depth = (origins - position) @ normal
     with np.errstate(divide="ignore", invalid="ignore"):
-        at = origins[:, None] + (depth[:, None] / towards)[..., None] * corners
-    at = at[(towards > MIN_COSINE).all(axis=1)]
-    if not len(at):
+        corners_3d = origins[:, None] + (depth[:, None] / towards)[..., None] * corners
+    corners_3d = corners_3d[(towards > MIN_COSINE).all(axis=1)]
+    if not len(corners_3d):
         return PlateOnWall(np.full(2, np.nan), np.nan)
     right = np.cross(-normal, [0.0, 0.0, 1.0])
-    across = 0.5 * (at[:, 1] - at[:, 0] + at[:, 2] - at[:, 3])
-    down = 0.5 * (at[:, 3] - at[:, 0] + at[:, 2] - at[:, 1])
+    across = 0.5 * (corners_3d[:, 1] - corners_3d[:, 0] + corners_3d[:, 2] - corners_3d[:, 3])
+    down = 0.5 * (corners_3d[:, 3] - corners_3d[:, 0] + corners_3d[:, 2] - corners_3d[:, 1])
     lengths = np.linalg.norm([across, down], axis=2)
     tilt = np.arctan2(np.abs(across[:, 2]), across @ right)
     return PlateOnWall(np.median(lengths, axis=1), float(np.median(tilt)))

@@ -230,10 +230,10 @@ def _misses(place: SeenSign, pictures: SeenPictures, walls: WallTable) -> Int64:
     direction = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     along = np.einsum("nmi,ni->nm", pictures.read, direction)
     shown &= ~(along > np.cos(SAME_RAY)).any(axis=1)
-    at = np.flatnonzero(shown)
-    at = at[~is_hidden(place.position, T[at, :3, 3], walls)]
+    rows = np.flatnonzero(shown)
+    rows = rows[~is_hidden(place.position, T[rows, :3, 3], walls)]
     kept: list[int] = []
-    for k in at.tolist():
+    for k in rows.tolist():
         if not kept or np.linalg.norm(T[k, :3, 3] - T[kept[-1], :3, 3]) > MIN_MOTION:
             kept.append(k)
     return np.array(kept, np.int64)
@@ -264,9 +264,9 @@ def reading_probabilities(looks: Sequence[Looks], own: int) -> Float64:
     number = np.full(classes, PRIOR_LOOKS)
     for k, seen in enumerate(looks):
         if k != own:
-            at = seen.of_passes_that_read
-            number += np.bincount(seen.height_class[at], minlength=classes)
-            read += np.bincount(seen.height_class[at & seen.is_read], minlength=classes)
+            mask = seen.of_passes_that_read
+            number += np.bincount(seen.height_class[mask], minlength=classes)
+            read += np.bincount(seen.height_class[mask & seen.is_read], minlength=classes)
     return np.asarray(read / number)
 
 

@@ -60,11 +60,11 @@ def unpack_anchored(
     ValueError
         For arrays inconsistent with each other or with the number of keyframes.
     """
-    on = s[f"{prefix}_keyframe"].tolist()
-    if not all(0 <= k < keyframes for k in on):
+    anchors = s[f"{prefix}_keyframe"].tolist()
+    if not all(0 <= k < keyframes for k in anchors):
         raise ValueError(f"a {prefix} was seen from a keyframe that the map does not have")
-    attitudes = s.get(f"{prefix}_attitude", np.zeros((len(on), 3))).tolist()
-    rows = zip(on, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
+    attitudes = s.get(f"{prefix}_attitude", np.zeros((len(anchors), 3))).tolist()
+    rows = zip(anchors, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
     return [AnchoredPose(k, pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows]
 
 

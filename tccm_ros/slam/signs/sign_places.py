@@ -16,7 +16,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.se2 import between, compose, inverse, transform_points
+from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2, transform_points
 from tccm_ros.slam.signs.sightings import PASS_GAP_NS, Sighting, find_sightings
 from tccm_ros.slam.signs.views import SignView, rays_of
 
@@ -130,11 +130,13 @@ class SignPlaces:
         """
         session = self.keyframes[k].session
         return [
-            SignWindow(old, compose(compose(poses[old.keyframe], old.pose), inverse(own)))
+            SignWindow(
+                old, compose_se2(compose_se2(poses[old.keyframe], old.pose), inverse_se2(own))
+            )
             for new in self._seen
             if self.keyframes[new.keyframe].session == session
             if k - new.keyframe <= RECENT_KEYFRAMES
-            for own in [between(poses[k], compose(poses[new.keyframe], new.pose))]
+            for own in [between_se2(poses[k], compose_se2(poses[new.keyframe], new.pose))]
             for old in self._known
             if old.number == new.number
         ]
@@ -152,24 +154,24 @@ class SignPlaces:
         self, sighting: Sighting, views: Sequence[SignView], poses: Float64
     ) -> PlanarSign | None:
         """Return the place of a sighting; None if the direction of its wall is unknown."""
-        at = sighting.point.position[:2]
+        position = sighting.point.position[:2]
         near = sorted({views[i].anchored.keyframe for i in sighting.views})
-        normals = np.concatenate([self._normals(k, poses[k], at) for k in near])
+        normals = np.concatenate([self._normals(k, poses[k], position) for k in near])
         if len(normals) < MIN_FACING_POINTS:
             return None
-        towards = np.where(normals @ (sighting.origin[:2] - at) < 0.0, -1.0, 1.0)
+        towards = np.where(normals @ (sighting.origin[:2] - position) < 0.0, -1.0, 1.0)
         x, y = (normals * towards[:, None]).mean(axis=0)
         if np.hypot(x, y) < MIN_FACING_AGREEMENT:
             return None
-        pose = np.array([*at, np.arctan2(y, x)])
+        pose = np.array([*position, np.arctan2(y, x)])
         k = sighting.keyframe
         sign = Counter(views[i].sign for i in sighting.views).most_common(1)[0][0]
-        return PlanarSign(sighting.number, k, between(poses[k], pose), sign)
+        return PlanarSign(sighting.number, k, between_se2(poses[k], pose), sign)
 
-    def _normals(self, k: int, pose: Float64, at: Float64) -> Float64:
+    def _normals(self, k: int, pose: Float64, position: Float64) -> Float64:
         """Return the normals (N, 2) in map of keyframe k's scan points near a point (2,) in map."""
         scan = self.keyframes[k].scan
-        away = transform_points(pose, scan.points) - at
+        away = transform_points(pose, scan.points) - position
         near = np.hypot(away[:, 0], away[:, 1]) < FACING_DISTANCE
         known = near & (np.abs(scan.normals).sum(axis=1) > 0.0)
         rotation = np.array([0.0, 0.0, pose[2]])
@@ -178,5 +180,5 @@ class SignPlaces:
 
 def is_far(pose: Float64, known: Float64) -> bool:
     """Return whether a pose (3,) predicted by a sign differs from the estimate by enough."""
-    away = between(pose, known)
+    away = between_se2(pose, known)
     return bool(np.hypot(away[0], away[1]) > FAR_M or abs(away[2]) > FAR_RAD)

@@ -93,8 +93,8 @@ def camera_poses(views: Sequence[PictureView | SignView], poses: Float64) -> Flo
     poses
         float64 (K, 3), poses of the keyframes in map.
     """
-    on = np.array([v.anchored.keyframe for v in views], np.int64)
-    planar = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
+    anchors = np.array([v.anchored.keyframe for v in views], np.int64)
+    planar = compose2(poses[anchors], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
     attitudes = np.array([v.anchored.attitude for v in views]).reshape(-1, 3)
     T_base_camera = np.array([v.T_base_camera for v in views]).reshape(-1, 4, 4)
     return np.asarray(with_attitude(planar, attitudes) @ T_base_camera)

@@ -219,9 +219,9 @@ class WallAssociation:
         wall = self.wall[segment]
         normal = np.stack([np.cos(self._pooled["phi"]), np.sin(self._pooled["phi"])], axis=1)
         middle = self._ends[segment].mean(axis=1)
-        off = np.einsum("nk,nk->n", middle, normal[wall]) - self._pooled["rho"][wall]
+        offset = np.einsum("nk,nk->n", middle, normal[wall]) - self._pooled["rho"][wall]
         order = np.argsort(wall, kind="stable")
-        wall, step = wall[order], np.diff(off[order])
+        wall, step = wall[order], np.diff(offset[order])
         same = wall[1:] == wall[:-1]
         count, n = len(self._pooled), wall[1:][same]
         squares = np.bincount(n, step[same] ** 2, minlength=count)

@@ -76,9 +76,9 @@ def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -
     if not len(rows):
         return []
     first = np.cumsum([0, *map(len, lines)])
-    at = first[table.keyframe[rows]] + table.line[rows]
-    phi = np.concatenate([x.phi for x in lines])[at]
-    ends = np.concatenate([x.endpoints for x in lines])[at]
+    line_rows = first[table.keyframe[rows]] + table.line[rows]
+    phi = np.concatenate([x.phi for x in lines])[line_rows]
+    ends = np.concatenate([x.endpoints for x in lines])[line_rows]
     keyframe, wall = table.keyframe[rows], table.wall[rows]
     i, j = _pairs(keyframe)
     gaps = np.hypot(*np.moveaxis(ends[i][:, :, None] - ends[j][:, None], 3, 0)).reshape(-1, 4)

@@ -22,7 +22,6 @@ from tccm_ros.nodes.surface_events import SurfaceEvents
 from tccm_ros.nodes.surface_services import SceneQueries, SurfaceServices
 from tccm_ros.records import LabelCorrection
 from tccm_ros.surfaces.scene import Scene
-from tccm_ros.surfaces.scene_objects import SceneObject
 
 
 def offered(topics: Mapping[str, str]) -> dict[str, str]:
@@ -58,7 +57,6 @@ class ClientApi:
         self._events = SurfaceEvents(node, node.types)
         self._boxes = CollisionObjects(node, node.types)
         self._shapes = VectorShapes(node, node.types)
-        self._scene: Scene | None = None
         self._surfaces: SurfaceServices | None = None
         self._view_action: ViewAction | None = None
         if has_interfaces():
@@ -74,13 +72,15 @@ class ClientApi:
         if self._surfaces is not None:
             self._surfaces.prepared[solved.number] = SceneQueries(scene, self._node.types)
 
-    def show(self, number: int) -> None:
+    def show(self, number: int, after_newest_view: Callable[[Scene], Scene]) -> None:
         """Answer queries from a received solution and publish its changes (in the worker).
 
         Parameters
         ----------
         number
             Number of the solution; older ones are freed.
+        after_newest_view
+            Returns the scene of the solution with the objects of newer views, for planners.
         """
         scene = self._received[number]
         for old in [n for n in self._received if n <= number]:
@@ -89,8 +89,7 @@ class ClientApi:
             self._surfaces.answer_from(number)
         for event in self._events.note(scene, self._node.config.objects.agreeing_views):
             self._node.get_logger().info(str(event))
-        self._scene = scene
-        self._boxes.publish(scene)
+        self._boxes.publish(after_newest_view(scene))
         self._shapes.send(scene)
         self._live.show_surfaces(scene)
 
@@ -99,14 +98,12 @@ class ClientApi:
         """Whether anybody is told of objects between solutions."""
         return self._boxes.has_listeners
 
-    def show_objects(self, objects: tuple[SceneObject, ...], stamp_ns: int) -> None:
-        """Publish the planning scene with the objects after a newer view (in the worker)."""
-        if self._scene is not None and stamp_ns > self._scene.newest_view_ns:
-            self._boxes.publish(self._scene._replace(objects=objects, stamp_ns=stamp_ns))
+    def show_objects(self, scene: Scene) -> None:
+        """Publish the objects of a scene between solutions (in the worker)."""
+        self._boxes.publish(scene)
 
     def forget(self, *, is_map_loaded: bool) -> None:
         """Answer no queries until the next solution."""
-        self._scene = None
         self._events.forget(is_map_loaded=is_map_loaded)
         if self._surfaces is not None:
             self._surfaces.forget()

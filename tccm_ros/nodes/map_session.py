@@ -21,7 +21,7 @@ from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.solution_saver import Session, Wanted
 from tccm_ros.nodes.solve_schedule import SolveSchedule
-from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Seen, Solved
+from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
 from tccm_ros.nodes.solver.solver import Solver
 from tccm_ros.records import (
     LabelCorrection,
@@ -34,6 +34,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.slam.tracking import SolvedMap, Tracker
+from tccm_ros.surfaces.live_objects import LiveObjects
 
 
 class MapSession:
@@ -76,6 +77,7 @@ class MapSession:
         self._outputs, self._client_api = outputs, client_api
         self._on_forget, self._is_running = on_forget, is_running
         self.tracker = Tracker(config)
+        self._objects = LiveObjects(config)
         self.newest_ns = 0
         self._schedule = SolveSchedule(time.monotonic())
         self._complete_from = 0
@@ -109,6 +111,8 @@ class MapSession:
         self.add(event)
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
             self._client_api.note_view_part(event.stamp_ns, self._solver.next_number)
+            if self._objects.add(event):
+                self._show_objects()
         if not isinstance(event, PosedDetections):
             self.tracker.add(event)
         if self.tracker.counts["resets"] != before["resets"]:
@@ -118,15 +122,13 @@ class MapSession:
 
     def add(self, event: Any) -> None:
         """Give an event to the solver alone."""
-        completes_view = self._schedule.note(event, time.monotonic())
+        self._schedule.note(event, time.monotonic())
         if type(event) is not Odometry:
             self._complete_from = self._solver.next_number
         self._solver.feed(event)
         is_scan = isinstance(event, PosedScan)
         if is_scan and (self._is_pose_given or not self.tracker.is_localised):
             self._solver.flush()  # each scan may tell where the robot is
-        if completes_view and self._client_api.has_scene_listeners:
-            self._solver.look()
 
     def add_tilt_scan(self, stamp_ns: int) -> None:
         """Extend the trajectory to the stamp of a scan, ns, where there is no level laser."""
@@ -185,12 +187,14 @@ class MapSession:
         if self._is_current(solved):
             self._take_map(solved.map)
             self._outputs.publish_solution(solved.messages)
-            self._client_api.show(solved.number)
+            self._client_api.show(solved.number, self._objects.take)
 
-    def take_seen(self, seen: Seen) -> None:
-        """Publish the objects after a view, unless they are from before a reset."""
-        if self._is_current(seen):
-            self._client_api.show_objects(seen.objects, seen.stamp_ns)
+    def _show_objects(self) -> None:
+        """Publish the objects after the newest view without waiting for a solution."""
+        if self.tracker.is_localised and self._client_api.has_scene_listeners:
+            scene = self._objects.scene()
+            if scene is not None:
+                self._client_api.show_objects(scene)
 
     def take_placed(self, placed: Placed) -> None:
         """Take over the pose found by a search, or the reason why it goes on."""
@@ -209,13 +213,13 @@ class MapSession:
         if not self._waits_for_scan and not self._solver.is_solving and self._is_running():
             self.ask_solution(is_final=is_final)
 
-    def _is_current(self, answer: Solved | Placed | Seen) -> bool:
+    def _is_current(self, answer: Solved | Placed) -> bool:
         resets = self.tracker.counts["resets"]
         return self._solver.is_of_session(answer) and answer.resets == resets
 
     def _take_map(self, solved: SolvedMap) -> None:
         """Correct the live pose by a solution."""
-        self.tracker.take(solved)
+        self._objects.correct(self.tracker.take(solved))
         self._live.is_localised = self.tracker.is_localised
         if self._shown_ns >= 0:
             self._live.correct(self.tracker.current_pose())
@@ -226,6 +230,7 @@ class MapSession:
         has_scan = self.tracker.counts["level scans"] or self._has_tilt_scan
         if has_scan and live.stamp_ns > self._shown_ns and self._is_running():
             self._shown_ns = live.stamp_ns
+            self._objects.add_pose(live.stamp_ns, live.pose)
             self._live.is_localised = self.tracker.is_localised
             self._live.odom_frame = self.tracker.odom_frame
             self._live.show(live, self.tracker.current_covariance())
@@ -269,6 +274,7 @@ class MapSession:
     def _forget(self, *, is_localised: bool) -> None:
         self._live.forget(is_localised=is_localised)
         self._outputs.forget()
+        self._objects.forget()
         self._client_api.forget(is_map_loaded=not is_localised)
         self._localisation.name_map("")
         self._on_forget()

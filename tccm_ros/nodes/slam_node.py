@@ -41,7 +41,6 @@ from tccm_ros.nodes.solver.channel import (
     KEEPOUT_TOPIC,
     Messages,
     Placed,
-    Seen,
     Solved,
 )
 from tccm_ros.nodes.solver.solver import Answer, Solver
@@ -256,8 +255,6 @@ class SlamNode(SensorNode):
             trim_heap()
         elif isinstance(answer, Placed):
             self.worker.post(lambda: self.session.take_placed(answer))
-        elif isinstance(answer, Seen):
-            self.worker.post(lambda: self.session.take_seen(answer))
         elif isinstance(answer, Messages):
             self.worker.post(lambda: self._outputs.publish(answer.messages))
         else:

@@ -46,12 +46,11 @@ class ViewParts:
         self._stamps_ns: dict[type, int] = {}
         self._until_s = 0.0
 
-    def note(self, part: ViewPart, now_s: float) -> bool:
-        """Note a message of a view at a time of a monotonic clock, s; return whether all came."""
+    def note(self, part: ViewPart, now_s: float) -> None:
+        """Note a message of a view at a time of a monotonic clock, s."""
         self._stamps_ns[type(part)] = part.stamp_ns
         is_whole = len(self._stamps_ns) == PARTS and len(set(self._stamps_ns.values())) == 1
         self._until_s = 0.0 if is_whole else now_s + PATIENCE_S
-        return is_whole
 
     def are_coming(self, now_s: float) -> bool:
         """Return whether to wait for further messages of a view."""
@@ -73,17 +72,16 @@ class SolveSchedule:
         self._new: Counter[str] = Counter()
         self._parts = ViewParts()
 
-    def note(self, event: Event | ViewPart | PosedDetections, now_s: float) -> bool:
-        """Note an event that the next solution will contain; return whether it completes a view."""
+    def note(self, event: Event | ViewPart | PosedDetections, now_s: float) -> None:
+        """Note an event that the next solution will contain."""
         self._last_s = now_s
         if type(event) is not Odometry:
             self._new["records"] += 1
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
             self._new["view parts"] += 1
-            return self._parts.note(event, now_s)
+            self._parts.note(event, now_s)
         if isinstance(event, PosedDetections):
             self._new["detections"] += 1
-        return False
 
     def note_mapped(self, before: Mapping[str, int], after: Mapping[str, int]) -> None:
         """Note the clouds and keyframes that one event has added, from counts before and after."""

@@ -172,11 +172,13 @@ class Tracker:
             if isinstance(event, MapReset):
                 self._begin(self._first_keyframe)
 
-    def take(self, solved: SolvedMap) -> None:
-        """Continue from a solution, which corrects the live pose."""
+    def take(self, solved: SolvedMap) -> Float64:
+        """Continue from a solution; return the correction (3,) that precedes the live pose."""
+        before = self._pose()
         is_ours = solved.keyframe is None or self._estimate.take(solved.keyframe, solved.walls)
         if is_ours or not self._front.tracked:
             self._solved, self._is_localised = solved, solved.is_localised
+        return compose(self._pose(), inverse(before))
 
     @property
     def state(self) -> LocalisationState:

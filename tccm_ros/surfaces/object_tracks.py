@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -60,9 +61,12 @@ class ObjectTrack:
     views
         Number of views that measured it.
     measured_by
-        Keys of those of these views that are kept: stamps of two sessions may be equal.
+        Keys of those of these views that are kept: stamps of two sessions may be equal. Empty at
+        the end.
     misses
         Number of views that looked through it since the last view that measured it.
+    over
+        Number of views that looked just above it without measuring it; counted at the end.
     scores
         Class scores of its detections.
     shape
@@ -83,6 +87,7 @@ class ObjectTrack:
     views: int
     measured_by: frozenset[tuple[int, int]] = frozenset()
     misses: int = 0
+    over: int = 0
     scores: ClassScores = field(default_factory=ClassScores)
     shape: PlanShape = field(init=False)
     center: Float64 = field(init=False)
@@ -160,13 +165,27 @@ class TrackedObjects(NamedTuple):
         Objects that are present after the last view, by id.
     unused_detections
         Number of detections without an object at their position.
+    known
+        All tracks after the last view, including false detections.
+    boxes
+        Number of boxes of all views.
     """
 
-    tracks: tuple[ObjectTrack, ...]
-    unused_detections: int
+    tracks: tuple[ObjectTrack, ...] = ()
+    unused_detections: int = 0
+    known: tuple[ObjectTrack, ...] = ()
+    boxes: int = 0
 
 
-def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) -> TrackedObjects:
+NO_OBJECTS = TrackedObjects()
+
+
+def track_objects(
+    views: Sequence[View],
+    T_map_view: Float64,
+    config: Config,
+    before: TrackedObjects = NO_OBJECTS,
+) -> TrackedObjects:
     """Return the objects that are present after the last view.
 
     Noise and parts of furniture are measured once although many views look there; such boxes are
@@ -180,18 +199,29 @@ def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) ->
         float64 (V, 4, 4), their poses.
     config
         Uses `objects.track_distance` and `objects.agreeing_views`.
+    before
+        The objects of the views before these.
     """
-    known: list[ObjectTrack] = []
-    after = unused = 0
+    known = [_copied(track) for track in before.known]
+    after, unused = before.boxes, before.unused_detections
     for view, T in zip(views, T_map_view):
         first = after + view.forgotten_objects
         after = first + len(view.objects)
         known = _update(known, view, T, first, config)
         unused += _take_detections(known, view, T)
-    over = _views_over(known, views, T_map_view)
+    for track, count in zip(known, _views_over(known, views, T_map_view)):
+        track.over += int(count)
+        track.measured_by = frozenset()
     needed = config.objects.agreeing_views
-    tracks = [track for track, count in zip(known, over) if count < needed * track.views]
-    return TrackedObjects(tuple(sorted(tracks, key=lambda track: track.id)), unused)
+    tracks = [track for track in known if track.over < needed * track.views]
+    tracks.sort(key=lambda track: track.id)
+    return TrackedObjects(tuple(tracks), unused, tuple(known), after)
+
+
+def _copied(track: ObjectTrack) -> ObjectTrack:
+    copied = copy(track)
+    copied.scores = replace(track.scores, total=dict(track.scores.total))
+    return copied
 
 
 def _views_over(tracks: Sequence[ObjectTrack], views: Sequence[View], T_map_view: Float64) -> Int64:
@@ -345,6 +375,7 @@ def _combined(
         high=max([new.high, *(t.high for t in same if not _is_lower(t, new.high, view, T))]),
         views=new.views + max(track.views for track in same),
         measured_by=new.measured_by.union(*(track.measured_by for track in same)),
+        over=max(track.over for track in same),
         scores=scores,
     )
 

@@ -15,6 +15,7 @@ from tccm_ros.racks.compartment import Compartment
 from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import PreviousPose, Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
+from tccm_ros.surfaces.object_tracks import NO_OBJECTS, TrackedObjects
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
@@ -64,6 +65,8 @@ class Scene(NamedTuple):
         Compartments of racks.
     unseen
         Unseen space below surfaces, if it was asked for.
+    tracked
+        The objects before they are assigned to surfaces.
     """
 
     stamp_ns: int
@@ -76,6 +79,7 @@ class Scene(NamedTuple):
     previous_view_ns: int = 0
     compartments: tuple[Compartment, ...] = ()
     unseen: tuple[UnseenSpace, ...] = ()
+    tracked: TrackedObjects = NO_OBJECTS
 
 
 def surface_pose(surface: Surface | PreviousPose) -> tuple[Float64, Float64]:

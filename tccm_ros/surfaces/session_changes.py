@@ -38,6 +38,7 @@ def scene_of(
         previous_ns,
         solution.compartments,
         solution.unseen,
+        solution.tracked,
     )
 
 

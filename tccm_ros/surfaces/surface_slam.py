@@ -60,7 +60,7 @@ from tccm_ros.surfaces.object_labels import (
     seen_detections,
     view_of,
 )
-from tccm_ros.surfaces.object_tracks import track_objects
+from tccm_ros.surfaces.object_tracks import NO_OBJECTS, TrackedObjects, track_objects
 from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, views_in_map
 from tccm_ros.surfaces.scene_objects import SceneObject, free_places, scene_objects
@@ -133,6 +133,8 @@ class SurfaceSolution:
         Unseen space below surfaces; empty without `surfaces.unseen_space`.
     saved_walls
         Walls and level scans as arrays, for a later session; empty without a level laser.
+    tracked
+        The objects before they are assigned to surfaces.
     """
 
     graph: Solution
@@ -157,6 +159,7 @@ class SurfaceSolution:
     compartments: tuple[Compartment, ...] = ()
     unseen: tuple[UnseenSpace, ...] = ()
     saved_walls: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    tracked: TrackedObjects = NO_OBJECTS
 
     @property
     def T_map_base(self) -> Float64:
@@ -401,38 +404,7 @@ class SurfaceSlam:
             compartments=compartments or (),
             unseen=unseen or (),
             saved_walls=saved_walls,
-        )
-
-    def objects_now(
-        self, solution: SurfaceSolution, p_map_tracking: Float64
-    ) -> tuple[SceneObject, ...] | None:
-        """Return the objects after the newest view, on the surfaces of the newest solution.
-
-        They are tracked as in `solve`. A view that is newer than the solution has the live pose.
-
-        Parameters
-        ----------
-        solution, p_map_tracking
-            The newest solution, and float64 (3,) of its `solved_map`.
-
-        Returns
-        -------
-        The objects in map; None where the session is not localised, or a view has no live pose
-        """
-        if self._is_lost or not self.is_aligned(solution):
-            return None
-        keys = [saved.view.key for saved in self.saved_views]
-        keys += [(self.session, stamp) for stamp in solution.view_stamps_ns.tolist()]
-        poses = dict(zip(keys, solution.view_poses.T_map_view))
-        for view in self.map.views:
-            if view.key not in poses:
-                pose = self.wall_slam.pose_at(view.stamp_ns)
-                if pose is None:
-                    return None
-                poses[view.key] = spatial(compose2(p_map_tracking, pose))
-        T_map_view = np.array([poses[view.key] for view in self.map.views]).reshape(-1, 4, 4)
-        return scene_objects(
-            solution.surfaces, track_objects(self.map.views, T_map_view, self.config).tracks
+            tracked=tracked,
         )
 
     def _rooms(self, graph: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:

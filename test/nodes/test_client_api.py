@@ -68,6 +68,9 @@ class Offering:
         self.client_api.receive(SimpleNamespace(number=number, scene=scene))
         return scene
 
+    def show(self, number):
+        self.client_api.show(number, lambda scene: scene)
+
     def found(self):
         kind = service_class("FindSurfaces")
         answer = self.services["~/find_surfaces"](kind.Request(), kind.Response())
@@ -89,23 +92,23 @@ def test_topics_whose_types_are_missing_are_not_offered():
 def test_questions_are_answered_from_the_solution_that_is_shown(offering):
     """Not from one that is received before it is published; those before it are let go."""
     offering.receive(2, TABLE)
-    offering.client_api.show(2)
+    offering.show(2)
     assert offering.found() == [4]
     offering.receive(3, TABLE)
     newest = offering.receive(4, TABLE, DESK)
     assert offering.found() == [4]
-    offering.client_api.show(4)
+    offering.show(4)
     assert offering.found() == [4, 7]
     assert offering.shown[-1] is newest
     with pytest.raises(KeyError):
-        offering.client_api.show(3)
+        offering.show(3)
 
 
 @needs_interfaces
 def test_each_change_is_published_once(offering):
     for number in (2, 3, 4):
         offering.receive(number, TABLE)
-        offering.client_api.show(number)
+        offering.show(number)
     assert offering.published["~/events"] == 1
 
 
@@ -117,25 +120,21 @@ def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(of
         answer = offering.services["~/find_surfaces"](kind.Request(), kind.Response())
         assert (answer.success, "no map yet" in answer.message) == (False, True)
         offering.receive(number, TABLE)
-        offering.client_api.show(number)
+        offering.show(number)
         assert offering.published["~/events"] == events
     assert list(offering.client_api.problems()) == []
 
 
-def test_objects_of_a_view_are_shown_on_the_surfaces_of_the_solution_before_it(offering):
+def test_planners_get_the_scene_after_the_newest_view_and_queries_that_of_the_solution(offering):
     shown, cup = [], SceneObject(3, 4, np.zeros(3), np.ones(3), 0.0)
     offering.client_api._boxes = SimpleNamespace(publish=shown.append)
-    offering.client_api.show_objects((cup,), 5)
-    assert shown == []
     solution = offering.receive(4, TABLE)
-    offering.client_api.show(4)
-    offering.client_api.show_objects((cup,), 4)
-    assert shown == [solution], "it has that view"
-    offering.client_api.show_objects((cup,), 5)
-    assert shown[1:] == [solution._replace(objects=(cup,), stamp_ns=5)]
-    offering.client_api.forget(is_map_loaded=False)
-    offering.client_api.show_objects((cup,), 6)
-    assert len(shown) == 2
+    newer = solution._replace(objects=(cup,), stamp_ns=5)
+    offering.client_api.show(4, lambda scene: newer)
+    assert shown == [newer]
+    assert offering.shown == [solution]
+    offering.client_api.show_objects(newer)
+    assert shown == [newer, newer]
 
 
 def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):
@@ -145,7 +144,7 @@ def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(mon
         monkeypatch.setattr(f"tccm_ros.nodes.{module}.has_interfaces", lambda: False)
     offering = Offering(monkeypatch)
     offering.receive(2, TABLE)
-    offering.client_api.show(2)
+    offering.show(2)
     assert (offering.services, len(offering.shown)) == ({}, 1)
     assert list(offering.client_api.problems()) == [MISSING]
     offering.client_api.note_view_part(1, 1)

@@ -2,12 +2,14 @@
 
 from itertools import permutations
 
+import numpy as np
 import pytest
 from empty_view import empty_view
 from live_robot import slam
 
 from tccm_ros.nodes.client_api import ClientApi
 from tccm_ros.nodes.solve_schedule import ViewParts
+from tccm_ros.surfaces.scene import Scene
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
@@ -51,15 +53,18 @@ def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_sca
         assert len(asked) == number
 
 
-def test_a_node_asks_for_the_objects_once_a_view_is_whole_if_anybody_listens(ros, monkeypatch):
-    node, asked = slam(ros), []
-    monkeypatch.setattr(node.solver, "look", lambda: asked.append(True))
+def test_a_node_shows_the_objects_once_a_view_is_whole_if_anybody_listens(ros, monkeypatch):
+    node, shown = slam(ros), []
+    monkeypatch.setattr(ClientApi, "show_objects", lambda _, scene: shown.append(scene.stamp_ns))
+    live = node.session._objects
+    live.add_pose(1, np.zeros(3))
+    live.take(Scene(1, "map", None, (), None))
     for stamp_ns, has_listeners in (
         (1_700_000_000_000_000_000, False),
         (1_700_000_005_000_000_000, True),
     ):
         monkeypatch.setattr(ClientApi, "has_scene_listeners", has_listeners)
         for part in empty_view(stamp_ns):
-            assert not asked
+            assert not shown
             node.worker.wait(lambda p=part: node.feed(p))
-    assert asked == [True]
+    assert shown == [1_700_000_005_000_000_000]

@@ -16,9 +16,11 @@ from changing_rooms import (
 from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
-from tccm_ros.records import ObjectBoxes
+from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.slam.tracking import Tracker
 from tccm_ros.surfaces.changes import MapChanges
+from tccm_ros.surfaces.live_objects import LiveObjects
 from tccm_ros.surfaces.planning_shapes import scene_shapes
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -66,16 +68,25 @@ def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
 
 
 def test_objects_between_solutions_are_where_the_next_solution_has_them(inputs):
-    slam, last, moved = SurfaceSlam(Config()), None, []
+    slam, tracker, live = SurfaceSlam(Config()), Tracker(Config()), LiveObjects(Config())
     first, end = (index_at(inputs, seconds) for seconds in OBJECTS_S)
+    moved = []
     for i, event in enumerate(inputs[:end]):
         slam.add(event)
+        if not tracker.takes(event):
+            continue
+        tracker.add(event)
+        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
+            live.add(event)
+        else:
+            pose = tracker.current_pose()
+            live.add_pose(pose.stamp_ns, pose.pose)
         if i >= first and isinstance(event, ObjectBoxes):
-            objects = () if last is None else slam.objects_now(*last) or ()
-            solution = slam.solve(with_racks=False)
-            known = {item.id: item.center for item in objects}
+            scene, solution = live.scene(), slam.solve(with_racks=False)
+            known = {} if scene is None else {item.id: item.center for item in scene.objects}
             moved += [o.center - known[o.id] for o in solution.objects if o.id in known]
-            last = solution, slam.solved_map(solution).p_map_tracking
+            live.correct(tracker.take(slam.solved_map(solution)))
+            live.take(scene_of(solution, "map"))
     assert len(moved) > 5
     assert np.abs(moved).max() < LIVE_M
 

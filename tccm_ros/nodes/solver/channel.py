@@ -19,7 +19,6 @@ from tccm_ros.errors import OutputError, one_line
 from tccm_ros.results.map_file import MapContent
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.surfaces.labels import SurfaceLabel
-from tccm_ros.surfaces.scene_objects import SceneObject
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """Grid for navigation, latched; saved as map.pgm and map.yaml."""
@@ -105,10 +104,6 @@ class Show(NamedTuple):
     topics: frozenset[str]
 
 
-class Look(NamedTuple):
-    """Request the objects after the newest view, with all events received so far."""
-
-
 class Began(NamedTuple):
     """A session has begun, or failed to begin (`error`), in which case the previous one continues.
 
@@ -191,25 +186,6 @@ class Placed(NamedTuple):
     map: SolvedMap | None
     waits_for: str
     is_at_given_pose: bool
-
-
-class Seen(NamedTuple):
-    """The answer to `Look`.
-
-    Attributes
-    ----------
-    session, resets
-        As in `Solved`.
-    stamp_ns
-        Stamp of the newest view, ns.
-    objects
-        The objects in map, on the surfaces of the newest solution.
-    """
-
-    session: int
-    resets: int
-    stamp_ns: int
-    objects: tuple[SceneObject, ...]
 
 
 class Messages(NamedTuple):

@@ -22,7 +22,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
@@ -37,18 +36,15 @@ from tccm_ros.nodes.solver.channel import (
     Begin,
     Failed,
     Feed,
-    Look,
     Messages,
     Placed,
     PoseStamp,
-    Seen,
     Show,
     Solve,
     Solved,
     read_events,
 )
 from tccm_ros.nodes.solver.scene_channel import pack_scene
-from tccm_ros.records import MapReset
 from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.results.labels_file import with_labels
 from tccm_ros.results.map_file import MapContent, load_map
@@ -78,7 +74,6 @@ class SolverProcess:
         self._read = 0
         self._slam = SurfaceSlam(Config())
         self._walls, self._reported_place = NO_WALLS, self._place
-        self._solved: tuple[SurfaceSolution, Float64] | None = None
         self._shown: dict[str, TopicMessage] = {}
         self._builder = SolutionMessageBuilder(self._types, "map")
         self._do: dict[type, Callable[[Any], None]] = {
@@ -86,10 +81,9 @@ class SolverProcess:
             Feed: self._feed,
             Solve: self._solve,
             Show: self._show,
-            Look: self._look,
         }
 
-    def do(self, command: Begin | Feed | Look | Solve | Show) -> None:
+    def do(self, command: Begin | Feed | Solve | Show) -> None:
         """Execute one command and report its exception to the node."""
         try:
             self._do[type(command)](command)
@@ -113,7 +107,7 @@ class SolverProcess:
         if self._journal >= 0:
             os.close(self._journal)
         self._session, self._journal, self._read = begin.session, journal, 0
-        self._slam, self._shown, self._solved = slam, {}, None
+        self._slam, self._shown = slam, {}
         self._walls, self._reported_place = NO_WALLS, self._place
         self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
         self._connection.send(Began(begin.session, slam.wall_slam.first_keyframe))
@@ -134,8 +128,6 @@ class SolverProcess:
                 setattr(self._slam.config, group, getattr(event, group))
         else:
             self._slam.add(event)
-            if isinstance(event, MapReset):
-                self._solved = None
             self._report_place()
 
     @property
@@ -159,7 +151,7 @@ class SolverProcess:
         start = time.monotonic()
         solution = self._slam.solve(is_final=solve.is_final)
         solved_map = self._slam.solved_map(solution)
-        self._walls, self._solved = solved_map.walls, (solution, solved_map.p_map_tracking)
+        self._walls = solved_map.walls
         saved = self._slam.saved(solution)
         frame = self._slam.config.frames.map_name
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
@@ -183,13 +175,6 @@ class SolverProcess:
             self._connection.send(solved)
             reduction.send_handle(self._connection, archive.fileno(), os.getppid())
         trim_heap()
-
-    def _look(self, _: Look) -> None:
-        objects = None if self._solved is None else self._slam.objects_now(*self._solved)
-        if objects is not None:
-            stamp_ns = self._slam.map.views[-1].stamp_ns if self._slam.map.views else 0
-            resets = self._slam.counts["resets"]
-            self._connection.send(Seen(self._session, resets, stamp_ns, objects))
 
     def _show(self, show: Show) -> None:
         serialised = self._serialised(show.topics, OptionalStages())

@@ -25,10 +25,8 @@ from tccm_ros.nodes.solver.channel import (
     Failed,
     Feed,
     Journal,
-    Look,
     Messages,
     Placed,
-    Seen,
     Show,
     Solve,
     Solved,
@@ -46,7 +44,7 @@ MAX_DEATHS = 3
 RETRY_S = 1.0
 """Time between attempts to start the process again, s. Chosen: memory may be free by then."""
 
-Answer = Solved | Placed | Seen | Messages | Failed
+Answer = Solved | Placed | Messages | Failed
 
 
 @dataclass
@@ -69,7 +67,7 @@ class _Session:
 class Solver:
     """Sends events to the solver process and passes its solutions to the node.
 
-    Only one thread, the node's worker, may call `begin`, `feed`, `look`, `solve` and `show`.
+    Only one thread, the node's worker, may call `begin`, `feed`, `solve` and `show`.
 
     Parameters
     ----------
@@ -216,12 +214,6 @@ class Solver:
             self._send(self._asked)
             return self._number
 
-    def look(self) -> None:
-        """Request the objects after the newest view; no answer comes before the first solution."""
-        with self._changed:
-            self.flush()
-            self._send(Look())
-
     def show(self, topics: frozenset[str]) -> None:
         """Request messages of the newest solution."""
         with self._changed:
@@ -234,7 +226,7 @@ class Solver:
         with self._changed:
             return self._changed.wait_for(lambda: self._last >= number or self.is_dead, timeout_s)
 
-    def is_of_session(self, answer: Solved | Placed | Seen) -> bool:
+    def is_of_session(self, answer: Solved | Placed) -> bool:
         """Return whether an answer belongs to the current session."""
         return answer.session == self._session.number
 
@@ -286,7 +278,7 @@ class Solver:
             self._process, self._connection = spawn(PROCESS)
         self._send_begin(self._session)
 
-    def _send(self, command: Begin | Feed | Look | Solve | Show) -> None:
+    def _send(self, command: Begin | Feed | Solve | Show) -> None:
         """Send a command; a dead process is sent all commands again after its restart."""
         with suppress(OSError):
             self._connection.send(command)

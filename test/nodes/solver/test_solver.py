@@ -23,12 +23,10 @@ from tccm_ros.nodes.solver.channel import (
     Journal,
     Placed,
     PoseStamp,
-    Seen,
     Solved,
     read_events,
 )
 from tccm_ros.nodes.solver.process import SolverProcess
-from tccm_ros.nodes.solver.scene_channel import unpack_scene
 from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
@@ -269,22 +267,6 @@ def test_what_is_final_is_solved_again_where_the_newest_solution_is_no_batch(dri
     assert again > first.number
     assert solver.wait(again, PATIENCE_S)
     assert solver.is_batch
-
-
-def test_objects_of_the_newest_view_come_between_solutions(drive, solver):
-    events, _ = drive
-    for event in events:
-        solver.feed(event)
-    solver.look()
-    first = solved(solver)
-    assert not [a for a in solver.answers if isinstance(a, Seen)], "there was no solution"
-    solver.look()
-    solver.feed(PoseStamp(first.stamp_ns + 1))
-    solved(solver)
-    (seen,) = [a for a in solver.answers if isinstance(a, Seen)]
-    scene = unpack_scene(first.scene)
-    assert (seen.session, seen.stamp_ns) == (first.session, scene.newest_view_ns)
-    assert [o.id for o in seen.objects] == [o.id for o in scene.objects]
 
 
 def test_a_reset_starts_a_process_again_that_died_too_often(drive, solver):

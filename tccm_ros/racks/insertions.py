@@ -8,7 +8,7 @@ cells, none ended there, and no object of the map is in it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -18,8 +18,8 @@ from shapely import Polygon
 from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import inverse, transform
-from tccm_ros.racks.compartment import Compartment
+from tccm_ros.geometry import inverse, planar, transform
+from tccm_ros.racks.compartment import Compartment, OpenPart
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.placements import Placement
 
@@ -93,11 +93,14 @@ class Access(NamedTuple):
         Ids of the blocking objects.
     surface
         Id of the blocking surface above, which is too low; None if no surface blocks.
+    open_parts
+        Blocking doors and drawers.
     """
 
     state: AccessState
     objects: tuple[int, ...] = ()
     surface: int | None = None
+    open_parts: tuple[OpenPart, ...] = ()
 
 
 class InsertionSpace:
@@ -205,9 +208,20 @@ class InsertionSpace:
             return Access(AccessState.FREE)
         way = shapely.box(-APPROACH, y - 0.5 * width, low_x, y + 0.5 * width)
         before = [o.id for o in self._obstacles if o.id != item.id and way.intersects(o.footprint)]
-        is_hit = self._is_hit(y, width, height, low_x)
-        state = AccessState.BLOCKED if before or is_hit else AccessState.UNKNOWN
-        return Access(state, tuple(before))
+        parts = tuple(self._open_parts_in(way, height))
+        is_blocked = bool(before or parts) or self._is_hit(y, width, height, low_x)
+        state = AccessState.BLOCKED if is_blocked else AccessState.UNKNOWN
+        return Access(state, tuple(before), open_parts=parts)
+
+    def _open_parts_in(self, way: Polygon, height: float) -> Iterator[OpenPart]:
+        """Yield the doors and drawers in a swept box, given in plan view and by its height."""
+        T_front = inverse(self.compartment.T_map_front)
+        for part in self.compartment.open_parts:
+            T = T_front @ part.T_map_part
+            x, y, yaw = planar(T)
+            footprint = Polygon(rectangle_corners(*part.size[:2], yaw) + [x, y])
+            if T[2, 3] - 0.5 * part.size[2] < height and way.intersects(footprint):
+                yield part
 
     def _is_hit(self, y: float, width: float, height: float, depth: float) -> bool:
         """Return whether beams ended in a swept box."""

@@ -296,6 +296,7 @@ def found_object_message(types: MessageTypes, item: Any, above: Access, front: A
         front=ACCESS_STATES[front.state],
         front_blocked_by=types.array("i4", front.objects),
         front_blocked_by_surface=NOTHING if front.surface is None else front.surface,
+        front_blocked_by_open_parts=[pose_message(types, p.T_map_part) for p in front.open_parts],
     )
 
 

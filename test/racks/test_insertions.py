@@ -5,7 +5,7 @@ import pytest
 from shapely.geometry import box
 
 from tccm_ros.geometry import spatial
-from tccm_ros.racks.compartment import Compartment, FaceState, SpaceGrid
+from tccm_ros.racks.compartment import Compartment, FaceState, OpenPart, SpaceGrid
 from tccm_ros.racks.insertions import AccessState, Hand, InsertionSpace, Obstacle
 
 WIDTH, DEPTH, HEIGHT, CELL = 0.6, 0.3, 0.3, 0.03
@@ -14,7 +14,7 @@ T_FRONT = spatial(np.array([1.0, 2.0, 0.5]))
 MUG = (0.09, 0.09, 0.12)
 
 
-def compartment(unseen=(), hit=()):
+def compartment(unseen=(), hit=(), open_parts=()):
     """Return a compartment that was seen but for some boxes; what was hit is not seen."""
     shape = (25, 30, 10)
     seen, hits = np.ones(shape, bool), np.zeros(shape, bool)
@@ -28,7 +28,7 @@ def compartment(unseen=(), hit=()):
     state = FaceState.MEASURED
     return Compartment(
         4, 4, 5, T_FRONT, WIDTH, DEPTH, HEIGHT, state, state, state, state, 1.0,
-        SpaceGrid(CORNER, CELL, seen, hits),
+        SpaceGrid(CORNER, CELL, seen, hits), open_parts,
     )  # fmt: skip
 
 
@@ -117,3 +117,20 @@ def test_a_hand_that_is_higher_than_the_compartment_is_blocked_by_the_board_abov
     space = InsertionSpace(compartment(hit=[cells]), [item])
     access = space.access(item, Hand(0.08, 0.29), 0.02)
     assert (access.state, access.surface) == (AccessState.BLOCKED, 5)
+
+
+@pytest.mark.parametrize(
+    ("left_m", "low_m", "is_named"), [(0.0, 0.06, True), (0.3, 0.06, False), (0.0, 0.21, False)]
+)
+def test_the_open_door_that_is_in_the_way_of_a_hand_is_named(left_m, low_m, is_named):
+    """One beside the way, or above it, is not."""
+    T = T_FRONT @ spatial(np.array([-0.15, left_m, np.pi / 2]))
+    T[2, 3] += low_m + 0.03
+    door = OpenPart(T, np.array([0.12, 0.02, 0.06]))
+    corner = -0.165, left_m - 0.06, low_m
+    leaf = corner, (-0.135, left_m + 0.06, low_m + 0.06)
+    item, cells = object_at(1, 0.225, 0.015)
+    space = InsertionSpace(compartment(hit=[cells, leaf], open_parts=(door,)), [item])
+    access = space.access(item, Hand(0.08, 0.1), 0.02)
+    assert access.open_parts == ((door,) if is_named else ())
+    assert access.state == (AccessState.BLOCKED if is_named else AccessState.FREE)

@@ -129,11 +129,14 @@ def test_a_compartment_tells_its_lengths_its_front_and_what_is_known_of_each_fac
 def test_a_found_object_tells_what_blocks_the_hand(name):
     types, box_on = family(name), SceneObject(5, 1, np.ones(3), np.full(3, 0.1), 0.0)
     item = object_message(types, STAMP, "map", box_on)
-    above, front = Access(AccessState.BLOCKED, (), 8), Access(AccessState.BLOCKED, (6, 7))
+    above = Access(AccessState.BLOCKED, (), 8)
+    front = Access(AccessState.BLOCKED, (6, 7), open_parts=(DOOR,))
     message = found_object_message(types, item, above, front)
     assert (message.above, message.above_blocked_by) == (message.ACCESS_BLOCKED, 8)
     assert (message.front, list(message.front_blocked_by)) == (message.ACCESS_BLOCKED, [6, 7])
     assert message.front_blocked_by_surface == -1
+    (door,) = message.front_blocked_by_open_parts
+    np.testing.assert_allclose([door.position.x, door.position.y], DOOR.T_map_part[:2, 3])
     for state, number in ACCESS_STATES.items():
         assert getattr(message, f"ACCESS_{state.name}") == number
 

@@ -1,8 +1,8 @@
 """Delay of planning scene changes over DDS, in the simulator's changing rooms.
 
-    python bench/bench_scene_diffs.py [--robot fetch]
+    python bench/bench_scene_diffs.py [--robot fetch] [--rate 1]
 
-`all_in_one` maps the recording, played at its own rate by player_node. Printed are the times at
+`all_in_one` maps the recording, played by player_node. Printed are the times at
 which messages were sent (the stamps of DDS), relative to the message that caused them: a change of
 the planning scene after the solution with its stamp; after the objects of the tilt cycle with its
 stamp; and a solution after the objects of a tilt cycle that it contains.
@@ -97,6 +97,7 @@ def main() -> None:
     """Play, listen, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robot", help="a robot with a depth camera; by default one with a laser")
+    parser.add_argument("--rate", type=float, default=1.0, help="of the recording to the clock")
     args = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     rclpy.init()
@@ -104,7 +105,7 @@ def main() -> None:
     heard = Heard(node)
     with tempfile.TemporaryDirectory() as folder:
         bag = simulate("changing", Path(folder) / "bag", options=Options(robot=args.robot))
-        player = {"bag": bag, "wait_for_subscribers": 300.0}
+        player = {"bag": bag, "wait_for_subscribers": 300.0, "rate": args.rate}
         with running("all_in_one"), running("player_node", **player) as played:
             while played.poll() is None:
                 rclpy.spin_once(node, timeout_sec=0.1)

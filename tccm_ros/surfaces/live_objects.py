@@ -107,14 +107,14 @@ class LiveObjects:
         self._scene, self._tracked = scene, scene.tracked
         self._tracked_ns = scene.newest_view_ns
         self._views = {ns: new for ns, new in self._views.items() if ns > self._tracked_ns}
-        return self._after_views(scene)
+        return self._after_views(scene)._replace(stamp_ns=scene.stamp_ns)
 
     def scene(self) -> Scene | None:
-        """Return the scene of the newest solution after the newest view; None before the first."""
+        """Return the scene after the newest view, with its stamp; None before the first solution."""
         return None if self._scene is None else self._after_views(self._scene)
 
     def _after_views(self, scene: Scene) -> Scene:
-        """Return a scene with the objects after all whole views, and their newest stamp."""
+        """Return a scene after all whole views, with the newest of their stamps."""
         newer = sorted(ns for ns, v in self._views.items() if v.is_whole and ns > self._tracked_ns)
         if newer:
             views = [self._views[ns].view(ns, self._config) for ns in newer]
@@ -125,4 +125,4 @@ class LiveObjects:
             return scene
         surfaces = [known.surface for known in scene.surfaces]
         objects = scene_objects(surfaces, self._tracked.tracks)
-        return scene._replace(objects=objects, stamp_ns=max(scene.stamp_ns, self._tracked_ns))
+        return scene._replace(objects=objects, stamp_ns=self._tracked_ns)

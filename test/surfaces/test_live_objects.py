@@ -87,7 +87,7 @@ def test_a_view_that_ends_during_a_solution_is_added_to_it():
     robot.live.take(first)
     robot.look(30 * S, AHEAD, FIRST, SECOND)
     shown = robot.live.take(second)
-    assert shown.stamp_ns == 30 * S
+    assert shown.stamp_ns == second.stamp_ns
     assert [(o.id, o.views) for o in shown.objects] == [(0, 3), (2, 2)]
     assert_same_objects(shown.objects, robot.solve().objects)
 

@@ -218,8 +218,8 @@ class InsertionSpace:
         T_front = inverse(self.compartment.T_map_front)
         for part in self.compartment.open_parts:
             T = T_front @ part.T_map_part
-            x, y, yaw = planar(T)
-            footprint = Polygon(rectangle_corners(*part.size[:2], yaw) + [x, y])
+            length, width, _ = part.size.tolist()
+            footprint = Polygon(rectangle_corners(length, width, planar(T)[2]) + T[:2, 3])
             if T[2, 3] - 0.5 * part.size[2] < height and way.intersects(footprint):
                 yield part
 

@@ -178,7 +178,7 @@ class Tracker:
         is_ours = solved.keyframe is None or self._estimate.take(solved.keyframe, solved.walls)
         if is_ours or not self._front.tracked:
             self._solved, self._is_localised = solved, solved.is_localised
-        return compose(self._pose(), inverse(before))
+        return compose_se2(self._pose(), inverse_se2(before))
 
     @property
     def state(self) -> LocalisationState:

@@ -256,17 +256,6 @@ class WallSlam:
         start, end = self._odometry.at(first_ns), self._odometry.at(last_ns)
         return None if start is None or end is None else between_se2(start, end)
 
-    def pose_at(self, stamp_ns: int) -> Float64 | None:
-        """Return the live estimate (3,) of the base at a stamp, in the front end's own map.
-
-        None where neither scans nor odometry give it.
-        """
-        if self._front.tracked:
-            anchored = self._anchor([stamp_ns])[0]
-            return compose_se2(self._chain.keyframes[anchored.keyframe].pose, anchored.pose)
-        odom = self._odometry.at(stamp_ns) if len(self._odometry) else None
-        return None if odom is None else self._start(odom)
-
     def _start(self, odom: Float64) -> Float64:
         """Return the pose (3,) in map by odometry alone, with the first base pose as origin.
 

@@ -110,7 +110,7 @@ class LiveObjects:
         return self._after_views(scene)._replace(stamp_ns=scene.stamp_ns)
 
     def scene(self) -> Scene | None:
-        """Return the scene after the newest view, with its stamp; None before the first solution."""
+        """Return the scene after the newest view, with its stamp; None before a solution."""
         return None if self._scene is None else self._after_views(self._scene)
 
     def _after_views(self, scene: Scene) -> Scene:

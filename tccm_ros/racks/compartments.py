@@ -138,7 +138,7 @@ def _over(
         found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
         if found is None:
             continue
-        upper = found.outline if found.above is None else _outline(stack[ceiling.above])
+        upper = found.outline if other is None else _outline(stack[ceiling.above])
         walls = found.left, found.right, found.back
         if FaceState.MEASURED in walls or _have_common_front(_outline(board), upper, found):
             if other is None:

@@ -80,7 +80,7 @@ class SeenFace:
 
 def _state(measured: float, passed: float) -> FaceState:
     """Return the state of a face, or of a row of its cells, by the fractions of `SeenFace`."""
-    is_closed = measured >= STATE_FRACTION * (measured + passed)
+    is_closed = measured > STATE_FRACTION * (measured + passed)
     if is_closed and measured >= 0.5 * STATE_FRACTION:
         return FaceState.MEASURED
     return FaceState.OPEN if passed >= STATE_FRACTION else FaceState.UNKNOWN

@@ -103,14 +103,19 @@ def random_rack(seed: int, sensor: str = "laser", **settings) -> Rack:
     return Rack(_world(scene, front, yaw, seed, rng, options), spaces, options)
 
 
-def seat_below_table(sensor: str = "laser") -> Rack:
-    """Return a table with a seat half below it, which is no rack."""
+def seat_below_table(sensor: str = "laser", *, has_apron: bool = False) -> Rack:
+    """Return a table with a seat half below it, which is no rack.
+
+    An apron is a board across its front, 13 cm down from the top.
+    """
     rng, scene = np.random.default_rng(0), Scene()
     scene.room((0.0, ROOM[0]), (0.0, ROOM[1]), CEILING)
     front, options = np.array([ROOM[0] / 2, 2.6]), Options(**SENSORS[sensor])
     place = _Place(scene, front, pi / 2, 1.1, 0.8)
     place.box("table", (0.0, 0.8), (-0.55, 0.55), (0.70, 0.73), surface="table")
     place.box("seat", (-0.1, 0.32), (-0.35, 0.08), (0.42, 0.45), surface="seat")
+    if has_apron:
+        place.box("apron", (0.0, 0.02), (-0.5, 0.5), (0.60, 0.70))
     for u in (-0.52, 0.52):
         for v in (0.03, 0.77):
             place.box("leg", (v - 0.02, v + 0.02), (u - 0.02, u + 0.02), (0.0, 0.70))

@@ -232,8 +232,9 @@ def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low, t
     assert [found.width, found.depth] == pytest.approx([true.width, true.depth], abs=2 * LENGTH)
 
 
-def test_a_seat_below_a_table_is_no_compartment(tmp_path):
-    outcome, _ = mapped(seat_below_table(), 0, tmp_path)
+@pytest.mark.parametrize("has_apron", [False, True])
+def test_a_seat_below_a_table_is_no_compartment(has_apron, tmp_path):
+    outcome, _ = mapped(seat_below_table(has_apron=has_apron), 0, tmp_path)
     heights = np.array([s.height for s in outcome.solution.surfaces])
     assert [np.abs(heights - z).min() < HEIGHT for z in (0.45, 0.73)] == [True, True]
     assert outcome.solution.compartments == ()

@@ -50,6 +50,14 @@ def test_nothing_is_told_by_beams_that_end_before_a_face():
     assert (face.state, face.measured, face.passed) == (FaceState.UNKNOWN, 0.0, 0.0)
 
 
+def test_a_face_of_which_as_much_was_passed_as_measured_is_not_measured():
+    """Otherwise one beam on a leg is a wall of a low compartment."""
+    is_panel = GRID[:, 0] > 0.0
+    face = seen(np.where(is_panel, 2.0, 2.4))
+    assert face.measured == face.passed == 0.5
+    assert face.state == FaceState.OPEN
+
+
 def test_posts_leave_a_face_open():
     is_post = np.abs(np.abs(GRID[:, 0]) - 0.38) < 0.02
     assert seen(np.where(is_post, 2.0, 2.4)).state == FaceState.OPEN

@@ -17,7 +17,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ablation import Change, add_row, constants, in_process, is_done, scaled, set_everywhere
+from ablation import (
+    Change,
+    add_row,
+    constants,
+    in_process,
+    is_done,
+    scaled,
+    set_constant,
+    set_everywhere,
+)
 from saved_cycles import load
 
 from tccm_ros.kernels import kernel
@@ -67,7 +76,7 @@ def apply(change: Change) -> None:
         set_everywhere(name, getattr(importlib.import_module(module), name), RULES[name][1])
     elif module:
         value = getattr(importlib.import_module(module), name)
-        set_everywhere(name, value, scaled(value, FACTORS[how]))
+        set_constant(module, name, scaled(value, FACTORS[how]))
 
 
 def main() -> None:

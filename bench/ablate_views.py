@@ -2,15 +2,18 @@
 
     python bench/ablate_views.py --out TABLE.md RESULT=BAG ... [--groups] [--only NAME ...]
 
-BAG is a recording with truth.json. RESULT is the folder of its replay, which is made if there is
-none; it keeps what the map was built from. The views are made anew from their clouds, registered,
-and the map is built at the poses of the replay, with one constant halved, doubled or set to zero,
-with all constants of a module so (`--groups`), or with one rule switched off.
+BAG is a recording with truth.json, or the seed of a sequence of `bench_changes.py`. RESULT is the
+folder of its replay, which is made if there is none; it keeps what the map was built from. The
+views are made anew from their clouds, registered, and the map is built at the poses of the replay,
+with one constant halved, doubled or set to zero, with all constants of a module so (`--groups`), or
+with one rule switched off.
 
 A row has for each recording the mean overlap with the true surfaces, surfaces of 0.1 m2 that are
 none, objects, factors of registration, and their median error in position against the poses of
-the replay, mm; "same" where nothing at all changes, labels, edges, sigmas and ids included. Trials
-that the table has are not run again. The cycle before the surface clouds is not tried.
+the replay, mm; of a sequence the true events that are told, wrong ones, and surfaces. It has "same"
+where nothing at all changes, labels, edges, sigmas and ids included. Each trial compiles the
+kernels that it changes. Trials that the table has are not run again. The cycle before the surface
+clouds is not tried.
 """
 
 from __future__ import annotations
@@ -28,7 +31,18 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
-from ablation import Change, add_row, constants, in_process, is_done, scaled, set_everywhere
+import saved_rooms
+from ablation import (
+    Change,
+    add_row,
+    constants,
+    in_process,
+    is_done,
+    scaled,
+    set_constant,
+    set_everywhere,
+)
+from saved_rooms import Rooms
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
@@ -146,17 +160,29 @@ class Stage(NamedTuple):
 Trial = tuple[Stage, Stage]
 """Results of the map and of registration on one recording."""
 
-
-Known = tuple[Saved, list[View], Trial]
-"""A recording, its views and its results without a change."""
+NOT_TRIED: Trial = Stage("", ""), Stage("", "")
 
 
-def load(result: Path, bag: Path, max_views: int) -> Saved:
+class Known(NamedTuple):
+    """A recording, its views (none of a sequence) and its results without a change."""
+
+    saved: Saved | Rooms
+    views: list[View]
+    trial: Trial
+
+
+def load(result: Path, bag: Path, max_views: int) -> Saved | Rooms:
     """Return what a replay has kept, and the truth; replay the recording if there is no replay.
 
     Of more than `max_views` views, so many evenly spaced ones are used.
     """
     kept = result / "kept.pickle"
+    if bag.name.isdecimal():
+        if not kept.exists():
+            result.mkdir(parents=True, exist_ok=True)
+            kept.write_bytes(pickle.dumps(saved_rooms.record(int(bag.name))))
+        rooms: Rooms = pickle.loads(kept.read_bytes())
+        return rooms
     if not kept.exists():
         _replay(result, bag)
     truth = json.loads((bag / "truth.json").read_text())
@@ -305,17 +331,31 @@ def switch_off(module: ModuleType, name: str) -> None:
         set_everywhere(name, getattr(module, name), RULES[name][1])
 
 
-def tried(saved: Saved, views: list[View] | None, before: Trial | None, module: str) -> Trial:
+def known(saved: Saved | Rooms) -> Known:
+    """Return a recording with its results without a change."""
+    views = [] if isinstance(saved, Rooms) else views_of(saved)
+    return Known(saved, views, tried(Known(saved, views, NOT_TRIED), ""))
+
+
+def tried(known: Known, module: str) -> Trial:
     """Return the results on a recording after a change of a module.
 
-    Stages that do not use the module have their results `before`.
+    Stages that do not use the module have their results without a change.
     """
-    if before is None or views is None or module in VIEW_MODULES:
+    saved, views, before = known
+    if isinstance(saved, Rooms):
+        if module in REGISTRATION_MODULES:
+            return before
+        text, found = saved.row()
+        return Stage(text, digest_of(found)), before[1]
+    if module in VIEW_MODULES:
         views = views_of(saved)
-        return built(saved, views), registered(saved, views)
-    by_map = before[0] if module in REGISTRATION_MODULES else built(saved, views)
-    is_used = module in REGISTRATION_MODULES or module in SHARED_MODULES
-    return by_map, registered(saved, views) if is_used else before[1]
+    is_by_map = module not in REGISTRATION_MODULES
+    is_registered = not module or module in VIEW_MODULES | REGISTRATION_MODULES | SHARED_MODULES
+    return (
+        built(saved, views) if is_by_map else before[0],
+        registered(saved, views) if is_registered else before[1],
+    )
 
 
 def apply(change: Change) -> None:
@@ -325,25 +365,22 @@ def apply(change: Change) -> None:
         switch_off(importlib.import_module(module), name)
     for _, constant, value in [c for c in constants(FOLDERS) if c[0] == module]:
         if how in FACTORS and name in ("all", constant):
-            set_everywhere(constant, value, scaled(value, FACTORS[how]))
+            set_constant(module, constant, scaled(value, FACTORS[how]))
 
 
-def run(change: Change, known: Sequence[Known]) -> list[str]:
+def run(change: Change, recordings: Sequence[Known]) -> list[str]:
     """Return the cells of one trial."""
     module = change[0].rsplit(".", 1)[-1]
-    found = in_process(lambda: apply(change), lambda one: tried(*one, module), known)
+    found = in_process(lambda: apply(change), lambda one: tried(one, module), recordings)
     return [
-        after if isinstance(after, str) else cell(after, before)
-        for after, (_, _, before) in zip(found, known)
+        after if isinstance(after, str) else cell(after, one.trial)
+        for after, one in zip(found, recordings)
     ]
 
 
-def cell(after: Trial, before: Trial | None) -> str:
+def cell(after: Trial, before: Trial) -> str:
     """Return a cell of the table."""
-    parts = [
-        "same" if before is not None and stage.digest == before[k].digest else stage.text
-        for k, stage in enumerate(after)
-    ]
+    parts = ["same" if a.digest == b.digest else a.text for a, b in zip(after, before)]
     return "same" if parts == ["same", "same"] else ", ".join(filter(None, parts))
 
 
@@ -374,18 +411,18 @@ def main() -> None:
     parser.add_argument("--groups", action="store_true", help="all constants of a module at once")
     arguments = parser.parse_args()
     pairs = [argument.partition("=") for argument in arguments.saved]
-    out, known = arguments.out, []
-    for result, _, bag in pairs:
-        saved = load(Path(result), Path(bag), arguments.max_views)
-        known.append((saved, views_of(saved), tried(saved, None, None, "")))
+    saved = [load(Path(result), Path(bag), arguments.max_views) for result, _, bag in pairs]
+    # In a process of its own: kernels that this one has compiled would be those of all trials.
+    recordings: list[Known] = in_process(lambda: None, known, saved)
+    out = arguments.out
     if not out.exists():
         titles = " | ".join(Path(bag).name for _, _, bag in pairs)
         rule = "|---" * (len(pairs) + 3)
-        first = " | ".join(["|  |  | none", *(cell(before, None) for _, _, before in known)])
+        first = " | ".join(["|  |  | none", *(cell(one.trial, NOT_TRIED) for one in recordings)])
         out.write_text(f"| module | name | change | {titles} |\n{rule}|\n{first} |\n")
     for change in changes_of(set(arguments.only), arguments.how, groups=arguments.groups):
         if not is_done(change, out):
-            add_row(change, run(change, known), out)
+            add_row(change, run(change, recordings), out)
 
 
 if __name__ == "__main__":

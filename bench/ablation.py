@@ -8,6 +8,7 @@ import multiprocessing
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import tccm_ros
@@ -34,10 +35,29 @@ def constants(folders: Sequence[str]) -> Iterator[tuple[str, str, Any]]:
 
 
 def set_everywhere(name: str, old: Any, new: Any) -> None:
-    """Give a name of the package another value in all modules that have it."""
+    """Give a function of the package another value in all modules that have it."""
     for key, module in list(sys.modules.items()):
         if key.startswith("tccm_ros") and getattr(module, name, None) is old:
             setattr(module, name, new)
+
+
+def set_constant(module: str, name: str, new: Any) -> None:
+    """Give a constant another value, in its module and in those that import it from there."""
+    for key, other in list(sys.modules.items()):
+        if key == module or (key.startswith("tccm_ros") and _imports(other, module, name)):
+            setattr(other, name, new)
+
+
+def _imports(other: ModuleType, module: str, name: str) -> bool:
+    """Return whether a module imports a name from another one."""
+    if other.__file__ is None or not hasattr(other, name):
+        return False
+    return any(
+        isinstance(node, ast.ImportFrom)
+        and node.module == module
+        and name in {alias.name for alias in node.names}
+        for node in ast.parse(Path(other.__file__).read_text()).body
+    )
 
 
 def scaled(value: Any, factor: float) -> Any:

@@ -99,25 +99,31 @@ def outcome(inputs: Iterable[object], pieces: list[Piece], simulation: Simulatio
     """Tell what changes, as a robot does, and compare it with what happened."""
     slam = SurfaceSlam(Config())
     found = [e for e in told(solved(inputs, slam), MapChanges()) if e.object_id < 0]
-    owners = [_piece_of(event, pieces) for event in found]
-    named = [(p.name, e.kind) for p, e in zip(owners, found) if p is not None]
-    true = {(p.name, kind) for p in pieces for kind in p.kinds}
-    seen: set[tuple[str, ChangeKind]] = set()
-    wrong = []
-    for piece, event in zip(owners, found):
-        key = (piece.name if piece else "", event.kind)
-        if key in seen or key not in true:
-            wrong.append(event)
-        seen.add(key)
+    untold, wrong = judged(found, pieces)
     result = score(slam.solve(), simulation)
     return Outcome(
-        len(true),
-        tuple(sorted(true - set(named))),
-        tuple(wrong),
-        _confused(found, owners),
+        sum(len(piece.kinds) for piece in pieces),
+        untold,
+        wrong,
+        _confused(found, [_piece_of(event, pieces) for event in found]),
         tuple(m.label for m in result.matches if not m.is_found),
         result.false,
     )
+
+
+def judged(
+    found: list[Change], pieces: list[Piece]
+) -> tuple[tuple[tuple[str, ChangeKind], ...], tuple[Change, ...]]:
+    """Return the true events that were not told, and those that are wrong or were told before."""
+    untold = {(p.name, kind) for p in pieces for kind in p.kinds}
+    wrong = []
+    for event in found:
+        piece = _piece_of(event, pieces)
+        key = (piece.name if piece else "", event.kind)
+        if key not in untold:
+            wrong.append(event)
+        untold.discard(key)
+    return tuple(sorted(untold)), tuple(wrong)
 
 
 def _confused(found: list[Change], owners: list[Piece | None]) -> tuple[str, ...]:

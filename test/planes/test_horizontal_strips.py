@@ -11,12 +11,11 @@ from scipy.sparse.csgraph import connected_components
 
 from tccm_ros.planes.horizontal_strips import (
     MAX_BEAMS,
-    MAX_DISTANCE,
     MAX_LINES,
     MAX_OFFSET,
     MAX_RISE,
     MIN_BEAMS,
-    MIN_DISTANCE,
+    MIN_LENGTH,
     RUN,
     SPLIT_FRACTION,
     TOLERANCE,
@@ -169,7 +168,7 @@ def test_narrow_objects_of_one_height_on_neighbouring_lines_are_no_strip(width, 
     strip = strips_of(points, lines)
     assert set(strip.tolist()) == expected
     if 0 in expected:
-        assert np.ptp(points[strip == 0, 0]) > MIN_DISTANCE
+        assert np.ptp(points[strip == 0, 0]) > MAX_OFFSET
         assert len(np.unique(lines[strip == 0])) == 2
 
 
@@ -330,7 +329,7 @@ def may_link(runs, is_vertical, a, b):
         and not (is_vertical[a] and is_vertical[b])
         and overlap >= -MAX_BEAMS * BEAM
         and abs(one["height"] - other["height"]) <= MAX_RISE + GATE * noise
-        and MIN_DISTANCE <= distance <= min(MAX_DISTANCE, 2.0 * min(length))
+        and MAX_OFFSET <= distance <= min(MIN_LENGTH, 2.0 * min(length))
     )
 
 

@@ -88,6 +88,8 @@ class Heard:
 
 def row(name: str, delays: list[float]) -> str:
     """Return a row of the table, of delays in s."""
+    if not delays:
+        return f"| {name} | 0 | | | |"
     ms = 1000.0 * np.array(delays)
     median, high = np.quantile(ms, [0.5, 0.9])
     return f"| {name} | {len(ms)} | {median:.0f} | {high:.0f} | {ms.max():.0f} |"

@@ -91,7 +91,7 @@ def recorded(log: Path, folder: Path) -> None:
     truth = read_reference(log.with_name(f"{bag.name}_reference.txt"))
     i, j = pairs_that_meet(truth.poses[:, :3, 3]).T
     for name, path in CONFIGS.items():
-        walls = SurfaceSlam(read_config(path)).walls
+        walls = SurfaceSlam(read_config(path)).wall_slam
         start = time.process_time()
         for scan in scans:
             walls.add_scan(scan)

@@ -179,7 +179,7 @@ def saved_lap():
 
 
 def walls(config, saved=None, run=None):
-    slam = SurfaceSlam(config).walls
+    slam = SurfaceSlam(config).wall_slam
     run = run or lap()
     if saved is not None:
         slam = WallSlam.from_saved(config, saved)

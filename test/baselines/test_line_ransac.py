@@ -25,7 +25,7 @@ def beams() -> np.ndarray:
 def test_the_setting_of_the_extractor_chooses_the_labelling_of_beams(extractor, label, beams):
     config = Config()
     config.lines.extractor = extractor
-    labels = SurfaceSlam(config).walls.label(beams, config)
+    labels = SurfaceSlam(config).wall_slam.label(beams, config)
     other = label_by_ransac if extractor == "split_merge" else label_by_splitting
     assert np.array_equal(labels, label(beams, config))
     assert not np.array_equal(labels, other(beams, config))

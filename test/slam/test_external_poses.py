@@ -9,17 +9,20 @@ import pytest
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import MessageError
 from tccm_ros.geometry import planar, spatial
-from tccm_ros.records import MapOdom, PoseCovariance
+from tccm_ros.records import MapOdom, Odometry, PoseCovariance
 from tccm_ros.ros.reading import pose_covariance_from_message
 from tccm_ros.slam.external_poses import MEDIAN_VARIANCE, MapOdomTrack, white_variance
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between_se2, compose_se2
+from tccm_ros.slam.tracking import Tracker
 from tccm_ros.slam.wall_slam import WallSlam
 
 SECOND = 1_000_000_000
 STEPS = 200
 """Of 0.1 m and 0.1 s."""
+
+CONFIG = read_config(None, ["localisation.source=tf"])
 
 
 def truth(k):
@@ -29,20 +32,28 @@ def truth(k):
     return np.array([4.0 + 0.5 * np.sin(k / 30), -2.0 + along, yaw])
 
 
-def drive(told, drift=0.0, seed=1):
-    """Return a processor that was fed with odometry, and with what `told(k)` gives every 0.5 s."""
+def records(told, drift=0.0, seed=1):
+    """Yield odometry, and every 0.5 s map -> odom, by the poses that `told(k)` gives."""
     rng = np.random.default_rng(seed)
-    slam = WallSlam(read_config(None, ["localisation.source=tf"]))
     odom = np.zeros(3)
     for k in range(STEPS):
         if k:
             step = between_se2(truth(k - 1), truth(k)) * (1.0 + drift)
             odom = compose_se2(odom, step + rng.normal(0.0, [5e-4, 2e-4, 2e-4]))
-        slam.add_odometry(k * SECOND // 10, spatial(odom))
+        yield Odometry(k * SECOND // 10, "odom", "base", spatial(odom))
         pose = told(k) if k % 5 == 0 else None
         if pose is not None:
-            T_map_odom = spatial(pose) @ np.linalg.inv(spatial(odom))
-            slam.add_map_odom(MapOdom(k * SECOND // 10, T_map_odom))
+            yield MapOdom(k * SECOND // 10, spatial(pose) @ np.linalg.inv(spatial(odom)))
+
+
+def drive(told, **options):
+    """Return a processor that was fed with `records`."""
+    slam = WallSlam(CONFIG)
+    for record in records(told, **options):
+        if isinstance(record, MapOdom):
+            slam.add_map_odom(record)
+        else:
+            slam.add_odometry(record.stamp_ns, record.T_odom_base)
     return slam
 
 
@@ -90,8 +101,12 @@ def test_a_robot_that_stands_has_the_median_of_what_is_told():
 
 
 def test_the_live_pose_is_what_was_told_last():
-    pose = drive(truth).pose_at((STEPS - 1) * SECOND // 10)
-    assert pose == pytest.approx(truth(STEPS - 1), abs=0.01)
+    tracker = Tracker(CONFIG)
+    for record in records(truth):
+        tracker.add(record)
+    live = tracker.current_pose()
+    assert live.stamp_ns == (STEPS - 1) * SECOND // 10
+    assert live.pose == pytest.approx(truth(STEPS - 1), abs=0.01)
 
 
 def test_without_a_word_the_robot_is_nowhere():

@@ -40,7 +40,7 @@ def test_walls_and_odometry_alone_correct_a_lap():
 
 
 def test_lines_are_those_of_ransac():
-    walls = SurfaceSlam(PAPER).walls
+    walls = SurfaceSlam(PAPER).wall_slam
     beams = np.column_stack((np.full(50, 2.0), np.linspace(-1.0, 1.0, 50)))
     beams += np.random.default_rng(0).normal(0.0, 0.02, beams.shape)
     np.testing.assert_array_equal(walls.label(beams, PAPER), label_by_ransac(beams, PAPER))

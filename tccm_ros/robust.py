@@ -16,7 +16,7 @@ MAJORITY = 0.5
 """Fraction above which a property of the parts is that of the whole: most of them have it."""
 
 NEARLY_ALL = 0.75
-"""Min fraction of a whole that has a property, less what edges, corners and noise take.
+"""Min fraction of a thing that has a property as a whole, with what edges, corners and noise take.
 Chosen."""
 
 RIVAL = 0.75

@@ -13,6 +13,7 @@ import shapely
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config.surfaces import LabelsConfig
+from tccm_ros.robust import MAJORITY
 from tccm_ros.robust import MAJORITY, NEARLY_ALL
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides

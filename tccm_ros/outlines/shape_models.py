@@ -25,8 +25,8 @@ SPACING = 0.03
 each, m; chosen. Points nearer to the end of an edge may belong to the next one."""
 
 CORRELATION = 0.10
-"""Correlation length of the errors of an outline's samples, m, and min distance of an L's inner
-corner from its outer edges; chosen: that of one beam or scan line."""
+"""Correlation length of the errors of an outline's samples, m; chosen: that of one beam or scan
+line."""
 
 PROBE = 0.06
 """Edge of the squares that are tested for free space, m; chosen."""
@@ -59,6 +59,9 @@ MAX_CORNERS = 14
 CAP_CORNERS = 48
 """Number of corners of the polygon of a circle or an ellipse; chosen: within 0.2 % of its
 radius."""
+
+MIN_NOTCH = 0.10
+"""Min distance of an L's inner corner from its outer edges, m; chosen."""
 
 
 class OutlineSamples(NamedTuple):
@@ -249,7 +252,7 @@ def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
     for k in range(4):
         # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
         a, b, c, d = (np.arange(4) + k) % 4
-        if min(upper[a] - inner[a], upper[b] - inner[b]) >= CORRELATION:
+        if min(upper[a] - inner[a], upper[b] - inner[b]) >= MIN_NOTCH:
             offsets = np.array([upper[a], inner[b], inner[a], upper[b], outer[c], outer[d]])
             yield StraightModel(SurfaceShape.L, normals[[a, b, a, b, c, d]], offsets, True)
 

@@ -12,8 +12,11 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
 from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
-from tccm_ros.planes.reassignment import MIN_RATIO
 from tccm_ros.robust import NEARLY_ALL
+
+MIN_VARIANCE_RATIO = 4.0
+"""Minimum ratio of the variances across two planes for one to be the flatter one. Chosen: half the
+standard deviation."""
 
 MAX_CELLS = 2
 """Maximum number of cells between neighbouring cuboids; less than a block's width. Chosen."""
@@ -43,7 +46,7 @@ def drop_edge_planes(
     if is_vertical.all():
         return planes
     variance = np.where(is_vertical, np.inf, planes["variances"][:, 2])
-    suspect = (variance > MIN_RATIO * variance.min()) & ~is_vertical
+    suspect = (variance > MIN_VARIANCE_RATIO * variance.min()) & ~is_vertical
     if not suspect.any():
         return planes
     own, off = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
@@ -54,7 +57,7 @@ def drop_edge_planes(
     for i in range(len(labels)):
         p = labels[i]
         if p >= 0 and suspect[p]:
-            max_variance = variance[p] / MIN_RATIO
+            max_variance = variance[p] / MIN_VARIANCE_RATIO
             if not is_beside(cuboids, i, blocks, labels, variance, flattest, max_variance):
                 off[p] += 1
                 # Most planes are no edge planes, which a few of their cuboids decide.

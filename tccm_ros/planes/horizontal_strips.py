@@ -64,10 +64,16 @@ Runs = NDArray[Any]
 MAX_LINES = 2
 """Maximum difference of the line numbers of linked runs: one line may be missing. Chosen."""
 
+MIN_DISTANCE = 0.015
+"""Minimum distance of linked runs, m: nearer lines may also be on a front. Chosen."""
+
+MAX_DISTANCE = 0.30
+"""Maximum distance of linked runs, m. It is also limited by the length of the shorter run:
+otherwise two objects of one height are as likely as one. Chosen."""
+
 MAX_OFFSET = 0.015
-"""Maximum horizontal distance of points straight above each other, m: linked runs are further from
-each other, as nearer lines may also be on a front. Chosen: nearly two standard deviations of the
-difference of two beams of the noisiest laser."""
+"""Maximum horizontal distance of points straight above each other, m. Chosen: nearly two standard
+deviations of the difference of two beams of the noisiest laser."""
 
 MIN_POINTS = 20
 """Minimum number of points of a strip. Chosen."""
@@ -78,9 +84,7 @@ vertical object has no width. A narrower strip is a line, whose runs must not be
 strip of one bent line is rejected. Chosen."""
 
 MIN_LENGTH = 0.30
-"""Minimum length of a strip, m: shorter ones are tops of objects. Also the maximum distance of
-linked runs, which is limited by the length of the shorter one as well: otherwise two objects of one
-height are as likely as one. Chosen."""
+"""Minimum length of a strip, m: shorter ones are tops of objects. Chosen."""
 
 
 def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: Float64) -> Int64:
@@ -239,7 +243,7 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
             if abs(other.height - one.height) > MAX_RISE + GATE * noise:
                 continue
             distance, longest = distance_between(other, one)
-            if MAX_OFFSET <= distance <= min(MIN_LENGTH, longest):
+            if MIN_DISTANCE <= distance <= min(MAX_DISTANCE, longest):
                 merge_sets(parent, a, b)
     roots = np.empty(len(runs), np.int64)
     for k in range(len(runs)):

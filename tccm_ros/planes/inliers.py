@@ -26,12 +26,15 @@ NOTHING = (0.0,) * 10
 """Moments of no points."""
 
 GATE = 4.0
-"""Maximum distance of an inlier from its plane, in standard deviations, and limit of the chi-square
-test for a cuboid deep inside a surface. Chosen: one point in 16,000 is further away, so that the
-tails of the noise are not cut off and do not bias the fit."""
+"""Maximum distance of an inlier from its plane, in standard deviations. Chosen: one point in 16,000
+is further away, so that the tails of the noise are not cut off and do not bias the fit."""
 
 NOISE_FLOOR = 0.00025
 """Minimum standard deviation for gates, m: ranges are quantised, tables are not flat. Chosen."""
+
+LENIENT = 4.0
+"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is rejected.
+Chosen."""
 
 STRICT = 2.0
 """Deviations of the chi-square test near an edge, where mixed cells are expected. Chosen."""
@@ -52,8 +55,7 @@ INSIDE_FRACTION = 0.15
 """Minimum fraction of a surface's points in its inside for a fit of its own. Chosen."""
 
 MIN_FRACTION = 0.9
-"""A fit to more than this fraction of the points, or whose variance is not below this fraction of
-the one before, is not repeated. Chosen."""
+"""A fit to more than this fraction of the points is not repeated. Chosen."""
 
 
 @kernel
@@ -198,7 +200,7 @@ def assign_inliers(
                 continue
             flood.is_inlier[i >> 6] |= np.uint64(1) << np.uint64(i & 63)
             count += 1
-            total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, GATE))
+            total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, LENIENT))
         if count == before:
             continue
         if total[0] > refit_at:
@@ -279,7 +281,7 @@ def fit_horizontal(
     for k in range(n):
         m = M[members[k]]
         everything += m[0]
-        max_scatters[k] = max_scatter(m[0], GATE if deep[k] else STRICT)
+        max_scatters[k] = max_scatter(m[0], LENIENT if deep[k] else STRICT)
         if is_flat & is_sharing[k]:
             max_scatters[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])

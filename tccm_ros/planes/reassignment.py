@@ -22,8 +22,8 @@ MIN_DEVIATIONS = 2.5
 horizontal one. Chosen."""
 
 MIN_RATIO = 4.0
-"""Minimum ratio of the sums of squared distances of points from two planes, or of the variances
-across them, if they clearly belong to the nearer or flatter one. Chosen: twice the distance."""
+"""Minimum ratio of the sums of squared distances from the vertical and from the horizontal plane.
+Chosen: twice the distance."""
 
 
 @kernel

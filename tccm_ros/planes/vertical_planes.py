@@ -21,7 +21,7 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
-from tccm_ros.planes.inliers import MIN_FRACTION, NOISE_FLOOR, ROUNDS, Plane, is_mixed
+from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 from tccm_ros.robust import GATE
 
@@ -35,6 +35,13 @@ WARP = 0.001
 
 PRIOR = 20.0
 """Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
+
+ROUNDS = 3
+"""Maximum number of refits. Chosen."""
+
+CONVERGED = 0.9
+"""A round that accepts the same patches as the one before is the last, unless the variance falls
+below this fraction of the one before: then the next round may reject more. Chosen."""
 
 SLICES = 256
 """Number of histogram bins of the patches' distances, for their median. Chosen."""
@@ -106,7 +113,7 @@ def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64
     for _ in range(ROUNDS):
         before = plane[4]
         plane, changes = improve(patches, plane, taken, total)
-        if changes == 0 and plane[4] > MIN_FRACTION * before:
+        if changes == 0 and plane[4] > CONVERGED * before:
             break
     return plane
 

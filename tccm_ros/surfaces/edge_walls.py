@@ -32,10 +32,12 @@ WALL_YAW = np.radians(4.0)
 AT_WALL = GATE * WALL_SIGMA
 """An edge within this distance of a wall ends at it, m."""
 
+OVERHANG = 0.03
+"""Max distance of the edge of a board from the front below it, m; chosen: a worktop."""
+
 ONE_LINE = 0.03
-"""Max distance of the ends of a wall from the line of another wall that it continues, m, and of the
-edge of a board from the front below it. Chosen: a worktop; the faces of two pieces of furniture are
-further from each other."""
+"""Max distance of the ends of a wall from the line of another wall that it continues, m; chosen:
+the faces of two pieces of furniture are further from each other."""
 
 
 def walls_near(outline: Polygon, walls: Float64) -> Float64:
@@ -107,7 +109,7 @@ def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
     """
     front = wall_along(edge, walls)
     across = wall_across(edge, walls)
-    if front is None or across is None or abs(across) > ONE_LINE:
+    if front is None or across is None or abs(across) > OVERHANG:
         return 0.0
     last = front[np.argmax(front @ outward)]
     beyond = float(last @ outward - max(edge.start @ outward, edge.end @ outward))

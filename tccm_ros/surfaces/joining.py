@@ -22,7 +22,7 @@ from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.occluded_areas import (
     MAX_OCCLUDED_WIDTH,
-    PROBE_SPACING,
+    MIN_OCCLUDED_AREA,
     is_occluded,
     last_empty_view,
 )
@@ -204,7 +204,7 @@ def occluded_area_between(
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
-        if part.area < PROBE_SPACING**2:
+        if part.area < MIN_OCCLUDED_AREA:
             break
         middle = np.array(part.centroid.coords[0])
         height = 0.5 * (a.height_at(middle) + b.height_at(middle)) - depth

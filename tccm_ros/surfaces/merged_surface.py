@@ -13,17 +13,13 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.surfaces.displacement import outline_in_map
 from tccm_ros.surfaces.merging import Members, NumberedPatch
-from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, PROBE_SPACING, is_occluded
+from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments
-from tccm_ros.surfaces.polygons import (
-    GRID,
-    SIMPLIFY,
-    close_gaps,
-    largest_part,
-    polygons_of,
-    union_over,
-)
+from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of, union_over
 from tccm_ros.surfaces.views import View
+
+SIMPLIFY = 0.004
+"""Tolerance of the simplification of outlines, m; chosen: below the range noise."""
 
 SHADOW_WIDTH = 0.16
 """Max width of notches and holes that are closed as shadows of objects on the surface, m;
@@ -178,7 +174,7 @@ def _with_occluded_areas(
     hidden = [
         part
         for part in added.geoms
-        if part.area >= PROBE_SPACING**2 and is_occluded(part, height, views, T_map_view, config)
+        if part.area >= MIN_OCCLUDED_AREA and is_occluded(part, height, views, T_map_view, config)
     ]
     if not hidden:
         return polygon

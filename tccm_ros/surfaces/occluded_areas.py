@@ -29,6 +29,10 @@ chosen."""
 PROBE_SPACING = 0.04
 """Distance between the points at which an area is probed, m; chosen: below half a column."""
 
+MIN_OCCLUDED_AREA = PROBE_SPACING**2
+"""Min size of an area that is closed, m2. Chosen: the square of one probe, as smaller areas may
+have no probe in them."""
+
 
 def is_occluded(
     area: Polygon, height: float, views: Sequence[View], T_map_view: Float64, config: Config

@@ -13,10 +13,6 @@ from tccm_ros.arrays import Float64
 GRID = 1e-6
 """Grid to which outlines are snapped, m, so that unions do not depend on rounding; chosen."""
 
-SIMPLIFY = 0.004
-"""Length below the range noise, m: tolerance of the simplification of outlines, and min distance of
-two beams; chosen."""
-
 OVERLAP = 1e-3
 """Buffer of an area, m, so that it overlaps the outline that it touches. Chosen: more than rounding
 of coordinates, less than any gap."""

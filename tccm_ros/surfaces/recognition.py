@@ -28,7 +28,7 @@ from tccm_ros.surfaces.displacement import (
 )
 from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar
-from tccm_ros.surfaces.track_ids import CUT, SightKey, TrackIds
+from tccm_ros.surfaces.track_ids import SightKey, TrackIds
 from tccm_ros.surfaces.views import View, first_numbers
 
 MAX_LIFT = 0.15
@@ -38,6 +38,10 @@ from each other."""
 MAX_LEFT_OVER = 0.06
 """Max change of height, m, after which points at the old height may remain: they are within twice
 `views.clear_margin` of the new height. After a larger change they are looked through."""
+
+MAX_BESIDE = 0.1
+"""Max fraction of the remaining area that is outside of the new outline of the surface. Chosen: its
+edges."""
 
 MIN_PART = 0.05
 """Min fraction of a surface's area in a view that confirms that the surface is still there. Chosen:
@@ -104,7 +108,7 @@ class _Stand(NamedTuple):
         if not MIN_LIFT < abs(old.z - other.z) <= MAX_LEFT_OVER:
             return False
         beside = old.outline.difference(other.outline.buffer(BORDER)).area
-        return bool(beside <= CUT * old.outline.area)
+        return bool(beside <= MAX_BESIDE * old.outline.area)
 
 
 def adopt_ids(

@@ -47,6 +47,9 @@ PLANAR_ORDER = [3, 4, 2]
 MAX_NEIGHBOUR_VIEWS = 6
 """Max number of older views, the nearest, with which a view is matched; chosen."""
 
+YAW_WEIGHT = 1.0
+"""Weight of yaw in the distance of two poses, m per rad; chosen."""
+
 MAX_SIGMA = (0.15, np.radians(3.0))
 """Upper limits of the standard deviations (m, rad) of the relative pose of two views that the
 search covers; chosen: with a wider search, sides of other surfaces match."""
@@ -265,12 +268,9 @@ def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:
 
 
 def _nearest_views(poses: Float64, j: int) -> list[int]:
-    """Return the indices of the nearest older views of view `j`, ascending.
-
-    A yaw of 1 rad is as far as 1 m.
-    """
+    """Return the indices of the nearest older views of view `j`, ascending."""
     yaw = np.abs(wrap_angle(poses[:j, 2] - poses[j, 2]))
-    distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + yaw
+    distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + YAW_WEIGHT * yaw
     return sorted(np.argsort(distance, kind="stable")[:MAX_NEIGHBOUR_VIEWS].tolist())
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Float64
-from tccm_ros.surfaces.polygons import SIMPLIFY
 
 MAX_QUERIES = 200
 """Number of points at which directions and distances are computed; chosen."""
@@ -25,8 +24,7 @@ more than half, less than one."""
 
 NEAREST = 1.5
 """Lower limit of that distance, as a multiple of the median distance of nearest points: beams may
-be as far from each other as lines. Stray points are further than this from all others, in spacings:
-the next scan line is nearer, with noise. Chosen."""
+be as far from each other as lines; chosen."""
 
 MIN_POINTS = 12
 """Min number of points that define a direction; chosen."""
@@ -37,6 +35,9 @@ MAX_SCATTER = 0.6
 CONE, MIN_ASIDE = 0.3, 0.008
 """Max lateral offset of the next beam of a line, as a fraction of its distance, and lower limit of
 this offset, m: lines are straight, ranges have noise. Chosen."""
+
+MIN_STEP = 0.004
+"""Min distance of beams, m; chosen: below the range noise."""
 
 
 def line_direction(points_xy: Float64, spacing: float) -> Float64 | None:
@@ -84,7 +85,7 @@ def beam_step(points_xy: Float64, direction: Float64) -> float | None:
     offset = points_xy[None] - _chosen(points_xy)[:, None]
     ahead = offset @ direction
     aside = np.abs(offset @ np.array([-direction[1], direction[0]]))
-    is_next = (ahead > SIMPLIFY) & (aside <= np.maximum(CONE * ahead, MIN_ASIDE))
+    is_next = (ahead > MIN_STEP) & (aside <= np.maximum(CONE * ahead, MIN_ASIDE))
     step = np.where(is_next, ahead, np.inf).min(axis=1)
     step = step[np.isfinite(step)]
     return float(np.median(step)) if len(step) else None

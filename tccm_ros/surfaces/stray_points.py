@@ -13,8 +13,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Bool, Float32, Int32
-from tccm_ros.surfaces.scan_lines import NEAREST
 from tccm_ros.surfaces.thinning import cells_of
+
+GAP = 1.5
+"""Min gap between stray points and all others, as a multiple of the point spacing of the surface.
+Chosen: the next scan line is nearer, with noise."""
 
 CELL = 0.5
 """Edge of the cells whose means are linked, as a multiple of the point spacing: denser points add
@@ -54,7 +57,7 @@ def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32
     if spacing <= 0.0 or not len(others):
         return np.zeros(len(points), np.bool_)
     cells = cells_of(points[:, :2].astype(np.float64), CELL * spacing)
-    pairs = cKDTree(cells.means).query_pairs(NEAREST * spacing, output_type="ndarray")
+    pairs = cKDTree(cells.means).query_pairs(GAP * spacing, output_type="ndarray")
     count = len(cells.means)
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
     part_of = connected_components(links, directed=False)[1][cells.of_point]

@@ -27,9 +27,8 @@ from tccm_ros.surfaces.polygons import GRID
 from tccm_ros.surfaces.views import View, first_numbers
 
 CUT = 0.1
-"""A patch that lost more than this fraction of its points, or a surface of which more is beside
-another outline, may show an earlier place. Chosen: edges that are looked through in part lose
-less."""
+"""A patch that lost more than this fraction of its points may show an earlier place of its surface.
+Chosen: edges that are looked through in part lose less."""
 
 
 class SightKey(NamedTuple):

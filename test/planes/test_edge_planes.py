@@ -7,9 +7,9 @@ from tccm_ros.planes.arrays import PLANE, PlaneMap
 from tccm_ros.planes.blocks import sort_into_blocks
 from tccm_ros.planes.edge_planes import (
     MAX_CELLS,
+    MIN_VARIANCE_RATIO,
     drop_edge_planes,
 )
-from tccm_ros.planes.reassignment import MIN_RATIO
 from tccm_ros.robust import NEARLY_ALL
 
 
@@ -38,7 +38,7 @@ def kept_by_all_pairs(ix, iy, bottom, top, labels, planes, is_vertical):
     )  # fmt: skip
     kept, variance = [], planes["variances"][:, 2]
     for p in range(len(planes)):
-        flatter = ~is_vertical & (MIN_RATIO * variance <= variance[p])
+        flatter = ~is_vertical & (MIN_VARIANCE_RATIO * variance <= variance[p])
         held = i[(labels >= 0) & flatter[labels]]
         own = i[labels == p]
         off = len(own) - beside[np.ix_(own, held)].any(axis=1).sum()

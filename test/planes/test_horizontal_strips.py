@@ -11,11 +11,12 @@ from scipy.sparse.csgraph import connected_components
 
 from tccm_ros.planes.horizontal_strips import (
     MAX_BEAMS,
+    MAX_DISTANCE,
     MAX_LINES,
     MAX_OFFSET,
     MAX_RISE,
     MIN_BEAMS,
-    MIN_LENGTH,
+    MIN_DISTANCE,
     RUN,
     SPLIT_FRACTION,
     TOLERANCE,
@@ -168,7 +169,7 @@ def test_narrow_objects_of_one_height_on_neighbouring_lines_are_no_strip(width, 
     strip = strips_of(points, lines)
     assert set(strip.tolist()) == expected
     if 0 in expected:
-        assert np.ptp(points[strip == 0, 0]) > MAX_OFFSET
+        assert np.ptp(points[strip == 0, 0]) > MIN_DISTANCE
         assert len(np.unique(lines[strip == 0])) == 2
 
 
@@ -329,7 +330,7 @@ def may_link(runs, is_vertical, a, b):
         and not (is_vertical[a] and is_vertical[b])
         and overlap >= -MAX_BEAMS * BEAM
         and abs(one["height"] - other["height"]) <= MAX_RISE + GATE * noise
-        and MAX_OFFSET <= distance <= min(MIN_LENGTH, 2.0 * min(length))
+        and MIN_DISTANCE <= distance <= min(MAX_DISTANCE, 2.0 * min(length))
     )
 
 

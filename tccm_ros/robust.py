@@ -15,13 +15,6 @@ values."""
 MAJORITY = 0.5
 """Fraction above which a property of the parts is that of the whole: most of them have it."""
 
-NEARLY_ALL = 0.75
-"""Min fraction of a thing that has a property as a whole, with what edges, corners and noise take.
-Chosen."""
-
-RIVAL = 0.75
-"""Min ratio of the second-best score to the best one at which neither is chosen. Chosen."""
-
 
 def median_sigma(residuals: Float64) -> float:
     """Return the standard deviation of residuals float64 (N,), N > 0, from their median magnitude.

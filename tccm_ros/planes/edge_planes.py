@@ -12,7 +12,6 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
 from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
-from tccm_ros.robust import NEARLY_ALL
 
 MIN_VARIANCE_RATIO = 4.0
 """Minimum ratio of the variances across two planes for one to be the flatter one. Chosen: half the
@@ -20,6 +19,9 @@ standard deviation."""
 
 MAX_CELLS = 2
 """Maximum number of cells between neighbouring cuboids; less than a block's width. Chosen."""
+
+MIN_EDGE_FRACTION = 0.8
+"""Minimum fraction of an edge plane's cuboids that are beside flatter planes. Chosen."""
 
 
 @kernel
@@ -61,7 +63,7 @@ def drop_edge_planes(
             if not is_beside(cuboids, i, blocks, labels, variance, flattest, max_variance):
                 off[p] += 1
                 # Most planes are no edge planes, which a few of their cuboids decide.
-                suspect[p] = off[p] <= (1.0 - NEARLY_ALL) * own[p]
+                suspect[p] = off[p] <= (1.0 - MIN_EDGE_FRACTION) * own[p]
     return keep_planes(labels, planes, ~suspect)
 
 

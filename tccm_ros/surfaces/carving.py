@@ -20,7 +20,7 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP, column_keys
 from tccm_ros.geometry import inverse, planar, pose_from_rpy, wrap_angle
-from tccm_ros.robust import MAJORITY, NEARLY_ALL
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.displacement import (
     BORDER,
     blurred,
@@ -31,6 +31,9 @@ from tccm_ros.surfaces.displacement import (
 from tccm_ros.surfaces.free_grid import FreeGrid, blocks_of
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import SurfacePatch, View
+
+GONE_FRACTION = 0.7
+"""A patch is removed as a whole if this fraction of it is gone, at any size; chosen."""
 
 REPLACED_FRACTION = 0.95
 """A patch is replaced as a whole, with its rim, if a newer view from the same pose measured or
@@ -419,7 +422,7 @@ def _carve_patch(
     owner, points, through, margin = owner[there[near]], points[kept], through[kept], margin[kept]
     gone = through & (owner < 0)
     block = max(cell_size, BLOCK_SPACING * patch.spacing)
-    if gone.sum() < NEARLY_ALL * total:
+    if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None

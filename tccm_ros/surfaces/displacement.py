@@ -10,7 +10,6 @@ from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Float64
-from tccm_ros.robust import NEARLY_ALL
 from tccm_ros.surfaces.polygons import equal_sides
 
 BORDER = 0.03
@@ -33,6 +32,10 @@ is added in quadrature. Chosen: occluded parts and corners."""
 IN_PLACE = 0.05
 """Max distance along x and y of the centroids of two outlines at one place, m, or the larger blur.
 Chosen: a distance of scan lines."""
+
+SAME_AREA = 0.75
+"""Min ratio of the smaller to the larger area of two outlines of one surface. Chosen: an L is no
+rectangle of its sides; a square of 0.4 m may lose 2.5 cm at each edge."""
 
 
 class HorizontalOutline(NamedTuple):
@@ -103,7 +106,7 @@ def is_of_one_size(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     """
     smaller, larger = sorted((first, second), key=lambda f: float(f.outline.area))
     area = blurred(smaller.outline, 0.0, smaller.blur).area
-    if area < NEARLY_ALL * larger.outline.area or larger.outline.area == 0.0:
+    if area < SAME_AREA * larger.outline.area or larger.outline.area == 0.0:
         return False
     sides = equal_sides(first.outline) - equal_sides(second.outline)
     return bool(np.abs(sides).sum() <= np.hypot(SIZE_DIFFERENCE, _larger_blur(first, second)))

@@ -14,13 +14,22 @@ import shapely
 from tccm_ros.arrays import Float64
 from tccm_ros.config.surfaces import LabelsConfig
 from tccm_ros.robust import MAJORITY
-from tccm_ros.robust import MAJORITY, NEARLY_ALL
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 
 MIN_CARRIED = 0.3
 """Min fraction of a step's outline on or near the surface that carries it; chosen: one side of four
 is enough, as the surface behind a stove may never be seen."""
+
+MAX_BACK_WIDTH = 0.40
+"""Max width of the top of a sofa's back, m; chosen."""
+
+MIN_BACK_LENGTH = 0.8
+"""Min fraction of a seat's length along which its back runs; chosen."""
+
+MIN_BOARD_DEPTH = 0.75
+"""Min depth of a board over a shelf, as a fraction of the lower board's depth; chosen: narrower
+boards hang over worktops and desks."""
 
 SLENDER = 3.0
 """Min ratio of length to width of a slender surface; chosen."""
@@ -158,7 +167,7 @@ def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: LabelsConfi
         return False
     if (
         other.height > surface.height
-        and box_sides(other.polygon)[0] < NEARLY_ALL * box_sides(surface.polygon)[0]
+        and box_sides(other.polygon)[0] < MIN_BOARD_DEPTH * box_sides(surface.polygon)[0]
     ):
         return False
     shared = surface.polygon.intersection(other.polygon).area
@@ -190,9 +199,9 @@ def _is_back(back: MergedSurface, seat: MergedSurface, rules: LabelsConfig) -> b
     over = back.polygon.intersection(seat.polygon).area
     beside = seat.polygon.exterior.intersection(back.polygon.buffer(rules.wall_distance)).length
     return bool(
-        box_sides(back.polygon)[0] <= NARROW
+        box_sides(back.polygon)[0] <= MAX_BACK_WIDTH
         and over < MAJORITY * back.polygon.area
-        and beside >= NEARLY_ALL * float(box_sides(seat.polygon)[1])
+        and beside >= MIN_BACK_LENGTH * float(box_sides(seat.polygon)[1])
     )
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.config.surfaces import LabelsConfig
-from tccm_ros.robust import NEARLY_ALL, RIVAL
 from tccm_ros.surfaces.floor import is_floor
 from tccm_ros.surfaces.label_features import Features, features_of
 from tccm_ros.surfaces.merged_surface import MergedSurface
@@ -39,14 +38,20 @@ chosen."""
 MIN_BED = (0.8, 1.6)
 """Min width and length of a bed, m; chosen."""
 
-SECOND = 0.5
-"""Fraction of the second-best score that is subtracted from the best one for the confidence;
-chosen."""
+MIN_BED_FILLED = 0.75
+"""Min fraction of its box that a bed fills; chosen: an L shape is a sofa."""
 
-DOUBTFUL = 0.7
-"""Weight of a label of which one mark is missing: a low table, as a sofa whose back was not seen
-looks like one; a slender seat; a bench, counter or ledge away from any wall; a table at walls; a
-board over another that is no shelf. Chosen."""
+LOW_TABLE = 0.9
+"""Weight of a low table: a sofa whose back was not seen looks like one; chosen."""
+
+AT_WALL_TABLE = 0.4
+"""Fraction of its score that a table loses if all of its outline is at walls; chosen."""
+
+SLENDER_SEAT = 0.8
+"""Weight of a slender seat; chosen."""
+
+AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
+"""Weight of a counter or a ledge away from any wall, and its increase at a wall; chosen."""
 
 ONE_SIDE = 3.0
 """Inverse of the fraction of the outline at walls that gives a counter or a ledge its full score;
@@ -55,8 +60,21 @@ chosen: one side."""
 BENCH_LENGTH = 1.8
 """Min ratio of length to width of a bench; chosen: two people sit side by side."""
 
+AWAY_BENCH = 0.75
+"""Weight of a bench away from any wall: a low table looks like one; chosen."""
+
 LONE_SHELF = 0.3
 """Weight of a shelf without another board above or below it; chosen."""
+
+STACKED_OTHER = 0.6
+"""Weight of every label except the shelf for a board above or below another; chosen."""
+
+RIVAL = 0.5
+"""Fraction of the second-best score that is subtracted from the best one for the confidence;
+chosen."""
+
+UNDECIDED = 0.75
+"""The label is ``other`` if the second-best score is above this fraction of the best; chosen."""
 
 
 class SurfaceLabel(StrEnum):
@@ -144,23 +162,23 @@ def _scores(surface: Features, rules: LabelsConfig) -> dict[SurfaceLabel, float]
 
     Furniture without a label of its own competes as ``other``.
     """
-    away = 1.0 - (1.0 - DOUBTFUL) * surface.at_wall
+    away = 1.0 - AT_WALL_TABLE * surface.at_wall
     is_at_wall = min(1.0, ONE_SIDE * surface.at_wall)
-    near_wall = DOUBTFUL + (1.0 - DOUBTFUL) * is_at_wall
-    low = DOUBTFUL * _fit(surface, rules.low_table) * (not surface.backed)
-    low *= 1.0 - (1.0 - DOUBTFUL) * is_at_wall  # a coffee table stands in the room
-    seat = _fit(surface, rules.seat) * (DOUBTFUL if surface.is_slender else 1.0)
+    low = LOW_TABLE * _fit(surface, rules.low_table) * (not surface.backed)
+    low *= 1.0 - AT_WALL_TABLE * is_at_wall  # a coffee table stands in the room
+    seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
     sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
     is_bench = surface.length >= BENCH_LENGTH * surface.width
-    bench = _fit(surface, rules.bench) * is_bench * near_wall
+    bench = _fit(surface, rules.bench) * is_bench * (AWAY_BENCH + (1.0 - AWAY_BENCH) * is_at_wall)
     sideboard = _fit(surface, rules.sideboard) * is_at_wall * (not surface.stacked)
     is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
+    near_wall = AWAY_FROM_WALL + AT_WALL * is_at_wall
     counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
         SurfaceLabel.TABLE: max(_fit(surface, rules.table) * away, low) * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa, bench),
-        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= NEARLY_ALL),
+        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
         SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.OTHER: max(sideboard, _fit(surface, rules.side_table)),
@@ -172,11 +190,11 @@ def _best(surface: Features, rules: LabelsConfig) -> Label:
     scores = _scores(surface, rules)
     if surface.stacked:
         shelf = SurfaceLabel.SHELF
-        scores = {name: s * (1.0 if name is shelf else DOUBTFUL) for name, s in scores.items()}
+        scores = {name: s * (1.0 if name is shelf else STACKED_OTHER) for name, s in scores.items()}
     order = sorted(scores, key=lambda name: (-scores[name], name))
     best, second = scores[order[0]], scores[order[1]]
-    confidence = best - SECOND * second
-    is_unsure = confidence < rules.min_confidence or second > RIVAL * best
+    confidence = best - RIVAL * second
+    is_unsure = confidence < rules.min_confidence or second > UNDECIDED * best
     if is_unsure or order[0] is SurfaceLabel.OTHER:
         return Label(SurfaceLabel.OTHER, round(float(1.0 - best), 6))
     return Label(order[0], round(float(confidence), 6))

@@ -19,7 +19,6 @@ from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
-from tccm_ros.robust import NEARLY_ALL
 from tccm_ros.surfaces.scene import object_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
 
@@ -45,6 +44,10 @@ MIN_BOARD, MAX_BOARD = 0.005, 0.08
 PANEL = 0.01
 """Thickness of sides and backs of racks, m; chosen: thinner than real panels, as only one side was
 seen."""
+
+MIN_BOX_FILL = 0.75
+"""Min fraction of its box that a surface covers to be a box, else it is a mesh; chosen: the box of
+an angled counter would block the space in front of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +96,7 @@ def surface_shape(surface: Surface, thickness: float = THICKNESS) -> Box | Mesh:
         Thickness downwards from the surface, m.
     """
     box = surface_box(surface, thickness)
-    if surface.area / surface.normal[2] < NEARLY_ALL * box.size[0] * box.size[1]:
+    if surface.area / surface.normal[2] < MIN_BOX_FILL * box.size[0] * box.size[1]:
         return surface_mesh(surface, thickness)
     return box
 

@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import between2, transform2, wrap_angle
-from tccm_ros.robust import GATE, RIVAL
+from tccm_ros.robust import GATE
 from tccm_ros.surfaces.plane_adjustment import SIGNIFICANCE
 from tccm_ros.surfaces.sides import Sides
 
@@ -31,6 +31,9 @@ CROSSING = 0.4
 
 MAX_LENGTH = 1.0
 """Max votes of a side, m of its length; chosen."""
+
+AMBIGUOUS = 0.75
+"""Max ratio of the votes of a different pose to those of the best one; chosen."""
 
 SAME_POSE = (0.05, np.radians(4.0))
 """Max difference (m, rad) of two poses that count as the same; chosen."""
@@ -255,7 +258,7 @@ def _has_rival(
     pairs: _Pairs, trials: Float64, votes: Float64, start: Float64, best: SideMatch
 ) -> bool:
     """Return whether a hypothesis converges to a different pose with nearly as many votes."""
-    enough = RIVAL * _votes(pairs, best.pose)
+    enough = AMBIGUOUS * _votes(pairs, best.pose)
     for trial in trials[(votes > enough) & _differ(trials, best.pose)]:
         other = _refine(pairs, trial, start, MIN_SIDES)
         if other is None or not _differ(other.pose[None], best.pose)[0]:

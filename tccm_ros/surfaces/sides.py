@@ -16,7 +16,7 @@ import shapely
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
-from tccm_ros.robust import NEARLY_ALL, median_sigma
+from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.edge_samples import BEYOND, FREE_MARGIN_M, INSIDE, OUTSIDE, STRAIGHT
 from tccm_ros.surfaces.occluded_areas import PROBE_SPACING
 from tccm_ros.surfaces.views import SurfacePatch, View
@@ -26,6 +26,9 @@ MIN_LENGTH = 0.2
 
 MIN_BINS = 5
 """Min number of points to which a line is fitted; chosen."""
+
+SEEN_THROUGH = 0.8
+"""Min fraction of a side along which the view looked through; chosen."""
 
 END_MARGIN = 0.1
 """Length of a side without probes, m; chosen."""
@@ -175,7 +178,7 @@ def _is_edge(
         probe = middle + steps[:, None] * along + beyond * outward
         points = np.column_stack([probe, np.full(len(probe), height)])
         through = free.contains(points, np.full(len(points), FREE_MARGIN_M))
-        if through.mean() >= NEARLY_ALL:
+        if through.mean() >= SEEN_THROUGH:
             return True
     return False
 

@@ -7,10 +7,10 @@ from tccm_ros.planes.arrays import PLANE, PlaneMap
 from tccm_ros.planes.blocks import sort_into_blocks
 from tccm_ros.planes.edge_planes import (
     MAX_CELLS,
+    MIN_EDGE_FRACTION,
     MIN_VARIANCE_RATIO,
     drop_edge_planes,
 )
-from tccm_ros.robust import NEARLY_ALL
 
 
 def sample(rng):
@@ -42,7 +42,7 @@ def kept_by_all_pairs(ix, iy, bottom, top, labels, planes, is_vertical):
         held = i[(labels >= 0) & flatter[labels]]
         own = i[labels == p]
         off = len(own) - beside[np.ix_(own, held)].any(axis=1).sum()
-        if is_vertical[p] or not flatter.any() or off > (1.0 - NEARLY_ALL) * len(own):
+        if is_vertical[p] or not flatter.any() or off > (1.0 - MIN_EDGE_FRACTION) * len(own):
             kept.append(p)
     return kept
 

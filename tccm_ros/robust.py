@@ -1,4 +1,4 @@
-"""Robust estimate of the scale of residuals with outliers, and limits that tests share."""
+"""Robust estimate of the scale of residuals with outliers."""
 
 import numpy as np
 
@@ -7,13 +7,6 @@ from tccm_ros.arrays import Float64
 MAD_TO_SIGMA = 1.4826
 """Ratio of standard deviation and median absolute deviation of a normal distribution: 1 over its 75
 % quantile."""
-
-GATE = 3.0
-"""Max difference of two values that agree, standard deviations: it holds for 99.7 % of normal
-values."""
-
-MAJORITY = 0.5
-"""Fraction above which a property of the parts is that of the whole: most of them have it."""
 
 
 def median_sigma(residuals: Float64) -> float:

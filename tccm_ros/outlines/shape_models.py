@@ -18,11 +18,9 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.records import SurfaceShape
-from tccm_ros.robust import GATE
 
 SPACING = 0.03
-"""Distance of the samples of an outline, and length of the pieces of an edge with one last point
-each, m; chosen. Points nearer to the end of an edge may belong to the next one."""
+"""Distance of the samples of an outline, m; chosen."""
 
 CORRELATION = 0.10
 """Correlation length of the errors of an outline's samples, m; chosen: that of one beam or scan
@@ -36,6 +34,10 @@ MAX_ERROR = 5.0
 
 HIDDEN_SIGMA = 0.30
 """Extent of the surface beyond an outline whose end no view saw, m (one sigma); chosen."""
+
+THROUGH = 9.0
+"""Squared error of free space of `CORRELATION` squared that a model covers; chosen: three standard
+deviations."""
 
 ODDS = {
     SurfaceShape.RECTANGLE: 0.9,
@@ -214,10 +216,7 @@ def _models(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Iterato
 
 
 def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
-    """Return the sum of squared errors of independent samples, in standard deviations.
-
-    The error of free space of `CORRELATION` squared that a model covers is `GATE`.
-    """
+    """Return the sum of squared errors of independent samples, in standard deviations."""
     points = shapely.points(samples.points)
     distance = shapely.distance(points, model.exterior)
     is_inside = shapely.contains_xy(model, samples.points[:, 0], samples.points[:, 1])
@@ -225,7 +224,7 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
     errors = np.minimum(distance / np.hypot(samples.sigma, beyond), MAX_ERROR)
     covered = shapely.contains_xy(model, samples.through[:, 0], samples.through[:, 1]).sum()
     return float(
-        np.sum(errors**2) * SPACING / CORRELATION + GATE**2 * covered * (PROBE / CORRELATION) ** 2
+        np.sum(errors**2) * SPACING / CORRELATION + THROUGH * covered * (PROBE / CORRELATION) ** 2
     )
 
 

@@ -14,11 +14,14 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.cuboids.inclination import FITTED_AS_VERTICAL
 from tccm_ros.planes.fits import PlaneFit, PlaneFits
-from tccm_ros.robust import GATE
 
 ABOVE = 0.03
 """Maximum height of a front above the top, m: a wall behind the top is higher. Chosen: the depth of
 a cuboid."""
+
+SIGMAS = 3.0
+"""Maximum distance of a front's points from a horizontal plane to which they are assigned, in its
+standard deviations. Chosen: points further down belong to the front."""
 
 AROUND = (np.arange(-1, 2)[:, None] * (1 << 32) + np.arange(-1, 2)).ravel()
 """Offsets of the numbers of a cell and of its neighbours from the cell's number."""
@@ -64,7 +67,7 @@ def top_planes(
     rows, planes = on_front[rows], index[of_top]
     normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
     distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
-    is_near = np.abs(distance) <= GATE * np.array([top.rms for top in tops])[of_top]
+    is_near = np.abs(distance) <= SIGMAS * np.array([top.rms for top in tops])[of_top]
     np.maximum.at(found, rows[is_near], planes[is_near])
     rows = np.flatnonzero(found >= 0)
     goes_on = _highest_front(cells[rows], fits, is_front) > points[rows, 2] + ABOVE

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
-from tccm_ros.robust import GATE, MAJORITY
 from tccm_ros.union_find import find_root, merge_sets
 
 TOLERANCE = 0.006
@@ -32,6 +31,9 @@ the noisiest laser at a grazing angle."""
 MAX_RISE = 0.0015
 """Maximum rise of a run from end to end beyond its noise, m. Chosen: a laser that is not exactly
 level."""
+
+SIGMAS = 3.0
+"""Maximum difference of heights and slopes of matching runs, in standard errors. Chosen."""
 
 MIN_BEAMS = 6
 """Minimum number of beams of a run, so that its slope is significant. Chosen."""
@@ -70,6 +72,10 @@ MIN_DISTANCE = 0.015
 MAX_DISTANCE = 0.30
 """Maximum distance of linked runs, m. It is also limited by the length of the shorter run:
 otherwise two objects of one height are as likely as one. Chosen."""
+
+VERTICAL_FRACTION = 0.5
+"""A run is on a vertical object if for this fraction of its beams those of a neighbouring line are
+straight above or below. One of two linked runs may be: at the rim of a board. Chosen."""
 
 MAX_OFFSET = 0.015
 """Maximum horizontal distance of points straight above each other, m. Chosen: nearly two standard
@@ -185,7 +191,7 @@ def find_vertical_runs(
                 rises = abs(seen[k, 2] - run.height) > 2.0 * MAX_RISE
                 same += rises and abs(away - math.hypot(seen[k, 0], seen[k, 1])) <= MAX_OFFSET
                 k += 1
-            if same >= MAJORITY * beams:
+            if same >= VERTICAL_FRACTION * beams:
                 is_vertical[r] = True
     return is_vertical
 
@@ -240,7 +246,7 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
             if (is_vertical[a] and is_vertical[b]) or low - high > MAX_BEAMS * step:
                 continue
             noise = math.sqrt(other.height_sigma**2 + one.height_sigma**2)
-            if abs(other.height - one.height) > MAX_RISE + GATE * noise:
+            if abs(other.height - one.height) > MAX_RISE + SIGMAS * noise:
                 continue
             distance, longest = distance_between(other, one)
             if MIN_DISTANCE <= distance <= min(MAX_DISTANCE, longest):
@@ -434,7 +440,7 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
     run.height_sigma = noise / math.sqrt(n)
     # The length of a uniform distribution is sqrt(12) standard deviations.
     rise = abs(slope) * math.sqrt(12.0 * spread / n)
-    return rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / n)
+    return rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / n)
 
 
 @kernel

@@ -15,7 +15,6 @@ from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneTable, keep_planes
 from tccm_ros.planes.blocks import Blocks
 from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
-from tccm_ros.robust import MAJORITY
 
 MIN_DEVIATIONS = 2.5
 """Minimum rms distance of the points from the vertical plane, in standard deviations of the
@@ -24,6 +23,9 @@ horizontal one. Chosen."""
 MIN_RATIO = 4.0
 """Minimum ratio of the sums of squared distances from the vertical and from the horizontal plane.
 Chosen: twice the distance."""
+
+MIN_KEPT = 0.5
+"""Minimum fraction of its points that a vertical plane must keep. Chosen."""
 
 
 @kernel
@@ -61,7 +63,7 @@ def reassign_inliers(
             if count > 0:
                 members = order[start[b] : start[b + 1]]
                 reassign_block(M, members, near[:count], labels, planes, is_vertical)
-    return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= MAJORITY * before))
+    return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= MIN_KEPT * before))
 
 
 @kernel

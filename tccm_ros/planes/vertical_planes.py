@@ -23,7 +23,6 @@ from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
-from tccm_ros.robust import GATE
 
 LAYER = 0.25
 """Height of layers, m. Noise is estimated for each layer, since it depends on the incidence angle,
@@ -32,6 +31,9 @@ Chosen."""
 
 WARP = 0.001
 """Tolerance of a patch's mean beyond its noise, m: no board is flat. Chosen."""
+
+DEVIATIONS = 3.0
+"""Standard deviations of the tests of a patch's mean and scatter. Chosen."""
 
 PRIOR = 20.0
 """Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
@@ -243,7 +245,7 @@ def accept_patches(
         takes = not (
             is_refused[j]
             or is_shifted(n, n, sums[p, 0], lenient)
-            or is_mixed(n, sums[p, 1], lenient, GATE)
+            or is_mixed(n, sums[p, 1], lenient, DEVIATIONS)
         )
         squares += sums[p, 1] * takes
         if takes != is_taken[p]:
@@ -343,7 +345,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     variance
         Variance of the noise across the plane, m2.
     """
-    return abs(first) > GATE * math.sqrt(spread * variance) + weight * WARP
+    return abs(first) > DEVIATIONS * math.sqrt(spread * variance) + weight * WARP
 
 
 @kernel

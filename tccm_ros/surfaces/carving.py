@@ -20,7 +20,6 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP, column_keys
 from tccm_ros.geometry import inverse, planar, pose_from_rpy, wrap_angle
-from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.displacement import (
     BORDER,
     blurred,
@@ -57,6 +56,9 @@ step alternates between two steps, and each solution compares the views twice.""
 UNUSED = 4
 """Cache entries that this many calls of `Carver.carve` did not use are dropped. Chosen: two
 solutions."""
+
+MAJORITY = 0.5
+"""A column is removed if more than this fraction of its points is gone; chosen."""
 
 MIN_LEFT = 0.02
 """A surface was moved if more than this fraction of its points is gone, and is still there if more

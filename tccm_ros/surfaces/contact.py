@@ -19,10 +19,7 @@ import shapely
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
-from tccm_ros.robust import GATE
-from tccm_ros.surfaces.patch_planes import (
-    PatchPlanes,
-)
+from tccm_ros.surfaces.patch_planes import GATE, PatchPlanes
 from tccm_ros.surfaces.plane_errors import FLATNESS
 
 SLACK = 1.0 + 1e-9

@@ -13,13 +13,15 @@ from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.polygons import equal_sides
 
 BORDER = 0.03
-"""Max distance between two outlines of a static surface, m, and min mean width of the strips that a
-moved one left and newly covers beyond that: a table that moved by 6 cm. Chosen: each outline ends
-within 1 or 2 cm of the true edges."""
+"""Max distance between two outlines of a static surface, m. Chosen: each ends within 1 or 2 cm of
+the true edges."""
 
 MIN_WIDTH = 0.01
 """A surface has moved if the strip that it left and the strip that it newly covers, each as long as
 the surface is wide, are wider than this beyond the border, m. Chosen: less is noise of edges."""
+
+MEAN_WIDTH = 0.03
+"""Min mean width of the two strips, m. Chosen: with the border, a table that moved by 6 cm."""
 
 MIN_LIFT = 0.025
 """A surface has moved if its height differs by more than this, m. Chosen: heights are known to
@@ -133,7 +135,7 @@ def is_displaced(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     left = first.outline.difference(blurred(second.outline, BORDER, *blurs)).area
     came = second.outline.difference(blurred(first.outline, BORDER, *blurs)).area
     width = np.sqrt(min(first.outline.area, second.outline.area))
-    return bool(min(left, came) > MIN_WIDTH * width and left + came > 2.0 * BORDER * width)
+    return bool(min(left, came) > MIN_WIDTH * width and left + came > 2.0 * MEAN_WIDTH * width)
 
 
 def blurred(outline: BaseGeometry, border: float, *blurs: tuple[float, float]) -> BaseGeometry:

@@ -19,7 +19,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
-from tccm_ros.robust import GATE, MAD_TO_SIGMA, median_sigma
+from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
@@ -49,6 +49,9 @@ SAMPLING_BEYOND = 0.5
 """The surface extends beyond its last samples by this fraction of the distance of scan lines (one
 sigma); chosen."""
 
+PIECE_LENGTH_M = 0.03
+"""Length of the pieces of an edge, m, each with one last point; chosen."""
+
 HEIGHTS_ABOVE_M = (0.1, 0.2, 0.3)
 """Heights above a surface at which views look over the objects on it, m; chosen."""
 
@@ -61,6 +64,9 @@ PROBES = 9
 
 INSIDE, OUTSIDE = 0.12, 0.05
 """Distances inside and outside of an edge within which a last point may be, m; chosen."""
+
+END_MARGIN = 0.03
+"""Points within this distance of the ends of an edge may belong to the next one, m; chosen."""
 
 CROSSING = 0.3
 """Min sine of the angle between an edge and a scan line that crosses it; chosen."""
@@ -76,6 +82,10 @@ m; chosen: two and three times `INSIDE`, as no neighbouring line shows the end o
 MIN_FRACTION = 0.4
 """Min number of points of a line, as a fraction of that of the median line; chosen: noise moves
 fewer points to the next line."""
+
+SAMPLE_TOLERANCE_M = 0.018
+"""A view measured up to an edge if its last sample is within the sample distance plus this, m:
+three times `edge_position.SIGMA`."""
 
 EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
 """`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
@@ -210,7 +220,7 @@ class EdgeSampler:
         sine, cosine = float(direction @ edge.outward), float(direction @ edge.along)
         crosses_at = at - across * cosine / sine
         near = (across > -LINE_LENGTH) & (across < OUTSIDE)
-        near &= (at > SPACING) & (at < edge.length - SPACING)
+        near &= (at > END_MARGIN) & (at < edge.length - END_MARGIN)
         near &= (crosses_at > 0.0) & (crosses_at < edge.length)
         if not near.any():
             return None
@@ -218,7 +228,7 @@ class EdgeSampler:
         if step is None:
             return None
         at, across, crosses_at = at[near], across[near], crosses_at[near]
-        width = max(SPACING, member.patch.spacing / sine)
+        width = max(PIECE_LENGTH_M, member.patch.spacing / sine)
         lines = np.floor(crosses_at / width).astype(np.int64)
         order = np.lexsort((-across, lines))
         first = np.flatnonzero(np.r_[True, np.diff(lines[order]) > 0])
@@ -236,12 +246,12 @@ class EdgeSampler:
         """Return the rows of the pieces of an edge, one for the last point of each piece."""
         offset = cloud[:, :2] - edge.start
         at, across = offset @ edge.along, offset @ edge.outward
-        near = (at > SPACING) & (at < edge.length - SPACING)
+        near = (at > END_MARGIN) & (at < edge.length - END_MARGIN)
         near &= (across > -INSIDE) & (across < OUTSIDE)
         if np.count_nonzero(near) < 3:
             return None
         at, across = at[near], across[near]
-        pieces = np.floor(at / SPACING).astype(np.int64)
+        pieces = np.floor(at / PIECE_LENGTH_M).astype(np.int64)
         order = np.lexsort((-across, pieces))
         pieces, at, across = pieces[order], at[order], across[order]
         first = np.flatnonzero(np.r_[True, np.diff(pieces) > 0])
@@ -291,8 +301,8 @@ class EdgeSampler:
         than a piece.
         """
         found = self.edge_samples(edge)
-        is_end = found.ends & (np.abs(found.last) <= found.gap + GATE * SIGMA)
-        seen = np.unique(np.floor(found.at[is_end] / SPACING).astype(np.int64))
+        is_end = found.ends & (np.abs(found.last) <= found.gap + SAMPLE_TOLERANCE_M)
+        seen = np.unique(np.floor(found.at[is_end] / PIECE_LENGTH_M).astype(np.int64))
         return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
 
     def reached_fraction(self, edge: Edge, distance: float) -> float:
@@ -355,9 +365,9 @@ class EdgeSampler:
         """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
         at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
-        near = (at > SPACING) & (at < edge.length - SPACING) & (across < limit)
-        last = np.full(int(edge.length / SPACING) + 1, -np.inf)
-        np.maximum.at(last, np.floor(at[near] / SPACING).astype(np.int64), across[near])
+        near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
+        last = np.full(int(edge.length / PIECE_LENGTH_M) + 1, -np.inf)
+        np.maximum.at(last, np.floor(at[near] / PIECE_LENGTH_M).astype(np.int64), across[near])
         return last
 
     def looks_over(self, edge: Edge) -> bool:

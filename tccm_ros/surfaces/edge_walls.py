@@ -16,8 +16,6 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.outlines.edge_position import WALL_SIGMA
-from tccm_ros.robust import GATE
 from tccm_ros.slam.walls.corners import JOINED
 from tccm_ros.surfaces.edge_samples import Edge
 from tccm_ros.surfaces.polygons import GRID
@@ -29,8 +27,8 @@ bounds it, m; chosen: the depth that objects before a wall occlude."""
 WALL_YAW = np.radians(4.0)
 """Max yaw between an edge and a wall along which it may run, rad; chosen."""
 
-AT_WALL = GATE * WALL_SIGMA
-"""An edge within this distance of a wall ends at it, m."""
+AT_WALL = 0.015
+"""An edge within this distance of a wall ends at it, m; chosen: three standard deviations."""
 
 OVERHANG = 0.03
 """Max distance of the edge of a board from the front below it, m; chosen: a worktop."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64
-from tccm_ros.robust import GATE, median_sigma
+from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.thinning import cell_means
 
 MIN_SLOPE = 0.015
@@ -25,9 +25,9 @@ low points."""
 CELL = 0.02
 """Edge of the cells in which points are averaged, m: a scan line on a front has many beams."""
 
-BELOW = 0.003
-"""Points on a front are lower than the far half by more than this distance, m, plus `GATE` times
-its standard deviation; chosen."""
+BELOW, SIGMAS = 0.003, 3.0
+"""Points on a front are lower than the far half by more than this distance, m, plus this number of
+its standard deviations; chosen."""
 
 
 def are_on_front(points: Float64) -> Bool:
@@ -48,7 +48,7 @@ def are_on_front(points: Float64) -> Bool:
     depth = cells[:, :2] @ up
     far = cells[depth >= np.median(depth), 2]
     middle = float(np.median(far))
-    level = middle - BELOW - GATE * median_sigma(far - middle)
+    level = middle - BELOW - SIGMAS * median_sigma(far - middle)
     if _slopes(cells[cells[:, 2] >= level]) @ up > MAX_SLOPE_LEFT * slope:
         return none
     return np.asarray(points[:, 2] < level)

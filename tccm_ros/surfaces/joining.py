@@ -18,7 +18,6 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.occluded_areas import (
     MAX_OCCLUDED_WIDTH,
@@ -26,9 +25,7 @@ from tccm_ros.surfaces.occluded_areas import (
     is_occluded,
     last_empty_view,
 )
-from tccm_ros.surfaces.patch_planes import (
-    pool_moments,
-)
+from tccm_ros.surfaces.patch_planes import GATE, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, polygons_of, union_over
 from tccm_ros.surfaces.surface_errors import SurfaceErrors, step_variance, surface_errors
 from tccm_ros.surfaces.views import View

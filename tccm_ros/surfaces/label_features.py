@@ -13,9 +13,12 @@ import shapely
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config.surfaces import LabelsConfig
-from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
+
+MIN_OVERLAP = 0.5
+"""Min overlap of the footprints of stacked surfaces, as a fraction of the larger one; chosen. A
+back overlaps its seat by less than this fraction of itself."""
 
 MIN_CARRIED = 0.3
 """Min fraction of a step's outline on or near the surface that carries it; chosen: one side of four
@@ -43,8 +46,16 @@ RAGGED = 0.08
 MIN_TREADS = 3
 """Min number of successive treads of stairs; chosen."""
 
+MIN_TREAD_CONTACT = 0.5
+"""Min length along which two treads are adjacent, as a fraction of the longer one's length;
+chosen."""
+
 MAX_GOING = 0.5
 """Max horizontal distance of the centroids of two treads, m; chosen."""
+
+MAX_TREAD_OVERLAP = 0.5
+"""Max overlap of two treads, as a fraction of the smaller one; chosen: boards over each other
+overlap by more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +182,7 @@ def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: LabelsConfi
     ):
         return False
     shared = surface.polygon.intersection(other.polygon).area
-    return bool(shared >= MAJORITY * max(surface.polygon.area, other.polygon.area))
+    return bool(shared >= MIN_OVERLAP * max(surface.polygon.area, other.polygon.area))
 
 
 def _is_carried(surface: MergedSurface, other: MergedSurface, rules: LabelsConfig) -> bool:
@@ -200,7 +211,7 @@ def _is_back(back: MergedSurface, seat: MergedSurface, rules: LabelsConfig) -> b
     beside = seat.polygon.exterior.intersection(back.polygon.buffer(rules.wall_distance)).length
     return bool(
         box_sides(back.polygon)[0] <= MAX_BACK_WIDTH
-        and over < MAJORITY * back.polygon.area
+        and over < MIN_OVERLAP * back.polygon.area
         and beside >= MIN_BACK_LENGTH * float(box_sides(seat.polygon)[1])
     )
 
@@ -234,7 +245,7 @@ def _is_next(low: MergedSurface, high: MergedSurface, rules: LabelsConfig) -> bo
     if np.linalg.norm(high.mean[:2] - low.mean[:2]) > MAX_GOING:
         return False
     a, b = low.polygon, high.polygon
-    if a.intersection(b).area >= MAJORITY * min(a.area, b.area):
+    if a.intersection(b).area >= MAX_TREAD_OVERLAP * min(a.area, b.area):
         return False
     along = a.exterior.intersection(b.buffer(rules.wall_distance)).length
-    return bool(along >= MAJORITY * max(box_sides(a)[1], box_sides(b)[1]))
+    return bool(along >= MIN_TREAD_CONTACT * max(box_sides(a)[1], box_sides(b)[1]))

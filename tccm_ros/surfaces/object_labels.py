@@ -20,10 +20,9 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import transform
 from tccm_ros.records import Hypothesis
 
-OBJECT_MARGIN = 0.05
-"""Max distance of what belongs to an object, m: a detection beside its box, the outline of the
-surface under it, the surface that is its top. Chosen: the position error of a detector, and less
-than the distance of two objects. A view measures what is this far above an object."""
+MAX_GAP = 0.05
+"""Max distance of a detection's centre from the box of its object, m; chosen: the position error of
+a detector, and less than the distance of two objects."""
 
 MAX_WAIT_NS = 60_000_000_000
 """Max time for which detections wait for the next view, ns; chosen: many tilt cycles. It bounds the

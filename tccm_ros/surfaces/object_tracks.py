@@ -23,9 +23,8 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform, transform_plan
-from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.object_footprints import joined_footprint, without_noise
-from tccm_ros.surfaces.object_labels import OBJECT_MARGIN, ClassScores, distance_to_box
+from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
 from tccm_ros.surfaces.views import SeenObject, View, with_detections
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
@@ -33,6 +32,13 @@ from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
 INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
 """Points of a footprint, in edge lengths, that must all be free if the object is gone: the columns
 of a view are as wide as a cup, and beams pass beside one. Chosen."""
+
+INSIDE = 0.5
+"""An object is part of another one if their footprints overlap by more than this fraction of the
+smaller one. Chosen."""
+
+ABOVE = 0.05
+"""A view that looks through the space this far above an object would measure it, m; chosen."""
 
 
 @dataclass(slots=True, eq=False)
@@ -230,7 +236,7 @@ def _views_over(tracks: Sequence[ObjectTrack], views: Sequence[View], T_map_view
     count = np.zeros(len(tracks), np.int64)
     centers = np.array([track.center for track in tracks]).reshape(-1, 3)
     tops = centers.copy()
-    tops[:, 2] += [0.5 * track.size[2] + OBJECT_MARGIN for track in tracks]
+    tops[:, 2] += [0.5 * track.size[2] + ABOVE for track in tracks]
     for view, T in zip(views if len(tracks) else (), T_map_view):
         T_view_map = inverse(T)
         over = view.free.contains(transform(T_view_map, tops))
@@ -253,7 +259,7 @@ def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> i
             for k, track in enumerate(tracks)
         ]
         gap, _, nearest = min(distances, default=(np.inf, np.inf, -1))
-        if gap <= OBJECT_MARGIN:
+        if gap <= MAX_GAP:
             tracks[nearest].scores.add(seen.scores, seen.count)
         else:
             unused += seen.count
@@ -328,7 +334,7 @@ def _matches(
     for i, j in zip(rows[order].tolist(), columns[order].tolist()):
         if i not in matched and j not in matched.values():
             matched[i] = j
-    inside = are_level & (overlaps > MAJORITY * smaller)
+    inside = are_level & (overlaps > INSIDE * smaller)
     for i in np.flatnonzero(inside.any(axis=1)).tolist():
         matched.setdefault(i, int(np.argmax(np.where(inside[i], overlaps[i], -1.0))))
     return matched

@@ -15,7 +15,6 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.views import View
 
 MAX_OCCLUDED_WIDTH = 0.5
@@ -28,6 +27,9 @@ chosen."""
 
 PROBE_SPACING = 0.04
 """Distance between the points at which an area is probed, m; chosen: below half a column."""
+
+MIN_SEEN_THROUGH = 0.5
+"""Min fraction of an area that a view looked through if there is no surface; chosen: most of it."""
 
 MIN_OCCLUDED_AREA = PROBE_SPACING**2
 """Min size of an area that is closed, m2. Chosen: the square of one probe, as smaller areas may
@@ -70,7 +72,7 @@ def last_empty_view(
     points = probes(area, height)
     for v in reversed(range(len(views)) if len(points) else ()):
         seen = looked_through(points, views[v : v + 1], T_map_view[v : v + 1], config)
-        if seen.mean() > MAJORITY:
+        if seen.mean() > MIN_SEEN_THROUGH:
             return v
     return -1
 

@@ -16,6 +16,10 @@ from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
 from tccm_ros.surfaces.views import SurfacePatch
 
+GATE = 3.0
+"""Max difference of the heights of two planes that agree, and max residual of sides that match, in
+standard deviations; chosen."""
+
 UP = np.array([0.0, 0.0, 1.0])
 
 MIN_NORMAL_Z_OF_SLOPE = 0.1

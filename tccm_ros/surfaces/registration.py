@@ -24,7 +24,6 @@ from tccm_ros.geometry import (
     transform,
     wrap_angle,
 )
-from tccm_ros.robust import MAJORITY
 from tccm_ros.slam.factors.keys import view_key
 from tccm_ros.slam.factors.noise import planar_covariance
 from tccm_ros.slam.factors.views import BetweenViews
@@ -61,6 +60,10 @@ zero to three."""
 MAX_LIKELIHOOD_RATIO = 6.63
 """Twice the log of the likelihood ratio above which the covariances are inconsistent: the 99 %
 quantile of chi-square with one degree of freedom (Wilks 1938)."""
+
+MIN_REMAINING = 0.5
+"""Min fraction of a patch that carving must leave for its sides to be matched; chosen: other
+patches were moved or replaced."""
 
 OPEN_SIGMAS = (1.0, 1.0, 1.0)
 """Standard deviations of z, roll and pitch (m, rad) in a factor of sides. Chosen: wide, so that
@@ -257,7 +260,7 @@ def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -
 def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
     """Return the sides of patches that were not moved or replaced in newer views."""
     fraction = np.array([mask.mean() for mask in keep])
-    return sides.chosen(fraction[sides.patch] >= MAJORITY)
+    return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)
 
 
 def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:

@@ -13,7 +13,6 @@ from shapely import Point, Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.records import Hypothesis, Surface
-from tccm_ros.surfaces.object_labels import OBJECT_MARGIN
 from tccm_ros.surfaces.object_tracks import ObjectTrack
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.tabletop.free_places import rectangle_corners, where_fits
@@ -21,6 +20,10 @@ from tccm_ros.tabletop.free_places import rectangle_corners, where_fits
 MAX_HEIGHT_DIFFERENCE = 0.10
 """Max difference in height of an object's lower side and the surface of the map under it, m;
 chosen."""
+
+OUTLINE_MARGIN = 0.05
+"""Max distance of an object's centre from the outline of the surface under it, m; chosen."""
+
 
 PANEL = 0.10
 """Max measured depth of legs, sides and fronts of furniture, m; chosen: a leg of the thickest
@@ -102,7 +105,7 @@ def scene_objects(
     outlines = np.array([outline_of(surface) for surface in surfaces], dtype=object)
     middles = shapely.points([track.center[:2] for track in tracks])
     tree = shapely.STRtree(outlines)
-    which, under = tree.query(middles, predicate="dwithin", distance=OBJECT_MARGIN)
+    which, under = tree.query(middles, predicate="dwithin", distance=OUTLINE_MARGIN)
     nearest: dict[int, tuple[float, int]] = {}
     for k, s in zip(which.tolist(), under.tolist()):
         track, surface = tracks[k], surfaces[s]
@@ -146,11 +149,11 @@ def _is_part(
         above = float(_height_at(surface, track.center[:2])) - top
         if surface.id == under or above < -FLUSH or surface.label == "floor":
             continue
-        if on_floor and is_thin and shapely.dwithin(outline, footprint.centroid, OBJECT_MARGIN):
+        if on_floor and is_thin and shapely.dwithin(outline, footprint.centroid, OUTLINE_MARGIN):
             return True
         is_small = footprint.intersection(outline).area < 0.5 * outline.area
         is_along = is_small and above <= FLUSH
-        if is_along and outline.boundary.buffer(OBJECT_MARGIN).contains(footprint):
+        if is_along and outline.boundary.buffer(OUTLINE_MARGIN).contains(footprint):
             return True
     return False
 

@@ -20,7 +20,6 @@ from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.outlines.shape_models import (
     CAP_CORNERS,
     FACING,
-    SPACING,
     Model,
     OutlineSamples,
     RoundModel,
@@ -28,11 +27,7 @@ from tccm_ros.outlines.shape_models import (
     choose_model,
 )
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.robust import MAJORITY
-from tccm_ros.surfaces.edge_samples import (
-    Edge,
-    EdgeSampler,
-)
+from tccm_ros.surfaces.edge_samples import PIECE_LENGTH_M, Edge, EdgeSampler
 from tccm_ros.surfaces.edge_walls import (
     AT_WALL,
     WALL_DISTANCE,
@@ -57,6 +52,10 @@ MIN_PART = 0.25
 """The same for an edge with collinear last points, which an object there may cause, m; chosen: arms
 of sofas and side panels have the same front as the surface, and are narrower than such objects."""
 
+AT_WALL_SEEN = 0.03
+"""Max distance of last samples from an edge at a wall that was seen, m; chosen: a distance of
+beams."""
+
 RAGGED = 0.012
 """Most last points of an occluded edge are short of the furthest one by more than the sample
 distance plus this, m; chosen: twice the noise of each. Last points at a true edge are collinear."""
@@ -70,6 +69,9 @@ it errors agree with standard deviations on four recordings (`bench/bench_edges.
 
 NEAR = 0.08
 """Max distance of an edge from the samples of the outline that belong to it, m; chosen."""
+
+SEEN_FRACTION = 0.5
+"""Min fraction of an edge past which views looked if the edge was seen; chosen: half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -305,10 +307,10 @@ def _edges(
         parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), END_SIGMA
         sigma = float(np.linalg.norm(parts))
         is_straight = isinstance(model, StraightModel)
-        if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < MAJORITY:
+        if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < SEEN_FRACTION:
             state = EdgeState.HIDDEN
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            is_reached = sampler.reached_fraction(edge, SPACING) >= MAJORITY
+            is_reached = sampler.reached_fraction(edge, AT_WALL_SEEN) >= SEEN_FRACTION
             state = EdgeState.SEEN if is_reached else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
@@ -334,8 +336,8 @@ def _state(edge: Edge, sampler: EdgeSampler, samples: OutlineSamples) -> EdgeSta
     """Return the state of an edge, from the samples of the outline near it."""
     offset = samples.points - edge.start
     at, across = offset @ edge.along, offset @ edge.outward
-    near = (at >= -SPACING) & (at <= edge.length + SPACING) & (np.abs(across) <= NEAR)
+    near = (at >= -PIECE_LENGTH_M) & (at <= edge.length + PIECE_LENGTH_M) & (np.abs(across) <= NEAR)
     near &= samples.outward @ edge.outward > FACING
-    if near.any() and samples.seen[near].mean() >= MAJORITY:
+    if near.any() and samples.seen[near].mean() >= SEEN_FRACTION:
         return EdgeState.SEEN
     return EdgeState.HIDDEN if sampler.looks_over(edge) else EdgeState.CUT

@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import between2, transform2, wrap_angle
-from tccm_ros.robust import GATE
+from tccm_ros.surfaces.patch_planes import GATE
 from tccm_ros.surfaces.plane_adjustment import SIGNIFICANCE
 from tccm_ros.surfaces.sides import Sides
 

@@ -7,11 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.planes.front_tops import (
-    ABOVE,
-    top_planes,
-)
-from tccm_ros.robust import GATE
+from tccm_ros.planes.front_tops import ABOVE, SIGMAS, top_planes
 
 CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
 TOP, FRONT, SLOPE = 0, 1, 2
@@ -61,7 +57,7 @@ def found(fits, points, cuboids, own=True):
 
 def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
     points, cuboids = block_points(np.random.default_rng(1))
-    is_top = (np.abs(points[:, 2] - HEIGHT) <= GATE * RMS) & (cuboids < 20)
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
     assert 10 < is_top.sum() < 200
     np.testing.assert_array_equal(found(block(), points, cuboids), np.where(is_top, TOP, -1))
 
@@ -90,7 +86,7 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
     fits = fits_of(cells, tops, labels)
     cuboids = rng.integers(0, len(cells), 60)
     surface = np.where((labels[cuboids] == TOP) & (rng.random(60) < 0.5), TOP, -1)
-    z = rng.normal(HEIGHT, 2.0 * GATE * RMS, 60)
+    z = rng.normal(HEIGHT, 2.0 * SIGMAS * RMS, 60)
     points = np.column_stack([(cells[cuboids] + rng.random((60, 2))) * CELL, z])
     planes = top_planes(points, cuboids, fits.labels[cuboids], surface, fits[:1], fits)
     own = cells[cuboids[surface == TOP]]
@@ -99,7 +95,7 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
         highest = np.rint(tops[near & (labels == FRONT)] * 1e4).max(initial=-np.inf) * 1e-4
         expected = (
             labels[cuboid] == FRONT
-            and abs(point[2] - HEIGHT) <= GATE * RMS
+            and abs(point[2] - HEIGHT) <= SIGMAS * RMS
             and (np.abs(own - cells[cuboid]).max(axis=1, initial=0) <= 1).any()
             and highest <= point[2] + ABOVE
         )

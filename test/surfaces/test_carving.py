@@ -9,8 +9,8 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.carving import (
+    MAJORITY,
     MIN_LEFT,
     STEPS,
     Carver,

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from tccm_ros.robust import GATE
 from tccm_ros.surfaces.contact import connect, near_pairs
 from tccm_ros.surfaces.patch_planes import (
+    GATE,
     PatchPlanes,
     pose_jacobian,
 )

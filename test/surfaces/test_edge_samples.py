@@ -13,13 +13,14 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, spatial, transform2
 from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
-from tccm_ros.outlines.shape_models import SPACING
 from tccm_ros.records import SensorKind, ViewIntervals
 from tccm_ros.surfaces.edge_samples import (
     BEYOND,
+    END_MARGIN,
     FRONT_FRACTION,
     INSIDE,
     OUTSIDE,
+    PIECE_LENGTH_M,
     PROBES,
     Edge,
     EdgeSampler,
@@ -104,7 +105,7 @@ def test_scan_lines_that_cross_an_edge_end_within_a_beam_of_it(angle, seed):
     assert len(at) >= 0.5 * np.sin(angle) / 0.1
     assert gap == pytest.approx(0.02 * np.sin(angle), abs=0.004)
     assert ((last <= 0.0) & (last >= -gap - 0.006)).mean() >= 0.6
-    assert ((at > SPACING) & (at < 1.0 - SPACING)).all()
+    assert ((at > END_MARGIN) & (at < 1.0 - END_MARGIN)).all()
 
 
 def test_where_a_view_ends_the_distance_of_its_samples_says_nothing():
@@ -130,8 +131,8 @@ def test_each_piece_of_an_edge_has_its_outermost_point(seed):
     for x, y, _ in cloud:
         at, across = ([x, y] - edge.start) @ edge.along, ([x, y] - edge.start) @ edge.outward
         inside = -INSIDE < across < OUTSIDE
-        if inside and SPACING < at < edge.length - SPACING:
-            pieces.setdefault(int(at // SPACING), []).append((across, at))
+        if inside and END_MARGIN < at < edge.length - END_MARGIN:
+            pieces.setdefault(int(at // PIECE_LENGTH_M), []).append((across, at))
     rows = [sorted(pieces[k], reverse=True) for k in sorted(pieces)]
     beams = [row[0][0] - row[1][0] for row in rows if len(row) > 1]
     found = sampler_at(view)._pieces(edge, member_of(spacing), cloud, None)

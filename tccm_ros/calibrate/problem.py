@@ -99,9 +99,9 @@ class Problem:
     hits, plane, place
         Hits, and the plane and place of each, int64 (N,).
     bag, poses
-        Bag int64 (P,) and pose float64 (P, 3) of each place, as in `Recording`: the slope of a
-        ceiling is constant in the room, and differs between the frames of bases with different
-        headings.
+        Bag int64 (P,) and pose float64 (P, 3) of each place, as in `CalibrationRecording`: the
+        slope of a ceiling is constant in the room, and differs between the frames of bases with
+        different headings.
     surroundings
         The planes found; `plane` contains their numbers.
     level

@@ -33,7 +33,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.sensors.detections import PosedDetections
-from tccm_ros.slam.tracking import SolvedMap, Tracker
+from tccm_ros.slam.tracking import LocalisationState, SolvedMap, Tracker
 from tccm_ros.surfaces.live_objects import LiveObjects
 
 
@@ -191,7 +191,7 @@ class MapSession:
 
     def _show_objects(self) -> None:
         """Publish the objects after the newest view without waiting for a solution."""
-        if self.tracker.is_localised and self._client_api.has_scene_listeners:
+        if self._client_api.has_scene_listeners:
             scene = self._objects.scene()
             if scene is not None:
                 self._client_api.show_objects(scene)
@@ -220,6 +220,8 @@ class MapSession:
     def _take_map(self, solved: SolvedMap) -> None:
         """Correct the live pose by a solution."""
         self._objects.correct(self.tracker.take(solved))
+        if not self._is_tracking:
+            self._objects.drop_views()
         self._live.is_localised = self.tracker.is_localised
         if self._shown_ns >= 0:
             self._live.correct(self.tracker.current_pose())
@@ -230,7 +232,10 @@ class MapSession:
         has_scan = self.tracker.counts["level scans"] or self._has_tilt_scan
         if has_scan and live.stamp_ns > self._shown_ns and self._is_running():
             self._shown_ns = live.stamp_ns
-            self._objects.add_pose(live.stamp_ns, live.pose)
+            if self._is_tracking:
+                self._objects.add_pose(live.stamp_ns, live.pose)
+            else:
+                self._objects.drop_views()
             self._live.is_localised = self.tracker.is_localised
             self._live.odom_frame = self.tracker.odom_frame
             self._live.show(live, self.tracker.current_covariance())
@@ -260,6 +265,11 @@ class MapSession:
         self._track_with(Tracker(self._config))
         self._saved_keyframes = 0
         self._forget(is_localised=True)
+
+    @property
+    def _is_tracking(self) -> bool:
+        """Whether the live pose is one in the map of the solutions."""
+        return self.tracker.state is LocalisationState.TRACKING
 
     @property
     def _waits_for_scan(self) -> bool:

@@ -28,27 +28,36 @@ within a second."""
 
 @dataclass(slots=True, eq=False)
 class _NewView:
-    """A view that is in no solution yet: pose (3,) of its base in map, and parts by type."""
+    """A view that is in no solution yet, without patches, which come with the next one.
+
+    Attributes
+    ----------
+    pose
+        Planar pose (3,) of its base in map.
+    view
+        Made of the parts that have come; the points of its cloud are not kept.
+    parts
+        Types of these parts.
+    """
 
     pose: Float64
-    parts: dict[type, SurfaceCloud | ViewIntervals | ObjectBoxes] = field(default_factory=dict)
+    view: View
+    parts: set[type] = field(default_factory=set)
 
     @property
     def is_whole(self) -> bool:
         return len(self.parts) == 3
 
-    def view(self, stamp_ns: int, config: Config) -> View:
-        """Return the view without patches, which come with the next solution."""
-        view = empty_view(stamp_ns, 0, config)
-        for part in self.parts.values():
-            if isinstance(part, ViewIntervals):
-                view = with_intervals(view, part)
-            elif isinstance(part, ObjectBoxes):
-                view = with_objects(view, part)
-            elif part.viewpoint is not None:
-                eye = part.viewpoint.astype(np.float64)
-                view = replace(view, viewpoint=eye, sensor=part.sensor)
-        return view
+    def add(self, part: SurfaceCloud | ViewIntervals | ObjectBoxes) -> None:
+        """Add a part."""
+        self.parts.add(type(part))
+        if isinstance(part, ViewIntervals):
+            self.view = with_intervals(self.view, part)
+        elif isinstance(part, ObjectBoxes):
+            self.view = with_objects(self.view, part)
+        elif part.viewpoint is not None:
+            eye = part.viewpoint.astype(np.float64)
+            self.view = replace(self.view, viewpoint=eye, sensor=part.sensor)
 
 
 class LiveObjects:
@@ -69,7 +78,19 @@ class LiveObjects:
         self._poses: deque[tuple[int, Float64]] = deque(maxlen=POSES)
         self._views: dict[int, _NewView] = {}
         self._scene: Scene | None = None
-        self._tracked, self._tracked_ns = NO_OBJECTS, 0
+        self._restart()
+
+    def drop_views(self) -> None:
+        """Return to the objects of the solution: the live pose is not in its map any more."""
+        self._poses.clear()
+        self._views.clear()
+        self._restart()
+
+    def _restart(self) -> None:
+        """Track the views that are in no solution yet again, from the tracks of the solution."""
+        scene = self._scene
+        self._tracked = NO_OBJECTS if scene is None else scene.tracked
+        self._tracked_ns = 0 if scene is None else scene.newest_view_ns
 
     def add_pose(self, stamp_ns: int, pose: Float64) -> None:
         """Add the live pose (3,) of the base in map; stamps increase."""
@@ -81,6 +102,7 @@ class LiveObjects:
         self._poses = deque(poses, maxlen=POSES)
         for new in self._views.values():
             new.pose = compose2(p_after_before, new.pose)
+        self._restart()
 
     def add(self, part: SurfaceCloud | ViewIntervals | ObjectBoxes) -> bool:
         """Add a part of a view; return whether it completes a view that is in no solution yet.
@@ -91,10 +113,12 @@ class LiveObjects:
         is_solved = self._scene is not None and stamp_ns <= self._scene.newest_view_ns
         if is_solved or not self._poses:
             return False
-        new = self._views.get(stamp_ns) or _NewView(self._pose_at(stamp_ns))
-        new.parts[type(part)] = part
-        self._views[stamp_ns] = new
-        return new.is_whole
+        if stamp_ns not in self._views:
+            view = empty_view(stamp_ns, 0, self._config)
+            self._views[stamp_ns] = _NewView(self._pose_at(stamp_ns), view)
+        new = self._views[stamp_ns]
+        new.add(part)
+        return new.is_whole and stamp_ns > self._tracked_ns
 
     def _pose_at(self, stamp_ns: int) -> Float64:
         stamps = np.array([ns for ns, _ in self._poses], np.int64)
@@ -104,8 +128,8 @@ class LiveObjects:
 
     def take(self, scene: Scene) -> Scene:
         """Continue from the scene of a solution; return it after the newest view."""
-        self._scene, self._tracked = scene, scene.tracked
-        self._tracked_ns = scene.newest_view_ns
+        self._scene = scene
+        self._restart()
         self._views = {ns: new for ns, new in self._views.items() if ns > self._tracked_ns}
         return self._after_views(scene)._replace(stamp_ns=scene.stamp_ns)
 
@@ -117,7 +141,7 @@ class LiveObjects:
         """Return a scene after all whole views, with the newest of their stamps."""
         newer = sorted(ns for ns, v in self._views.items() if v.is_whole and ns > self._tracked_ns)
         if newer:
-            views = [self._views[ns].view(ns, self._config) for ns in newer]
+            views = [self._views[ns].view for ns in newer]
             T_map_view = np.stack([spatial(self._views[ns].pose) for ns in newer])
             self._tracked = track_objects(views, T_map_view, self._config, self._tracked)
             self._tracked_ns = newer[-1]

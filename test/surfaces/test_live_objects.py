@@ -4,37 +4,14 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from table_views import AHEAD, FIRST, SECOND, S, parts
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import compose2, inverse, inverse2, spatial, transform
-from tccm_ros.records import ObjectBoxes, Odometry, SurfaceCloud, ViewIntervals
+from tccm_ros.geometry import compose2, inverse2, spatial
+from tccm_ros.records import Odometry
 from tccm_ros.surfaces.live_objects import LiveObjects
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-
-S = 1_000_000_000
-TOP = np.stack(np.meshgrid(np.arange(1.0, 2.2, 0.03), np.arange(-0.4, 0.4, 0.03)), -1)
-TABLE = np.column_stack([TOP.reshape(-1, 2), np.full(TOP[..., 0].size, 0.75)])
-CUP = np.array([[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]])
-FIRST, SECOND = (1.3, 0.0), (1.8, 0.2)
-AHEAD = np.array([0.3, 0.0, 0.03])
-"""Pose of the base at the second view."""
-
-
-def parts(stamp_ns, pose, *cups):
-    """Return the parts of a view of the table and of cups at places in map."""
-    T = spatial(pose)
-    points = transform(inverse(T), TABLE).astype(np.float32)
-    labels = np.zeros(len(points), np.uint32)
-    viewpoint = np.array([0.0, 0.0, 1.2], np.float32)
-    places = [np.column_stack([CUP + cup, np.full(4, 0.8)]) for cup in cups]
-    footprints = tuple(transform(inverse(T), place)[:, :2] for place in places)
-    heights = np.tile([0.75, 0.85], (len(cups), 1))
-    return (
-        SurfaceCloud(stamp_ns, "base", points, labels, viewpoint),
-        ViewIntervals(stamp_ns, "base", np.zeros((0, 4), np.float32)),
-        ObjectBoxes(stamp_ns, "base", footprints, heights, np.full(len(cups), 50)),
-    )
 
 
 class Robot:
@@ -118,6 +95,43 @@ def test_a_correction_of_the_live_pose_moves_newer_views():
         robot.live.add(part)
     for item, place in zip(robot.live.scene().objects, (FIRST, SECOND), strict=True):
         np.testing.assert_allclose(item.center, [*place, 0.8], atol=0.02)
+
+
+def test_a_correction_places_objects_that_were_shown_before_it():
+    robot, T = Robot(), np.array([0.1, -0.1, 0.2])
+    robot.look(10 * S, np.zeros(3), FIRST)
+    robot.live.take(robot.solve())
+    robot.look(20 * S, AHEAD, FIRST, SECOND, live_pose=compose2(inverse2(T), AHEAD))
+    wrong = [item.center[:2] for item in robot.live.scene().objects]
+    assert np.linalg.norm(wrong[-1] - SECOND) > 0.1
+    robot.live.correct(T)
+    for item, place in zip(robot.live.scene().objects, (FIRST, SECOND), strict=True):
+        np.testing.assert_allclose(item.center, [*place, 0.8], atol=0.02)
+
+
+def test_views_that_are_dropped_leave_the_objects_of_the_solution():
+    robot = Robot()
+    robot.look(10 * S, np.zeros(3), FIRST)
+    solution = robot.live.take(robot.solve())
+    robot.look(20 * S, AHEAD, FIRST, SECOND)
+    assert len(robot.live.scene().objects) == 2
+    robot.live.drop_views()
+    assert robot.live.scene().objects is solution.objects
+    assert not any(map(robot.live.add, parts(30 * S, AHEAD, SECOND))), "no pose is known"
+    assert robot.live.take(robot.solve()).objects, "the next solution has the view"
+
+
+def test_an_older_view_that_becomes_whole_is_not_shown_again():
+    robot = Robot()
+    robot.look(10 * S, np.zeros(3), FIRST)
+    robot.live.take(robot.solve())
+    *before, last = parts(20 * S, AHEAD, FIRST, SECOND)
+    robot.live.add_pose(20 * S, AHEAD)
+    assert not any(map(robot.live.add, before))
+    assert robot.look(30 * S, AHEAD, FIRST, SECOND)[-1]
+    shown = robot.live.scene()
+    assert not robot.live.add(last)
+    assert_same_objects(robot.live.scene().objects, shown.objects)
 
 
 def test_another_map_begins_without_objects():

@@ -67,7 +67,7 @@ class LoopSearch:
     config
         Groups ``loops`` and ``matching``.
     keyframes
-        Keyframes of all sessions; the `Chain` appends to this list.
+        Keyframes of all sessions; the `KeyframeChain` appends to this list.
     """
 
     config: Config

@@ -86,7 +86,7 @@ class SignPlaces:
     Attributes
     ----------
     keyframes
-        Keyframes of all sessions; the `Chain` appends to this list.
+        Keyframes of all sessions; the `KeyframeChain` appends to this list.
     """
 
     keyframes: list[GraphKeyframe]

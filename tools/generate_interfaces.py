@@ -87,8 +87,12 @@ cmake_language(DEFER CALL unity_build)
 """Leaves out the generators of C++, which neither Python nor Fast DDS needs, and compiles each
 library in one go: the headers of C++ and of NumPy take longer than what a file holds."""
 
-BUILD_PYTHON = "/opt/python/"
-"""Where the wheels' CMake files believe that Python is."""
+PYTHON_PATHS = {
+    "include": re.compile(r"(?<=[\";])/[^;\"]+/include/python[0-9.]+"),
+    "purelib": re.compile(r"(?<=[\";])/[^;\"]+/lib/python[0-9.]+/site-packages"),
+}
+"""Absolute paths of Python in the wheels' CMake files, by their names in `sysconfig`: where the
+machine that built them had it, or another environment if a cache of wheels was written to."""
 
 FIELD_OF_PACKAGE = re.compile(r"^(\w+)/\w+", re.MULTILINE)
 
@@ -168,16 +172,14 @@ def distribution() -> str:
 
 
 def point_cmake_at(environment: Path) -> None:
-    """Replace the build machine's Python paths in the wheels' CMake files by ours."""
-    include, purelib = sysconfig.get_path("include"), sysconfig.get_path("purelib")
+    """Replace other Python paths in the wheels' CMake files by ours."""
     for path in environment.glob("share/**/*.cmake"):
-        text = path.read_text(errors="surrogateescape")
-        if BUILD_PYTHON not in text:
-            continue
-        text = re.sub(r"/opt/python/[^/;\"]+/include/python[0-9.]+", include, text)
-        text = re.sub(r"/opt/python/[^/;\"]+/lib/python[0-9.]+/site-packages", purelib, text)
-        path.unlink()  # a hard link to a cached wheel
-        path.write_text(text, errors="surrogateescape")
+        old = new = path.read_text(errors="surrogateescape")
+        for name, pattern in PYTHON_PATHS.items():
+            new = pattern.sub(sysconfig.get_path(name), new)
+        if new != old:
+            path.unlink()  # a hard link to a cached wheel
+            path.write_text(new, errors="surrogateescape")
 
 
 def generate(folder: Path, environment: Path) -> None:

@@ -2,8 +2,10 @@
 
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
+import generate_interfaces
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,3 +51,23 @@ def test_a_changed_definition_is_generated_again(tmp_path):
     done = generate(changed)
     assert done.returncode == 1
     assert "all else works without what is missing of tccm_interfaces" in done.stderr
+
+
+def test_paths_of_any_other_python_become_ours(tmp_path):
+    """A cached wheel named an environment that was gone; every package on its messages failed."""
+    cached = tmp_path / "cached.cmake"
+    cached.write_text(
+        'INCLUDE "/opt/python/cp311-cp311/include/python3.11;'
+        '/gone/.venv/lib/python3.11/site-packages/numpy/_core/include"\n'
+        '"${DIR}/../../../lib/python3.11/site-packages"\n'
+    )
+    before = cached.read_text()
+    (tmp_path / "share").mkdir()
+    (tmp_path / "share" / "export.cmake").hardlink_to(cached)
+    generate_interfaces.point_cmake_at(tmp_path)
+    assert (tmp_path / "share" / "export.cmake").read_text() == (
+        f'INCLUDE "{sysconfig.get_path("include")};'
+        f'{sysconfig.get_path("purelib")}/numpy/_core/include"\n'
+        '"${DIR}/../../../lib/python3.11/site-packages"\n'
+    )
+    assert cached.read_text() == before

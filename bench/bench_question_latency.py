@@ -79,8 +79,8 @@ def questions() -> Iterator[Question]:
 
 def serve(surfaces: int, folder: str) -> None:
     """Run both nodes, which save into a folder; what is asked is answered from the drawn map."""
-    from tccm_ros.nodes import client_api
     from tccm_ros.nodes.all_in_one import main as all_in_one
+    from tccm_ros.nodes.services import client_api
 
     drawn = scene(surfaces)
     client_api.unpack_scene = lambda _: drawn  # type: ignore[attr-defined]

@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.nodes.interfaces import service_class
 from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.nodes.surface_services import SceneQueries
+from tccm_ros.nodes.services.surface_services import SceneQueries
 from tccm_ros.records import Surface, SurfaceShape, SurfaceSighting
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
 from tccm_ros.surfaces.queries import SurfaceFilter

@@ -1,12 +1,12 @@
 """`SurfaceMapClient`: client of the surface map for Python nodes, with plain objects as results.
 
 It needs `tccm_interfaces`, and its owner must spin the node passed to it. The implementation is in
-`tccm_ros.nodes.map_client`; import it from this module.
+`tccm_ros.nodes.clients.map_client`; import it from this module.
 """
 
 from tccm_ros.errors import RequestError
-from tccm_ros.nodes.map_client import SurfaceMapClient
-from tccm_ros.nodes.map_records import (
+from tccm_ros.nodes.clients.map_client import SurfaceMapClient
+from tccm_ros.nodes.clients.map_records import (
     BoxState,
     Found,
     MapApproach,

@@ -38,7 +38,8 @@ from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MissingExtraError, MotionError, RequestError, TccmError, one_line
 from tccm_ros.geometry import spatial
-from tccm_ros.nodes.approach_goals import (
+from tccm_ros.nodes.approach.base_senses import BaseSenses
+from tccm_ros.nodes.approach.goals import (
     MAX_BACK_M,
     checked,
     goal_of,
@@ -46,16 +47,15 @@ from tccm_ros.nodes.approach_goals import (
     robot_of,
     surroundings_of,
 )
-from tccm_ros.nodes.approach_names import NoSurfaceError, SpotNames, filter_of, place_on
-from tccm_ros.nodes.base_senses import BaseSenses
-from tccm_ros.nodes.client_requests import stamped_point
+from tccm_ros.nodes.approach.names import NoSurfaceError, SpotNames, filter_of, place_on
+from tccm_ros.nodes.approach.nav2_navigator import Nav2Navigator
+from tccm_ros.nodes.clients.map_records import MapSurface
+from tccm_ros.nodes.clients.requests import stamped_point
 from tccm_ros.nodes.clock import steady_timer
+from tccm_ros.nodes.intake.refusals import Refusals
 from tccm_ros.nodes.interfaces import missing_interfaces
-from tccm_ros.nodes.map_records import MapSurface
-from tccm_ros.nodes.nav2_navigator import Nav2Navigator
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import latched_qos
-from tccm_ros.nodes.refusals import Refusals
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.run import run
 from tccm_ros.records.building import frame_name
@@ -144,7 +144,7 @@ class ApproachNode(Node):
         super().__init__("approach", **kwargs)
         if missing_interfaces():
             raise MissingExtraError(f"approach_node: {missing_interfaces()}")
-        from tccm_ros.nodes.map_client import SurfaceMapClient
+        from tccm_ros.nodes.clients.map_client import SurfaceMapClient
 
         self.config = declare_config(self, groups=GROUPS["approach"])
         follow_changes(self, self.config)

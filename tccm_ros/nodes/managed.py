@@ -16,11 +16,11 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from tccm_ros.errors import TccmError, one_line
-from tccm_ros.nodes.ending import Ending
+from tccm_ros.nodes.process.ending import Ending
+from tccm_ros.nodes.process.stopping import leave
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.slam_node import SlamNode
-from tccm_ros.nodes.stopping import leave
 from tccm_ros.nodes.tccm_node import TccmNode
 
 

@@ -14,24 +14,26 @@ from typing import Any
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.nodes.client_api import ClientApi
-from tccm_ros.nodes.live_pose import LivePosePublisher
-from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, NO_MAP, LocalisationPublisher
-from tccm_ros.nodes.map_folder import MAP_FILE
-from tccm_ros.nodes.outputs import SolutionOutputs
-from tccm_ros.nodes.solution_saver import Session, Wanted
-from tccm_ros.nodes.solve_schedule import SolveSchedule
+from tccm_ros.nodes.publishing.live_pose import LivePosePublisher
+from tccm_ros.nodes.publishing.localisation import (
+    BY_REQUEST,
+    BY_SCAN,
+    NO_MAP,
+    LocalisationPublisher,
+)
+from tccm_ros.nodes.publishing.outputs import SolutionOutputs
+from tccm_ros.nodes.saving.solution_saver import Session, Wanted
+from tccm_ros.nodes.services.client_api import ClientApi
 from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.schedule import SolveSchedule, ViewPart
 from tccm_ros.nodes.solver.solver import Solver
 from tccm_ros.records import (
     LabelCorrection,
-    ObjectBoxes,
     Odometry,
     PosedScan,
     PoseGuess,
-    SurfaceCloud,
-    ViewIntervals,
 )
+from tccm_ros.results.labels_file import MAP_FILE
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.slam.tracking import LocalisationState, SolvedMap, Tracker
 from tccm_ros.surfaces.live_objects import LiveObjects
@@ -109,7 +111,7 @@ class MapSession:
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         before = Counter(self.tracker.counts)
         self.add(event)
-        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
+        if isinstance(event, ViewPart):
             self._client_api.note_view_part(event.stamp_ns, self._solver.next_number)
             if self._objects.add(event):
                 self._show_objects()

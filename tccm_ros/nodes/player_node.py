@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.clock import Clock as RclClock
-from rclpy.clock import ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidParameterTypeException, ParameterUninitializedException
 from rclpy.node import Node
@@ -26,6 +24,7 @@ from std_srvs.srv import SetBool
 
 from tccm_ros.bags.reader import BagMessage, BagReader
 from tccm_ros.errors import BagError, ConfigError
+from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.params import type_advice, warn_of_unknown
 from tccm_ros.nodes.qos import SENSOR_DEPTH
 from tccm_ros.nodes.ros_types import RosidlMessages, message_class
@@ -103,9 +102,7 @@ class PlayerNode(Node):
         if self._timeline.is_paused:
             self.get_logger().info("ready; paused, waits for ~/pause")
         # A timer on the wall clock, because this node may itself publish the node clock.
-        self._timer = self.create_timer(
-            TICK_S, self._tick, clock=RclClock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._timer = steady_timer(self, TICK_S, self._tick)
 
     @property
     def published(self) -> int:

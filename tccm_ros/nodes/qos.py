@@ -26,6 +26,9 @@ SURFACE_MESSAGE_DEPTH = 50
 batch optimisation."""
 
 
+EVENTS_DEPTH = 100
+"""Queue depth of events: a burst of changes."""
+
 LARGE_DEPTH = 10
 """Queue depth of images and point clouds: a third of a second of a camera, 6 MB."""
 

@@ -21,12 +21,12 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import TccmError
 from tccm_ros.geometry import inverse, pose_from_quaternion, transform
-from tccm_ros.nodes.inputs import Inputs
-from tccm_ros.nodes.intake import Intake
+from tccm_ros.nodes.intake.inputs import Inputs
+from tccm_ros.nodes.intake.intake import Intake
+from tccm_ros.nodes.intake.record_subscriptions import RecordSubscriptions
+from tccm_ros.nodes.intake.refusals import Refusals
+from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.qos import latched_qos
-from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
-from tccm_ros.nodes.refusals import Refusals
-from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.records import CameraImage, Event, MapOdom
 from tccm_ros.records.building import pose_from_message, stamp_ns_from_message
 from tccm_ros.results.cycles_file import MIN_CELL_SIZE_M, coarsen

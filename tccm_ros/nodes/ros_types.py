@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, DTypeLike
 
 _TYPE_CODES = {np.dtype(code): code for code in ("b", "B", "h", "H", "i", "I", "q", "Q", "f", "d")}
 
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+
 
 @cache
 def message_class(msgtype: str) -> Any:
@@ -33,6 +35,11 @@ def is_installed(msgtype: str) -> bool:
     except (ImportError, AttributeError):  # AttributeError: a version without the type
         return False
     return True
+
+
+def has_tf2_msgs() -> bool:
+    """Return whether tf2_msgs can be imported."""
+    return is_installed(TF_MESSAGE)
 
 
 class RosidlMessages:

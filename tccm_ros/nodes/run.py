@@ -16,10 +16,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from tccm_ros.errors import TccmError, one_line
-from tccm_ros.nodes.ending import Ending
+from tccm_ros.nodes.process.ending import Ending
+from tccm_ros.nodes.process.stopping import StopSignals, leave, say
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.start import leave_at_a_signal
-from tccm_ros.nodes.stopping import StopSignals, leave, say
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError

@@ -22,24 +22,20 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import one_line
-from tccm_ros.nodes.clock import (
-    ClockWatch,
-    is_clock_missing,
-    steady_timer,
-)
-from tccm_ros.nodes.diagnostics import Diagnostics, InputStatus
-from tccm_ros.nodes.ending import Ending
-from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
-from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.node_status import NodeStatus
+from tccm_ros.nodes.clock import ClockWatch, is_clock_missing, steady_timer
+from tccm_ros.nodes.intake.diagnostics import Diagnostics, InputStatus
+from tccm_ros.nodes.intake.inputs import Blocking, Inputs, Watch
+from tccm_ros.nodes.intake.intake import Intake
+from tccm_ros.nodes.intake.node_status import NodeStatus
+from tccm_ros.nodes.intake.record_subscriptions import RecordSubscriptions
+from tccm_ros.nodes.intake.refusals import Refusals
+from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
-from tccm_ros.nodes.record_subscriptions import RecordSubscriptions
-from tccm_ros.nodes.refusals import Refusals
+from tccm_ros.nodes.process.ending import Ending
+from tccm_ros.nodes.process.warming import Warming
+from tccm_ros.nodes.process.worker import BACKLOG, Worker
 from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.nodes.saves import Saves
-from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.warming import Warming
-from tccm_ros.nodes.worker import BACKLOG, Worker
+from tccm_ros.nodes.saving.saves import Saves
 from tccm_ros.records import (
     Event,
     MapReset,

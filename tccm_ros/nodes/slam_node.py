@@ -13,16 +13,15 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from tccm_ros.errors import TccmError
-from tccm_ros.nodes.client_api import ClientApi, offered
 from tccm_ros.nodes.clock import steady_timer
-from tccm_ros.nodes.ending import Ending
-from tccm_ros.nodes.heap import trim_heap
-from tccm_ros.nodes.inputs import Blocking
-from tccm_ros.nodes.keepout import tell_keepout_info
-from tccm_ros.nodes.live_pose import LivePosePublisher
-from tccm_ros.nodes.localisation import BY_START, LocalisationPublisher
+from tccm_ros.nodes.intake.inputs import Blocking
+from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.map_session import MapSession
-from tccm_ros.nodes.outputs import SolutionOutputs
+from tccm_ros.nodes.process.ending import Ending
+from tccm_ros.nodes.process.heap import trim_heap
+from tccm_ros.nodes.publishing.live_pose import LivePosePublisher
+from tccm_ros.nodes.publishing.localisation import BY_START, LocalisationPublisher
+from tccm_ros.nodes.publishing.outputs import SolutionOutputs
 from tccm_ros.nodes.qos import (
     LARGE_DEPTH,
     SENSOR_DEPTH,
@@ -31,10 +30,11 @@ from tccm_ros.nodes.qos import (
     surface_message_qos,
 )
 from tccm_ros.nodes.run import run
+from tccm_ros.nodes.saving.solution_saver import SolutionSaver, Wanted
 from tccm_ros.nodes.sensor_node import SensorNode
-from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.sign_reader import SignReader
-from tccm_ros.nodes.solution_saver import SolutionSaver, Wanted
+from tccm_ros.nodes.services.client_api import ClientApi, offered
+from tccm_ros.nodes.services.keepout import tell_keepout_info
+from tccm_ros.nodes.signs.reader import SignReader
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,

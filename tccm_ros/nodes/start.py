@@ -13,7 +13,7 @@ from functools import partial
 from importlib import import_module
 from types import FrameType
 
-from tccm_ros.nodes.stopping import stopping_signals
+from tccm_ros.nodes.process.stopping import stopping_signals
 
 
 def _start(module: str, main: str = "main", *, solves: bool = False) -> None:

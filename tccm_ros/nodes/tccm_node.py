@@ -15,19 +15,19 @@ from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
-from tccm_ros.nodes.box_service import BoxService
-from tccm_ros.nodes.drops import PAUSED
-from tccm_ros.nodes.ending import Ending
-from tccm_ros.nodes.heap import trim_heap
-from tccm_ros.nodes.inputs import Blocking
+from tccm_ros.nodes.intake.drops import PAUSED
+from tccm_ros.nodes.intake.inputs import Blocking
+from tccm_ros.nodes.intake.joint_timing_watch import JointTimingWatch
+from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces
-from tccm_ros.nodes.joint_timing_watch import JointTimingWatch
-from tccm_ros.nodes.outputs import Outputs
-from tccm_ros.nodes.previous_map import keep_previous
+from tccm_ros.nodes.process.ending import Ending
+from tccm_ros.nodes.process.heap import trim_heap
+from tccm_ros.nodes.publishing.outputs import Outputs
 from tccm_ros.nodes.qos import latched_qos, sensor_qos, surface_message_qos
 from tccm_ros.nodes.run import run
+from tccm_ros.nodes.saving.previous_map import keep_previous
 from tccm_ros.nodes.sensor_node import SensorNode
-from tccm_ros.nodes.shared_robot import SharedRobot
+from tccm_ros.nodes.services.box_service import BoxService
 from tccm_ros.records import Event, MapReset, Posed
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder

@@ -25,7 +25,7 @@ from tccm_ros.errors import MissingExtraError, RequestError, one_line
 from tccm_ros.extras import check_extra
 from tccm_ros.nodes.interfaces import missing_interfaces
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
-from tccm_ros.nodes.qos import latched_qos
+from tccm_ros.nodes.qos import EVENTS_DEPTH, latched_qos
 from tccm_ros.nodes.run import run
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.view.live_state import LiveState
@@ -33,9 +33,6 @@ from tccm_ros.view.live_state import LiveState
 if TYPE_CHECKING:
     from tccm_ros.nodes.rerun_feed import RerunFeed
     from tccm_ros.view.rerun_stream import RerunStream
-
-EVENTS_DEPTH = 100
-"""Queue depth of ~/events."""
 
 LOOK_S = 0.5
 """Period of the check for slam_node's services, s."""
@@ -85,8 +82,8 @@ class ViewNode(Node):
         check_extra("view", "aiohttp")
         if missing_interfaces():
             raise MissingExtraError(f"the live page: {missing_interfaces()}")
-        from tccm_ros.nodes.live_entities import entities_of, event_text
-        from tccm_ros.nodes.map_client import SurfaceMapClient
+        from tccm_ros.nodes.clients.live_entities import entities_of, event_text
+        from tccm_ros.nodes.clients.map_client import SurfaceMapClient
         from tccm_ros.view.live_page import LivePage
 
         host, port, viewer, name, approach_name, tccm_name = (
@@ -164,7 +161,7 @@ class ViewNode(Node):
             self._update(lambda state: state.entities.update(path=path))
 
     def _take_pose(self, message: Any) -> None:
-        from tccm_ros.nodes.live_entities import planar
+        from tccm_ros.nodes.clients.live_entities import planar
 
         pose, stamp_ns = planar(message.pose.pose), stamp_ns_from_message(message.header.stamp)
 

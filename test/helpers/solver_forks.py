@@ -15,8 +15,8 @@ from multiprocessing import Pipe, reduction
 from multiprocessing.connection import Connection
 
 from tccm_ros.config import Config
+from tccm_ros.nodes.process.stopping import SIGNALS
 from tccm_ros.nodes.solver.forked import ForkedProcess
-from tccm_ros.nodes.stopping import SIGNALS
 from tccm_ros.warm_up.compilation import compile_kernels
 
 

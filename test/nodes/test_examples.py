@@ -143,7 +143,7 @@ def test_no_example_has_more_than_30_lines():
 
 
 def test_a_map_that_comes_before_the_services_are_found_is_listed(ros):
-    from tccm_ros.nodes.map_client import MAP_SERVICES
+    from tccm_ros.nodes.clients.map_client import MAP_SERVICES
 
     kind = message_class(SURFACE_MAP)
     node = ros.add(Node("surface_slam", context=ros.another_context()))
@@ -158,7 +158,7 @@ def test_a_map_that_comes_before_the_services_are_found_is_listed(ros):
 
 def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
     """What moves before: a table by no sign, one by another sign, and a shelf by the sign."""
-    from tccm_ros.nodes.map_client import EVENTS_DEPTH
+    from tccm_ros.nodes.clients.map_client import EVENTS_DEPTH
 
     kind, event = message_class(SURFACE_MAP), message_class(SURFACE_EVENT)
     node = ros.add(Node("surface_slam", context=ros.another_context()))

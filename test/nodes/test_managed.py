@@ -21,10 +21,10 @@ from rcl_interfaces.msg import Log
 from rclpy.node import NodeNameNonExistentError
 from std_srvs.srv import SetBool, Trigger
 
-from tccm_ros.nodes import ending
 from tccm_ros.nodes.managed import ManagedNode, ManagedSlamNode, ManagedTccmNode
-from tccm_ros.nodes.map_folder import MAP_FILE
+from tccm_ros.nodes.process import ending
 from tccm_ros.nodes.tccm_node import CUBOIDS_FILE
+from tccm_ros.results.labels_file import MAP_FILE
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE

@@ -9,8 +9,7 @@ from tccm_ros.config import Config, parameters
 from tccm_ros.config.parameter import Group
 from tccm_ros.errors import ConfigError
 from tccm_ros.nodes.params import declare_config, follow_changes, ros_type
-from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.nodes.ros_types import has_tf2_msgs, message_class
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
 

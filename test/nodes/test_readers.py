@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from tccm_ros.errors import MessageError
-from tccm_ros.nodes.record_subscriptions import read_records
+from tccm_ros.nodes.intake.record_subscriptions import read_records
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import (
     JointSample,

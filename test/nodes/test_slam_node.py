@@ -12,10 +12,9 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tccm_ros.geometry import compose2
-from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.ros_types import has_tf2_msgs, message_class
 from tccm_ros.nodes.slam_node import raw_stamp_ns
-from tccm_ros.nodes.solve_schedule import SolveSchedule
-from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.nodes.solver.schedule import SolveSchedule
 from tccm_ros.records import Odometry
 from tccm_ros.records.building import stamp_ns_from_message
 

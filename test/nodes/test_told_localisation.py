@@ -6,7 +6,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from live_robot import START_NS, Listener, recording, slam, tccm, topics_of, wait_until_done
 
 from tccm_ros.geometry import planar, spatial
-from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.nodes.ros_types import has_tf2_msgs
 from tccm_ros.records import Odometry, PoseCovariance, TransformSample
 
 pytestmark = pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")

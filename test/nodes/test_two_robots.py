@@ -6,8 +6,7 @@ from live_robot import Listener, recording, slam, tccm
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.nodes.ros_types import has_tf2_msgs, message_class
 
 
 def test_two_pairs_of_nodes_do_not_hear_each_other(ros, tmp_path):

@@ -11,9 +11,9 @@ from nav_msgs.msg import Odometry as OdometryMessage
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from tccm_ros.nodes import worker as worker_module
-from tccm_ros.nodes.drops import ADVICE, DropWatch
-from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.nodes.intake.drops import ADVICE, DropWatch
+from tccm_ros.nodes.process import worker as worker_module
+from tccm_ros.nodes.ros_types import has_tf2_msgs
 from tccm_ros.records import Odometry, TransformSample
 from tccm_ros.robot import sensor, stamp_guard, stamp_order
 from tccm_ros.robot.base_motion import MotionSource

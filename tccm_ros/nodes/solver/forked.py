@@ -16,7 +16,7 @@ from importlib import import_module
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
-from tccm_ros.nodes.stopping import SIGNALS
+from tccm_ros.nodes.process.stopping import SIGNALS
 
 COMMON = "tccm_ros.nodes.solver.solver"
 """Module whose imports both need. None of them is rclpy, whose libraries start threads."""

@@ -25,9 +25,8 @@ import numpy as np
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
-from tccm_ros.nodes.child_process import yield_to_node
-from tccm_ros.nodes.heap import trim_heap
-from tccm_ros.nodes.map_files import map_files, pack_files
+from tccm_ros.nodes.process.child_process import yield_to_node
+from tccm_ros.nodes.process.heap import trim_heap
 from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
@@ -44,6 +43,7 @@ from tccm_ros.nodes.solver.channel import (
     Solved,
     read_events,
 )
+from tccm_ros.nodes.solver.map_files import map_files, pack_files
 from tccm_ros.nodes.solver.scene_channel import pack_scene
 from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.results.labels_file import with_labels

@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.nodes.child_process import END_S, spawn
+from tccm_ros.nodes.process.child_process import END_S, spawn
 from tccm_ros.nodes.solver.channel import (
     Began,
     Begin,

@@ -13,7 +13,7 @@ from written_map import write_map
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
-from tccm_ros.nodes.map_folder import save_archive
+from tccm_ros.nodes.saving.map_folder import save_archive
 from tccm_ros.nodes.solver import process
 from tccm_ros.nodes.solver import solver as solver_module
 from tccm_ros.nodes.solver.channel import (

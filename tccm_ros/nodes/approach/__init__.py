@@ -1,0 +1,1 @@
+"""Parts of approach_node: goals, names of spots, measurements, Nav2."""

@@ -1,0 +1,1 @@
+"""Inputs of a node: subscriptions, the thread that takes messages, the robot, diagnostics."""

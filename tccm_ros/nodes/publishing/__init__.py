@@ -1,0 +1,1 @@
+"""Publishers of a node: messages for subscribers alone, the live pose, tf."""

@@ -1,0 +1,1 @@
+"""Services, actions and topics of the nodes for other programs."""

@@ -1,0 +1,1 @@
+"""The process that reads door signs, and the node's side of it."""

@@ -186,6 +186,8 @@ def generate(folder: Path, environment: Path) -> None:
     """Build one package and install it into the environment."""
     name, content = package_name(folder), digest(folder)
     print(f"generating {name} into {environment.name}")
+    mark = environment / "share" / name / MARK
+    mark.unlink(missing_ok=True)  # may be a hard link to that of a copied environment
     with tempfile.TemporaryDirectory() as temporary:
         source, build = Path(temporary) / "source", Path(temporary) / "build"
         copy(folder, source)
@@ -212,7 +214,7 @@ def generate(folder: Path, environment: Path) -> None:
         }
         command = ["cmake", "--build", build, "--target", "install", "-j2"]
         run(command, failure, paths | parse_once)
-    (environment / "share" / name / MARK).write_text(content)
+    mark.write_text(content)
 
 
 def copy(folder: Path, source: Path) -> None:

@@ -71,3 +71,16 @@ def test_paths_of_any_other_python_become_ours(tmp_path):
         '"${DIR}/../../../lib/python3.11/site-packages"\n'
     )
     assert cached.read_text() == before
+
+
+def test_the_mark_of_a_copied_environment_stays(package, tmp_path, monkeypatch):
+    """Both were hard links: the other environment took its old messages for the new ones."""
+    ours, copied = (tmp_path / name / "share" / package.name for name in ("ours", "copied"))
+    for folder in (ours, copied):
+        folder.mkdir(parents=True)
+    (copied / generate_interfaces.MARK).write_text("older definitions")
+    (ours / generate_interfaces.MARK).hardlink_to(copied / generate_interfaces.MARK)
+    monkeypatch.setattr(generate_interfaces, "run", lambda *arguments: None)
+    generate_interfaces.generate(package, tmp_path / "ours")
+    assert (ours / generate_interfaces.MARK).read_text() == generate_interfaces.digest(package)
+    assert (copied / generate_interfaces.MARK).read_text() == "older definitions"

@@ -51,11 +51,11 @@ from tccm_ros.geometry import inverse
 from tccm_ros.replay.replay import replay
 from tccm_ros.slam.factors.keys import view_key
 from tccm_ros.slam.solution import Solution
-from tccm_ros.surfaces.object_tracks import track_objects
-from tccm_ros.surfaces.registration import Registration
-from tccm_ros.surfaces.scene_objects import scene_objects
+from tccm_ros.surfaces.objects.object_tracks import track_objects
+from tccm_ros.surfaces.objects.scene_objects import scene_objects
+from tccm_ros.surfaces.registration.registration import Registration
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
-from tccm_ros.surfaces.views import View
+from tccm_ros.surfaces.views.views import View
 
 FOLDERS = ("surfaces", "outlines")
 
@@ -86,41 +86,44 @@ def _none_of(points: Float64, *_: Any) -> Bool:
 
 
 RULES: dict[str, tuple[str, Callable[..., Any]]] = {
-    "mark_strays": ("views", _none_of),
-    "are_on_front": ("views", _none_of),
-    "_was_moved": ("carving", lambda *_: False),
-    "_in_block": ("carving", lambda points, chosen, size: chosen),
-    "_with_strays": ("carving", lambda gone, keep: gone),
-    "_with_occluded_areas": ("merged_surface", lambda polygon, *_: polygon),
-    "is_sparse": ("merged_surface", lambda *_: False),
-    "join_over_occlusions": ("joining", lambda pieces, *_: list(pieces)),
-    "join_floor": ("floor", lambda surfaces, *_: surfaces),
-    "_is_wall_between": ("joining", lambda *_: False),
-    "expected_area": ("outline", lambda area, _: area),
-    "_refined": ("shapes", lambda model, *_: (model, np.full(len(model.corners()), 0.01))),
-    "_refined_round": ("shapes", lambda model, _: (model, np.full(64, 0.01))),
-    "_reaches_wall": ("shapes", lambda *_: False),
-    "_to_ends_of_fronts": ("shapes", lambda model, *_: model),
-    "doubting_wall_points": ("shapes", lambda samples, _: samples),
-    "wall_across": ("edge_walls", lambda *_: None),
-    "_walls_behind": ("edge_walls", lambda *_: iter(())),
-    "_is_crossed": ("edge_walls", lambda *_: False),
-    "EdgeSampler._line_ends": ("edge_samples", lambda self, e, m, c, d: self._pieces(e, m, c, d)),
-    "EdgeSampler.ragged_sigma": ("edge_samples", lambda *_: 0.0),
-    "EdgeSampler.shared_sigma": ("edge_samples", lambda *_: 0.0),
-    "EdgeSampler.seen_fraction": ("edge_samples", lambda *_: 1.0),
-    "EdgeSampler.reached_fraction": ("edge_samples", lambda *_: 0.0),
-    "EdgeSampler.hides": ("edge_samples", lambda *_: False),
-    "adopt_ids": ("recognition", lambda surfaces, *_: (surfaces, {})),
-    "_Stand.lies_close_to": ("recognition", lambda *_: False),
-    "_views_over": ("object_tracks", lambda tracks, *_: np.zeros(len(tracks), np.int64)),
-    "_is_lower": ("object_tracks", lambda *_: False),
-    "without_noise": ("object_footprints", lambda footprint, *_: footprint),
-    "joined_footprint": ("object_footprints", lambda older, newest, *_: newest),
-    "_is_part": ("scene_objects", lambda *_: False),
-    "_has_rival": ("side_matching", lambda *_: False),
-    "variance_factor": ("registration", lambda *_: 1.0),
-    "_remaining": ("registration", lambda sides, _: sides),
+    "mark_strays": ("views.views", _none_of),
+    "are_on_front": ("views.views", _none_of),
+    "_was_moved": ("merging.carving", lambda *_: False),
+    "_in_block": ("merging.carving", lambda points, chosen, size: chosen),
+    "_with_strays": ("merging.carving", lambda gone, keep: gone),
+    "_with_occluded_areas": ("merging.merged_surface", lambda polygon, *_: polygon),
+    "is_sparse": ("merging.merged_surface", lambda *_: False),
+    "join_over_occlusions": ("merging.joining", lambda pieces, *_: list(pieces)),
+    "join_floor": ("merging.floor", lambda surfaces, *_: surfaces),
+    "_is_wall_between": ("merging.joining", lambda *_: False),
+    "expected_area": ("views.outline", lambda area, _: area),
+    "_refined": ("edges.shapes", lambda model, *_: (model, np.full(len(model.corners()), 0.01))),
+    "_refined_round": ("edges.shapes", lambda model, _: (model, np.full(64, 0.01))),
+    "_reaches_wall": ("edges.shapes", lambda *_: False),
+    "_to_ends_of_fronts": ("edges.shapes", lambda model, *_: model),
+    "doubting_wall_points": ("edges.shapes", lambda samples, _: samples),
+    "wall_across": ("edges.edge_walls", lambda *_: None),
+    "_walls_behind": ("edges.edge_walls", lambda *_: iter(())),
+    "_is_crossed": ("edges.edge_walls", lambda *_: False),
+    "EdgeSampler._line_ends": (
+        "edges.edge_samples",
+        lambda self, *edge: self._pieces(*edge),
+    ),
+    "EdgeSampler.ragged_sigma": ("edges.edge_samples", lambda *_: 0.0),
+    "EdgeSampler.shared_sigma": ("edges.edge_samples", lambda *_: 0.0),
+    "EdgeSampler.seen_fraction": ("edges.edge_samples", lambda *_: 1.0),
+    "EdgeSampler.reached_fraction": ("edges.edge_samples", lambda *_: 0.0),
+    "EdgeSampler.hides": ("edges.edge_samples", lambda *_: False),
+    "adopt_ids": ("identity.recognition", lambda surfaces, *_: (surfaces, {})),
+    "_Stand.lies_close_to": ("identity.recognition", lambda *_: False),
+    "_views_over": ("objects.object_tracks", lambda tracks, *_: np.zeros(len(tracks), np.int64)),
+    "_is_lower": ("objects.object_tracks", lambda *_: False),
+    "without_noise": ("objects.object_footprints", lambda footprint, *_: footprint),
+    "joined_footprint": ("objects.object_footprints", lambda older, newest, *_: newest),
+    "_is_part": ("objects.scene_objects", lambda *_: False),
+    "_has_rival": ("registration.side_matching", lambda *_: False),
+    "variance_factor": ("registration.registration", lambda *_: 1.0),
+    "_remaining": ("registration.registration", lambda sides, _: sides),
 }
 """Rules that are switched off: module of a function, and what stands in for it."""
 

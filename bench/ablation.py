@@ -21,8 +21,8 @@ def constants(folders: Sequence[str]) -> Iterator[tuple[str, str, Any]]:
     """Yield module, name and value of each numeric constant of some subpackages."""
     root = Path(tccm_ros.__file__).parent
     for folder in folders:
-        for path in sorted((root / folder).glob("*.py")):
-            module = f"tccm_ros.{folder}.{path.stem}"
+        for path in sorted((root / folder).rglob("*.py")):
+            module = ".".join(("tccm_ros", *path.relative_to(root).with_suffix("").parts))
             for node in ast.parse(path.read_text()).body:
                 if isinstance(node, ast.Assign):
                     for name in ast.walk(node.targets[0]):

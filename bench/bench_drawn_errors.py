@@ -19,13 +19,13 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, pose_from_rpy, transform
 from tccm_ros.records import SensorKind
 from tccm_ros.sensors.noise import systematic_errors
-from tccm_ros.surfaces.merging import NumberedPatch
-from tccm_ros.surfaces.patch_planes import pose_jacobian, stack_planes
-from tccm_ros.surfaces.plane_adjustment import adjust_planes
-from tccm_ros.surfaces.plane_errors import fit_covariance, systematic_planes
-from tccm_ros.surfaces.registration import corrected
-from tccm_ros.surfaces.surface_errors import surface_errors
-from tccm_ros.surfaces.views import SurfacePatch
+from tccm_ros.surfaces.merging.merging import NumberedPatch
+from tccm_ros.surfaces.merging.patch_planes import pose_jacobian, stack_planes
+from tccm_ros.surfaces.merging.surface_errors import surface_errors
+from tccm_ros.surfaces.registration.plane_adjustment import adjust_planes
+from tccm_ros.surfaces.registration.registration import corrected
+from tccm_ros.surfaces.views.plane_errors import fit_covariance, systematic_planes
+from tccm_ros.surfaces.views.views import SurfacePatch
 
 EYE = np.array([0.0, 0.0, 1.2])
 """Position of the sensor in the base frame, m."""

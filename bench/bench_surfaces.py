@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tccm_ros.surfaces.contact import connect, near_pairs
-from tccm_ros.surfaces.patch_planes import PatchPlanes
+from tccm_ros.surfaces.merging.contact import connect, near_pairs
+from tccm_ros.surfaces.merging.patch_planes import PatchPlanes
 
 SURFACES, POINTS, DISTANCE, STEP = 1000, 2000, 0.05, 0.03
 

@@ -27,7 +27,7 @@ SLOW = (
     "fleet/test_merge.py", "fleet/test_run.py", "fleet/test_task.py", "interfaces", "nodes",
     "replay", "slam/signs", "surfaces/test_changes_in_a_recording.py",
     "surfaces/test_changes_over_time.py", "surfaces/test_growing_map.py",
-    "surfaces/test_registration.py", "surfaces/test_sequence_of_changes.py",
+    "surfaces/registration/test_registration.py", "surfaces/test_sequence_of_changes.py",
     "surfaces/test_sessions_of_recordings.py", "test_cli.py", "test_packaging.py",
     "test_stages.py", "warm_up",
 )  # fmt: skip

@@ -33,10 +33,10 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.slam.wall_slam import WallSlam
-from tccm_ros.surfaces.labels import label_surfaces
-from tccm_ros.surfaces.object_tracks import track_objects
+from tccm_ros.surfaces.labels.labels import label_surfaces
+from tccm_ros.surfaces.objects.object_tracks import track_objects
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-from tccm_ros.surfaces.views import empty_view, with_intervals, with_objects
+from tccm_ros.surfaces.views.views import empty_view, with_intervals, with_objects
 from tccm_sim.carmen import import_carmen
 
 GROUPS = (

@@ -113,6 +113,23 @@ SUBLAYERS = {
         "player_node",
         "view_node",
     ],
+    "surfaces": [
+        "polygons",
+        "displacement",
+        "object_labels",
+        "views",
+        "merging",
+        "edges",
+        "identity",
+        "objects",
+        "labels",
+        "registration",
+        "scene",
+        "saved_map",
+        "surface_map",
+        "surface_slam",
+        "session_changes",
+    ],
 }
 """Order within layers that have layers of their own."""
 

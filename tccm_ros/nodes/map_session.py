@@ -36,7 +36,7 @@ from tccm_ros.records import (
 from tccm_ros.results.labels_file import MAP_FILE
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.slam.tracking import LocalisationState, SolvedMap, Tracker
-from tccm_ros.surfaces.live_objects import LiveObjects
+from tccm_ros.surfaces.scene.live_objects import LiveObjects
 
 
 class MapSession:

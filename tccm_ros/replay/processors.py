@@ -19,8 +19,8 @@ from tccm_ros.sensors.registry import default_streams
 from tccm_ros.signs.processor import SignProcessor
 from tccm_ros.stages import OptionalStages
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.scene.changes import Change
 from tccm_ros.surfaces.session_changes import SessionChanges
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 

@@ -21,8 +21,8 @@ from tccm_ros.results.models import SurfaceEntry
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.slam.map_matching import match_walls, median_pose
 from tccm_ros.slam.saved_walls import unpack_walls
+from tccm_ros.surfaces.registration.session_alignment import align_session
 from tccm_ros.surfaces.saved_map import SavedMap, views_in_map
-from tccm_ros.surfaces.session_alignment import align_session
 
 
 def find_alignment(before: SavedMap, after: SavedMap, config: Config) -> Float64 | None:

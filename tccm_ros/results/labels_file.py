@@ -9,8 +9,8 @@ from pathlib import Path
 from tccm_ros.errors import MapError
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import LabelsFile
-from tccm_ros.surfaces.corrected_labels import label_to_give, with_corrected_labels
-from tccm_ros.surfaces.labels import SurfaceLabel
+from tccm_ros.surfaces.labels.corrected_labels import label_to_give, with_corrected_labels
+from tccm_ros.surfaces.labels.labels import SurfaceLabel
 from tccm_ros.surfaces.saved_map import SavedMap
 
 MAP_FILE, LABELS_FILE = "map.mcap", "labels.json"

@@ -45,7 +45,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.results.numbers import Stamp, key_of
 from tccm_ros.results.surface_counts import SurfaceCounts
-from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.tabletop.placements import Placement, PlacementRequest
 
 EntryType = TypeVar("EntryType")

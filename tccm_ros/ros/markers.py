@@ -35,7 +35,7 @@ from tccm_ros.ros.marker_parts import (
     text_marker,
 )
 from tccm_ros.ros.types import pose_message
-from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.surfaces.objects.scene_objects import SceneObject
 
 NORMAL_LENGTH_M = 0.2
 """Length of the arrow along a plane's normal, m. Chosen."""

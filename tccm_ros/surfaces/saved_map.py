@@ -16,11 +16,11 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SensorKind
-from tccm_ros.surfaces.corrected_labels import label_to_give
+from tccm_ros.surfaces.labels.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
-from tccm_ros.surfaces.plane_errors import fit_covariance
 from tccm_ros.surfaces.polygons import polygons_of
-from tccm_ros.surfaces.views import SeenObject, SurfacePatch, View
+from tccm_ros.surfaces.views.plane_errors import fit_covariance
+from tccm_ros.surfaces.views.views import SeenObject, SurfacePatch, View
 from tccm_ros.tabletop.free_places import rectangle_corners
 
 Arrays = dict[str, NDArray[Any]]

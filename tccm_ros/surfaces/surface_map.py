@@ -25,18 +25,21 @@ from tccm_ros.records import (
     SurfaceSighting,
     ViewIntervals,
 )
-from tccm_ros.surfaces.carving import Carver, Survivors, find_replacements
-from tccm_ros.surfaces.corrected_labels import (
+from tccm_ros.surfaces.edges.shapes import Shape, ShapedEdge, fit_shape, free_shape
+from tccm_ros.surfaces.identity.recognition import PastPose, adopt_ids, footprint_of
+from tccm_ros.surfaces.identity.track_ids import SightKey, TrackIds
+from tccm_ros.surfaces.labels.corrected_labels import (
     corrected_labels,
     label_to_give,
     with_corrected_labels,
     with_corrections,
 )
-from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
-from tccm_ros.surfaces.joining import join_over_occlusions
-from tccm_ros.surfaces.labels import Label, label_surfaces
-from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
-from tccm_ros.surfaces.merging import (
+from tccm_ros.surfaces.labels.labels import Label, label_surfaces
+from tccm_ros.surfaces.merging.carving import Carver, Survivors, find_replacements
+from tccm_ros.surfaces.merging.floor import find_floor, is_floor, join_floor
+from tccm_ros.surfaces.merging.joining import join_over_occlusions
+from tccm_ros.surfaces.merging.merged_surface import MergedSurface, fit_surface
+from tccm_ros.surfaces.merging.merging import (
     Members,
     MergeFunction,
     Remainders,
@@ -44,15 +47,12 @@ from tccm_ros.surfaces.merging import (
     group_patches,
     merge_coplanar,
 )
+from tccm_ros.surfaces.merging.patch_planes import fit_plane
+from tccm_ros.surfaces.merging.surface_errors import surface_errors
 from tccm_ros.surfaces.object_labels import SeenDetection
-from tccm_ros.surfaces.object_tracks import with_objects_of
-from tccm_ros.surfaces.patch_planes import fit_plane
+from tccm_ros.surfaces.objects.object_tracks import with_objects_of
 from tccm_ros.surfaces.polygons import polygon_rings
-from tccm_ros.surfaces.recognition import PastPose, adopt_ids, footprint_of
-from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
-from tccm_ros.surfaces.surface_errors import surface_errors
-from tccm_ros.surfaces.track_ids import SightKey, TrackIds
-from tccm_ros.surfaces.views import (
+from tccm_ros.surfaces.views.views import (
     View,
     empty_view,
     with_cloud,

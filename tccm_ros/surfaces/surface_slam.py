@@ -50,7 +50,7 @@ from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.lines import label_by_splitting
 from tccm_ros.stages import OptionalStages
-from tccm_ros.surfaces.corrected_labels import corrected_labels
+from tccm_ros.surfaces.labels.corrected_labels import corrected_labels
 from tccm_ros.surfaces.object_labels import (
     MAX_WAIT_NS,
     NO_VIEW,
@@ -60,13 +60,13 @@ from tccm_ros.surfaces.object_labels import (
     seen_detections,
     view_of,
 )
-from tccm_ros.surfaces.object_tracks import NO_OBJECTS, TrackedObjects, track_objects
-from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
+from tccm_ros.surfaces.objects.object_tracks import NO_OBJECTS, TrackedObjects, track_objects
+from tccm_ros.surfaces.objects.scene_objects import SceneObject, free_places, scene_objects
+from tccm_ros.surfaces.registration.registration import Z_ROLL_PITCH, Registration
+from tccm_ros.surfaces.registration.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, views_in_map
-from tccm_ros.surfaces.scene_objects import SceneObject, free_places, scene_objects
-from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
-from tccm_ros.surfaces.views import View, with_newest
+from tccm_ros.surfaces.views.views import View, with_newest
 
 SlamInput = (
     Event

@@ -8,9 +8,9 @@ import numpy as np
 
 from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes
-from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
-from tccm_ros.surfaces.planning_shapes import OBJECT_PREFIX, Box, Mesh
-from tccm_ros.surfaces.scene import Scene
+from tccm_ros.surfaces.scene.changes import Change, ChangeKind, MapChanges
+from tccm_ros.surfaces.scene.planning_shapes import OBJECT_PREFIX, Box, Mesh
+from tccm_ros.surfaces.scene.scene import Scene
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.changing import CYCLE, WALL

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tccm_ros.surfaces.merged_surface import MergedSurface
+from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 
 
 def noisy_surface(polygon, height, rng):

@@ -21,7 +21,7 @@ from tccm_ros.ros.surface_messages import (
     surface_message,
     surface_pose,
 )
-from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.surfaces.objects.scene_objects import SceneObject
 
 STAMP = 1_700_000_000_000_000_005
 

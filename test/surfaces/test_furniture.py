@@ -9,7 +9,7 @@ from furniture import noisy_surface
 from shapely import affinity, box
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.labels import label_surfaces
+from tccm_ros.surfaces.labels.labels import label_surfaces
 
 SIZES = {
     # length, depth and height, m: catalogue ranges, not the rules'

@@ -23,10 +23,10 @@ from tccm_ros.surfaces.object_labels import (
     seen_detections,
     view_of,
 )
-from tccm_ros.surfaces.object_tracks import track_objects, with_objects_of
+from tccm_ros.surfaces.objects.object_tracks import track_objects, with_objects_of
 from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-from tccm_ros.surfaces.views import SeenObject, View, empty_view, with_detections
+from tccm_ros.surfaces.views.views import SeenObject, View, empty_view, with_detections
 
 CONFIG = Config()
 S = 1_000_000_000

@@ -19,12 +19,12 @@ from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.slam.tracking import Tracker
-from tccm_ros.surfaces.changes import MapChanges
-from tccm_ros.surfaces.live_objects import LiveObjects
-from tccm_ros.surfaces.planning_shapes import scene_shapes
+from tccm_ros.surfaces.scene.changes import MapChanges
+from tccm_ros.surfaces.scene.live_objects import LiveObjects
+from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
+from tccm_ros.surfaces.scene.told_scene import ToldScene
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-from tccm_ros.surfaces.told_scene import ToldScene
 
 OBJECTS_S = 50.0, 90.0
 """The robot looks at the objects of the first room for the second time, and has left it."""

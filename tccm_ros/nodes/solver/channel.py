@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from tccm_ros.errors import OutputError, one_line
 from tccm_ros.results.map_file import MapContent
 from tccm_ros.slam.tracking import SolvedMap
-from tccm_ros.surfaces.labels import SurfaceLabel
+from tccm_ros.surfaces.labels.labels import SurfaceLabel
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """Grid for navigation, latched; saved as map.pgm and map.yaml."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
 from tccm_ros.slam.occupancy import OccupancyGrid
-from tccm_ros.surfaces.base_poses import FreeFloor
-from tccm_ros.surfaces.scene import Scene
+from tccm_ros.surfaces.scene.base_poses import FreeFloor
+from tccm_ros.surfaces.scene.scene import Scene
 from tccm_ros.surfaces.session_changes import scene_of
 
 if TYPE_CHECKING:  # the node that unpacks a scene does not import the graph

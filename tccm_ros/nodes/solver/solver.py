@@ -33,7 +33,7 @@ from tccm_ros.nodes.solver.channel import (
 )
 from tccm_ros.nodes.solver.forked import PROCESS, ForkedProcess, take_prepared
 from tccm_ros.results.labels_file import labels_beside
-from tccm_ros.surfaces.labels import SurfaceLabel
+from tccm_ros.surfaces.labels.labels import SurfaceLabel
 
 BATCH = 50
 """Number of events in a batch: a quarter of a second of a laser, joints and odometry."""

@@ -9,7 +9,7 @@ from tccm_ros.nodes.solver.scene_channel import pack_scene, unpack_scene
 from tccm_ros.records import Surface, SurfaceSighting
 from tccm_ros.ros.surface_messages import SURFACE
 from tccm_ros.slam.solution import Solution
-from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 

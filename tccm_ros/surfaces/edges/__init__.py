@@ -1,0 +1,1 @@
+"""Edges: where surfaces end, and the simplest shape that the views support."""

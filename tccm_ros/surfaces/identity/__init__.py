@@ -1,0 +1,1 @@
+"""Identity: a surface keeps its id over solutions, also where it was moved."""

@@ -1,0 +1,1 @@
+"""Labels of surfaces: table, counter, shelf, step, ..."""

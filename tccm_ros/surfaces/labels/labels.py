@@ -1,0 +1,200 @@
+"""Labels of surfaces (table, counter, shelf, ...) by rules over their features.
+
+A rule is a range for height above the floor, width and area (configuration group ``labels``). Its
+score is 1 inside all ranges and falls to 0 outside; relations to walls and other surfaces weight
+it. If the best label is not clearly better than the second-best, the label is ``other``: a wrong
+label is worse than none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.config.surfaces import LabelsConfig
+from tccm_ros.surfaces.labels.label_features import Features, features_of
+from tccm_ros.surfaces.merging.floor import is_floor
+from tccm_ros.surfaces.merging.merged_surface import MergedSurface
+
+Rule = tuple[float, float, float, float, float, float]
+"""Min and max of height (m), width (m) and area (m2)."""
+
+FADE = 0.12
+"""The score of a width falls to 0 over this distance, m, plus this fraction of the exceeded bound;
+chosen."""
+
+HEIGHT_FADE = 0.08
+"""The score of a height falls to 0 over this distance outside its range, m; chosen: heights of one
+kind of furniture vary by more than the error of the map."""
+
+AREA_FADE = 0.5
+"""The score of an area falls to 0 over this difference in its natural logarithm (a factor of 1.65);
+chosen."""
+
+MIN_BED = (0.8, 1.6)
+"""Min width and length of a bed, m; chosen."""
+
+MIN_BED_FILLED = 0.75
+"""Min fraction of its box that a bed fills; chosen: an L shape is a sofa."""
+
+LOW_TABLE = 0.9
+"""Weight of a low table: a sofa whose back was not seen looks like one; chosen."""
+
+AT_WALL_TABLE = 0.4
+"""Fraction of its score that a table loses if all of its outline is at walls; chosen."""
+
+SLENDER_SEAT = 0.8
+"""Weight of a slender seat; chosen."""
+
+AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
+"""Weight of a counter or a ledge away from any wall, and its increase at a wall; chosen."""
+
+ONE_SIDE = 3.0
+"""Inverse of the fraction of the outline at walls that gives a counter or a ledge its full score;
+chosen: one side."""
+
+BENCH_LENGTH = 1.8
+"""Min ratio of length to width of a bench; chosen: two people sit side by side."""
+
+AWAY_BENCH = 0.75
+"""Weight of a bench away from any wall: a low table looks like one; chosen."""
+
+LONE_SHELF = 0.3
+"""Weight of a shelf without another board above or below it; chosen."""
+
+STACKED_OTHER = 0.6
+"""Weight of every label except the shelf for a board above or below another; chosen."""
+
+RIVAL = 0.5
+"""Fraction of the second-best score that is subtracted from the best one for the confidence;
+chosen."""
+
+UNDECIDED = 0.75
+"""The label is ``other`` if the second-best score is above this fraction of the best; chosen."""
+
+
+class SurfaceLabel(StrEnum):
+    """The labels that a surface may have."""
+
+    FLOOR = "floor"
+    TABLE = "table"
+    COUNTER = "counter"
+    SHELF = "shelf"
+    SEAT = "seat"
+    BED = "bed"
+    LEDGE = "ledge"
+    STEP = "step"
+    OTHER = "other"
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """The label of a surface with its confidence.
+
+    Attributes
+    ----------
+    name
+        The label.
+    confidence
+        Score of the label minus half of the second-best score, from `labels.min_confidence` to 1.
+        For ``other``: 1 minus the best score.
+    """
+
+    name: SurfaceLabel
+    confidence: float
+
+
+def label_surfaces(
+    surfaces: list[MergedSurface], floor_z: float | None, walls: Float64 | None, config: Config
+) -> list[Label]:
+    """Return the labels of surfaces by the rules.
+
+    Parameters
+    ----------
+    surfaces
+        All surfaces of the map.
+    floor_z
+        Height of the floor, m; None: unknown.
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m.
+    config
+        Uses the group ``labels``.
+    """
+    others = [surface for surface in surfaces if not is_floor(surface, floor_z)]
+    features = features_of(others, floor_z, walls, config.labels)
+    labels = {id(s): _best(found, config.labels) for s, found in zip(others, features)}
+    return [labels.get(id(surface), Label(SurfaceLabel.FLOOR, 1.0)) for surface in surfaces]
+
+
+def _met(value: float, low: float, high: float, fade: float, fraction: float = 0.0) -> float:
+    """Return a score: 1 inside a range, falling to 0 outside it.
+
+    Parameters
+    ----------
+    value
+        Value of the feature.
+    low, high
+        Range of the rule.
+    fade, fraction
+        The score falls to 0 over `fade` plus this fraction of the exceeded bound.
+    """
+    bound = low if value < low else high
+    outside = max(low - value, value - high, 0.0)
+    return max(0.0, 1.0 - outside / (fade + fraction * bound))
+
+
+def _fit(surface: Features, rule: Rule) -> float:
+    """Return how well a surface meets a rule, 0 to 1."""
+    min_height, max_height, min_width, max_width, min_area, max_area = rule
+    return min(
+        _met(surface.height, min_height, max_height, HEIGHT_FADE),
+        _met(surface.width, min_width, max_width, FADE, FADE),
+        _met(np.log(surface.area), np.log(min_area), np.log(max_area), AREA_FADE),
+    )
+
+
+def _scores(surface: Features, rules: LabelsConfig) -> dict[SurfaceLabel, float]:
+    """Return the score of each label: its rule, weighted by relations to walls and surfaces.
+
+    Furniture without a label of its own competes as ``other``.
+    """
+    away = 1.0 - AT_WALL_TABLE * surface.at_wall
+    is_at_wall = min(1.0, ONE_SIDE * surface.at_wall)
+    low = LOW_TABLE * _fit(surface, rules.low_table) * (not surface.backed)
+    low *= 1.0 - AT_WALL_TABLE * is_at_wall  # a coffee table stands in the room
+    seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
+    sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
+    is_bench = surface.length >= BENCH_LENGTH * surface.width
+    bench = _fit(surface, rules.bench) * is_bench * (AWAY_BENCH + (1.0 - AWAY_BENCH) * is_at_wall)
+    sideboard = _fit(surface, rules.sideboard) * is_at_wall * (not surface.stacked)
+    is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
+    near_wall = AWAY_FROM_WALL + AT_WALL * is_at_wall
+    counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
+    return {
+        SurfaceLabel.TABLE: max(_fit(surface, rules.table) * away, low) * (not surface.carried),
+        SurfaceLabel.COUNTER: counter * (not surface.carried),
+        SurfaceLabel.SEAT: max(seat, sofa, bench),
+        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
+        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
+        SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
+        SurfaceLabel.OTHER: max(sideboard, _fit(surface, rules.side_table)),
+        SurfaceLabel.STEP: _fit(surface, rules.step) * (surface.carried or surface.in_flight),
+    }
+
+
+def _best(surface: Features, rules: LabelsConfig) -> Label:
+    scores = _scores(surface, rules)
+    if surface.stacked:
+        shelf = SurfaceLabel.SHELF
+        scores = {name: s * (1.0 if name is shelf else STACKED_OTHER) for name, s in scores.items()}
+    order = sorted(scores, key=lambda name: (-scores[name], name))
+    best, second = scores[order[0]], scores[order[1]]
+    confidence = best - RIVAL * second
+    is_unsure = confidence < rules.min_confidence or second > UNDECIDED * best
+    if is_unsure or order[0] is SurfaceLabel.OTHER:
+        return Label(SurfaceLabel.OTHER, round(float(1.0 - best), 6))
+    return Label(order[0], round(float(confidence), 6))

@@ -1,0 +1,1 @@
+"""Merging: patches of all views become surfaces, less what newer views contradict."""

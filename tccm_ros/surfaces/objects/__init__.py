@@ -1,0 +1,1 @@
+"""Objects on surfaces: tracks over views, footprints and free places."""

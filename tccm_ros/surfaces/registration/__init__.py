@@ -1,0 +1,1 @@
+"""Registration: relative poses of views from the surfaces that they share."""

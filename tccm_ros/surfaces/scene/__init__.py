@@ -1,0 +1,1 @@
+"""The scene for clients: queries, changes, collision shapes and base poses."""

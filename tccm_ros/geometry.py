@@ -114,13 +114,14 @@ def planar(T_a_b: ArrayLike) -> Float64:
     return result
 
 
-def spatial(pose2: ArrayLike) -> Float64:
-    """Lift planar poses (..., 3) to (..., 4, 4) with z = roll = pitch = 0."""
+def spatial(pose2: ArrayLike, z: ArrayLike = 0.0) -> Float64:
+    """Lift planar poses (..., 3) to (..., 4, 4) at heights z (...), with roll = pitch = 0."""
     p = np.asarray(pose2, float)
     c, s = np.cos(p[..., 2]), np.sin(p[..., 2])
     T = np.zeros((*p.shape[:-1], 4, 4))
     T[..., 0, 0], T[..., 0, 1], T[..., 0, 3] = c, -s, p[..., 0]
     T[..., 1, 0], T[..., 1, 1], T[..., 1, 3] = s, c, p[..., 1]
+    T[..., 2, 3] = z
     T[..., 2, 2] = T[..., 3, 3] = 1.0
     return T
 
@@ -128,9 +129,7 @@ def spatial(pose2: ArrayLike) -> Float64:
 def level(T_a_b: ArrayLike) -> Float64:
     """Return poses (..., 4, 4) with the same translation and yaw, without roll and pitch."""
     T = np.asarray(T_a_b, float)
-    result = spatial(planar(T))
-    result[..., 2, 3] = T[..., 2, 3]
-    return result
+    return spatial(planar(T), T[..., 2, 3])
 
 
 def compose2(p_a_b: ArrayLike, p_b_c: ArrayLike) -> Float64:

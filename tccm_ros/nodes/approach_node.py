@@ -461,8 +461,7 @@ class ApproachNode(Node):
         result.gap_sigma, result.distance = float(outcome.sigma), float(outcome.distance)
         result.has_moved = bool(outcome.has_moved)
         if outcome.surface is not None:
-            T = spatial(outcome.surface)
-            T[2, 3] = outcome.height
+            T = spatial(outcome.surface, outcome.height)
             result.surface_pose = pose_message(self._types, T)
         return self._finish(handle, result, outcome)
 

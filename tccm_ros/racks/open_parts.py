@@ -50,7 +50,6 @@ def open_parts(space: Compartment, hits: Hits, known: shapely.Geometry) -> tuple
         x, y, length, width, yaw = rectangle(hull)
         low = float((local[part, 2] - hits.half[part]).min())
         high = float((local[part, 2] + hits.half[part]).max())
-        T = spatial(np.array([x, y, yaw]))
-        T[2, 3] = 0.5 * (low + high)
+        T = spatial(np.array([x, y, yaw]), 0.5 * (low + high))
         found.append((-y, OpenPart(space.T_map_front @ T, np.array([length, width, high - low]))))
     return tuple(part for _, part in sorted(found, key=lambda item: item[0]))

@@ -418,9 +418,8 @@ class OpenPartEntry:
     @property
     def part(self) -> OpenPart:
         """The part."""
-        T = spatial(np.array([*self.center[:2], self.yaw]))
-        T[2, 3] = self.center[2]
-        return OpenPart(T, self.size)
+        x, y, z = self.center
+        return OpenPart(spatial(np.array([x, y, self.yaw]), z), self.size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

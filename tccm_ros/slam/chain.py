@@ -150,8 +150,8 @@ class KeyframeChain:
         starts: dict[Key, Float64] = {}
         factors: list[Factor] = []
         for key, on in anchored.items():
-            starts[key] = spatial(compose_se2(np.asarray(poses[on.keyframe]), on.pose))
-            starts[key][2, 3] = on.attitude[0]
+            planar_start = compose_se2(np.asarray(poses[on.keyframe]), on.pose)
+            starts[key] = spatial(planar_start, on.attitude[0])
             keys, sigmas = (self.keys[on.keyframe], key), on.sigma_z_roll_pitch
             factors.append(KeyframeView(*keys, on.pose, on.cov, sigmas, on.attitude))
         return starts, factors

@@ -217,9 +217,7 @@ def write_delta(
         if write is not None:
             write(stream, _entity(name), value, ground)
     if delta.get("pose"):
-        T = spatial(np.array(delta["pose"]))
-        T[2, 3] = ground
-        log_pose(stream, LIVE_BASE, T)
+        log_pose(stream, LIVE_BASE, spatial(np.array(delta["pose"]), ground))
     for text in delta.get("events", ()):
         stream.log("events", rr.TextLog(text))
 

@@ -6,15 +6,13 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.ros.types import MessageTypes, pose_message
-
-SUCCEEDED, CANCELED = 4, 5
-"""Values of action_msgs/GoalStatus."""
 
 
 class Nav2Navigator:
@@ -112,9 +110,9 @@ class Nav2Navigator:
         if number != self._number:
             return
         status, result = answered.result().status, answered.result().result
-        if status == SUCCEEDED or self._is_unwanted:
+        if status == GoalStatus.STATUS_SUCCEEDED or self._is_unwanted:
             self._end("")
-        elif status == CANCELED:
+        elif status == GoalStatus.STATUS_CANCELED:
             self._end("another program has cancelled Nav2's goal")
         else:
             told = getattr(result, "error_msg", "")  # not in the first Jazzy

@@ -39,6 +39,7 @@ from tccm_ros.nodes.clients.map_records import (
     MapPlacement,
     MapSurface,
 )
+from tccm_ros.nodes.clients.requests import done_event
 from tccm_ros.records.building import stamp_ns_from_message
 
 MAX_CHANGES = 1000
@@ -180,9 +181,7 @@ def _result(future: Future) -> Any:
     RequestError
         If there is an error, or no answer in time.
     """
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    if not done.wait(TIMEOUT_S):
+    if not done_event(future).wait(TIMEOUT_S):
         raise RequestError(f"no answer within {TIMEOUT_S:g} s: is the node still running?")
     return future.result()
 

@@ -11,6 +11,7 @@ from tccm_interfaces.msg import SurfaceFilter
 from tccm_ros.agents.facts import ApproachFacts
 from tccm_ros.errors import RequestError
 from tccm_ros.nodes.clients.map_client import SurfaceMapClient
+from tccm_ros.nodes.clients.requests import done_event
 
 LOOK_S = 1.0
 """Period of the check whether approach_node still runs, s."""
@@ -68,7 +69,7 @@ class LiveMotion:
         """Cancel the drive in progress, and wait for its end."""
         self._client.cancel()
         for drive in tuple(self._drives):
-            _event_of(drive).wait(STOP_S)
+            done_event(drive).wait(STOP_S)
 
     def _find_node(self) -> None:
         """Wait for the discovery of approach_node."""
@@ -81,15 +82,8 @@ class LiveMotion:
     def _await(self, drive: Future) -> Any:
         self._drives.add(drive)
         drive.add_done_callback(self._drives.discard)
-        ended = _event_of(drive)
+        ended = done_event(drive)
         while not ended.wait(LOOK_S):
             if not self._client.can_approach:
                 raise RequestError("approach_node ended while the base drove")
         return drive.result()
-
-
-def _event_of(future: Future) -> threading.Event:
-    """Return an event that is set when the future is done."""
-    event = threading.Event()
-    future.add_done_callback(lambda _: event.set())
-    return event

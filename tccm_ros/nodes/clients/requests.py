@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from array import array
 from collections.abc import Callable
 from typing import Any
@@ -68,6 +69,13 @@ def set_outcome(future: Future, answer: Any, read: Callable[[Any], object]) -> N
         future.set_result(read(answer))
     else:
         future.set_exception(RequestError(answer.message))
+
+
+def done_event(future: Future) -> threading.Event:
+    """Return an event that is set when a future is done, for other threads than its executor's."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    return done
 
 
 def ask(client: Any, request: Any, read: Callable[[Any], object]) -> Future:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from typing import Protocol
 
 from tccm_ros.nodes.process.stopping import SIGNALS
 
@@ -16,6 +17,16 @@ NICENESS = 5
 
 END_S = 0.5
 """Time for a process to exit on its own, s. Chosen: it holds no data that could be lost."""
+
+
+class Process(Protocol):
+    """A child process, as of `subprocess.Popen`."""
+
+    def wait(self, timeout: float | None = None) -> object:
+        """Wait for the exit, or raise `subprocess.TimeoutExpired`."""
+
+    def kill(self) -> None:
+        """Kill the process."""
 
 
 def spawn(module: str) -> tuple[subprocess.Popen[bytes], Connection]:
@@ -32,6 +43,15 @@ def spawn(module: str) -> tuple[subprocess.Popen[bytes], Connection]:
     )
     theirs.close()
     return process, ours
+
+
+def end(process: Process) -> None:
+    """Wait for the exit of a process whose pipe is closed; kill it after `END_S`."""
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def yield_to_node() -> None:

@@ -7,6 +7,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -93,15 +94,11 @@ class JointMover:
             raise
         result: Any = done.result()
         error = result.result
-        if error.error_code or result.status != STATUS_SUCCEEDED:
+        if error.error_code or result.status != GoalStatus.STATUS_SUCCEEDED:
             raise MotionError(
                 f"the controller '{self._name}' failed: {error.error_string or 'without a reason'} "
                 f"(error_code {error.error_code}, status {result.status})"
             )
-
-
-STATUS_SUCCEEDED = 4
-"""Value of SUCCEEDED in action_msgs/GoalStatus."""
 
 
 def _trajectory(positions: Mapping[str, float], duration_s: float) -> Any:

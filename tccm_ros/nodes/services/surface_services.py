@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message
 
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError, MessageError
-from tccm_ros.geometry import pose, spatial
+from tccm_ros.geometry import spatial
 from tccm_ros.nodes.interfaces import offer_service
 from tccm_ros.nodes.publishing.live_pose import LivePosePublisher
 from tccm_ros.nodes.ros_types import message_class
@@ -369,8 +369,8 @@ class SurfaceServices:
     def _placement(
         self, current: SceneQueries, placement: Placement, bases: Sequence[BasePose]
     ) -> Any:
-        T = spatial(np.array([*placement.position[:2], placement.yaw]))
-        T[2, 3] = placement.position[2]
+        x, y, z = placement.position
+        T = spatial(np.array([x, y, placement.yaw]), z)
         return self._types.make(
             PACKAGE + "Placement",
             header=self._header(current),
@@ -382,11 +382,10 @@ class SurfaceServices:
         )
 
     def _base_pose(self, current: SceneQueries, base: BasePose) -> Any:
-        T = spatial(np.array([base.x, base.y, base.yaw]))
-        T[2, 3] = current.scene.floor_z or 0.0
+        T = spatial(np.array([base.x, base.y, base.yaw]), current.scene.floor_z or 0.0)
         return self._types.make(
             PACKAGE + "BasePose",
-            pose=pose_message(self._types, pose(T[:3, :3], T[:3, 3])),
+            pose=pose_message(self._types, T),
             distance=float(base.distance),
             clearance=float(base.clearance),
         )

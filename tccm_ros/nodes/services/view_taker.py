@@ -19,6 +19,7 @@ from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.services.base_watch import BaseWatch, is_near
 from tccm_ros.nodes.services.joint_mover import JointMover
 from tccm_ros.nodes.services.surface_services import SurfaceServices
+from tccm_ros.nodes.solver.schedule import PARTS
 
 WAITING, MOVING, MAPPING = range(3)
 """Values of the phases in action/ScanHere."""
@@ -38,9 +39,6 @@ longer than `cycle.period`."""
 
 SOLUTION_S = 60.0
 """Timeout for a solution with the view, s. Chosen: the longest time of a large map."""
-
-PARTS = 3
-"""Number of messages of a view: surfaces, free intervals, boxes."""
 
 MAX_VIEWS = 1000
 """Maximum number of views remembered. Chosen: an hour of tilt cycles."""

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 from tccm_ros.config import Config
-from tccm_ros.nodes.process.child_process import END_S, spawn
+from tccm_ros.nodes.process.child_process import end, spawn
 from tccm_ros.nodes.process.worker import Worker
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
@@ -97,11 +97,7 @@ class SignReader:
         if self._connection is not None:
             self._connection.close()
         if self._process is not None:
-            try:
-                self._process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+            end(self._process)
         self._worker.close()
 
     def _read(self, posed: PosedPicture, session: int) -> None:

@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.nodes.process.child_process import END_S, spawn
+from tccm_ros.nodes.process.child_process import end, spawn
 from tccm_ros.nodes.solver.channel import (
     Began,
     Begin,
@@ -255,13 +255,9 @@ class Solver:
             self._is_closed = True
             self._changed.notify_all()
         # Closing the connection would not end a blocking read in another thread; a shutdown does.
-        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as end:
-            end.shutdown(socket.SHUT_RDWR)
-        try:
-            self._process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as ours:
+            ours.shutdown(socket.SHUT_RDWR)
+        end(self._process)
         self._thread.join()
         self._connection.close()
         self._session.close()

@@ -130,6 +130,5 @@ def frames_of_surfaces(
 
 def object_pose(item: SceneObject) -> Float64:
     """Return the pose (4, 4) of an object's box in map; x along its longer horizontal side."""
-    T = spatial(np.array([*item.center[:2], item.yaw]))
-    T[2, 3] = item.center[2]
-    return np.asarray(T, np.float64)
+    x, y, z = item.center
+    return spatial(np.array([x, y, item.yaw]), z)

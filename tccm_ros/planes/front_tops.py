@@ -1,7 +1,8 @@
 """Points of a horizontal surface in the cuboids of the front below its edge.
 
-The cell in which a block's top meets its front has one tall cuboid, an inlier of the front's plane.
-Without its topmost points the top would end up to a cell before its edge.
+The cell in which a block's top meets its front has one tall cuboid, an inlier of the front's plane,
+or of none: the front of a board is too low for a plane. Without its topmost points the top would
+end up to a cell before its edge.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ def top_planes(
     cuboids: Int64,
     labels: Int32,
     surface: Int64,
+    in_line: Bool,
     tops: Sequence[PlaneFit],
     fits: PlaneFits,
 ) -> Int64:
@@ -47,6 +49,8 @@ def top_planes(
         int32 (M,), plane of each point, -1 for none.
     surface
         int64 (M,), the horizontal plane to which each point is assigned, -1 for none.
+    in_line
+        bool (M,), whether a point is one of a scan line.
     tops
         The horizontal planes, by index; at least one.
     fits
@@ -54,12 +58,14 @@ def top_planes(
 
     Returns
     -------
-    int64 (M,): the horizontal plane at whose height the point's front ends, and which has points of
-    its own in the same cell or in a neighbour.
+    int64 (M,): the horizontal plane at whose height the point's cuboid ends from below, and which
+    has points of its own in the same cell or in a neighbour. Points in scan lines that are on no
+    plane have none: `horizontal_strips` decides on them.
     """
     found = np.full(len(points), -1, np.int64)
     is_front = np.array([abs(f.normal[2]) < FITTED_AS_VERTICAL for f in fits] + [False])
-    on_front = np.flatnonzero(is_front[labels] & (surface < 0))
+    may_be_front = is_front[labels] | ((labels < 0) & ~in_line)
+    on_front = np.flatnonzero(may_be_front & (surface < 0))
     cells = _cells(cuboids, fits)
     index = np.array([top.index for top in tops])
     is_beside = _tops_beside(cells, surface, index, on_front)
@@ -67,11 +73,16 @@ def top_planes(
     rows, planes = on_front[rows], index[of_top]
     normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
     distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
-    is_near = np.abs(distance) <= SIGMAS * np.array([top.rms for top in tops])[of_top]
-    np.maximum.at(found, rows[is_near], planes[is_near])
-    rows = np.flatnonzero(found >= 0)
-    goes_on = _highest_front(cells[rows], fits, is_front) > points[rows, 2] + ABOVE
-    found[rows[goes_on]] = -1
+    slack = SIGMAS * np.array([top.rms for top in tops])[of_top]
+    bottom, end = (z[cuboids[rows]] / TICKS_PER_M for z in (fits.cuboids.bottom, fits.cuboids.top))
+    height = points[rows, 2] - distance
+    ends_here = (np.abs(distance) <= slack) & (bottom < height - slack) & (end <= height + ABOVE)
+    np.maximum.at(found, rows[ends_here], planes[ends_here])
+    for top in tops:
+        own = np.flatnonzero(found == top.index)
+        if len(own):
+            height_above = float(points[own, 2].mean()) + ABOVE
+            found[own[_go_on(height_above, cells[own], is_front, fits)]] = -1
     return found
 
 
@@ -100,13 +111,15 @@ def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Boo
     return is_beside[of_row.ravel()]
 
 
-def _highest_front(cells: Int64, fits: PlaneFits, is_front: Bool) -> Float64:
-    """Return the highest top of vertical planes in cells and around them, float64 (N,), m."""
-    fronts = np.flatnonzero(is_front[fits.labels])
-    known, of_cell = np.unique(_cells(fronts, fits), return_inverse=True)
-    highest = np.full(len(known) + 1, -np.inf)  # the last is for cells without a front
-    np.maximum.at(highest, of_cell.ravel(), fits.cuboids.top[fronts] / TICKS_PER_M)
-    return np.asarray(highest[_places_around(cells, known)].max(axis=1, initial=-np.inf))
+def _go_on(height: float, cells: Int64, is_front: Bool, fits: PlaneFits) -> Bool:
+    """Return in which cells, or beside which, a vertical plane goes on to a height, bool (N,).
+
+    Fronts of boards further up end below again, and do not count.
+    """
+    cuboids, ticks = fits.cuboids, height * TICKS_PER_M
+    continues = is_front[fits.labels] & (cuboids.bottom <= ticks) & (cuboids.top > ticks)
+    known = np.unique(_cells(np.flatnonzero(continues), fits))
+    return np.asarray((_places_around(cells, known) < len(known)).any(axis=1))
 
 
 def _places_around(cells: Int64, known: Int64) -> Int64:

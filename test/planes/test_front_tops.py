@@ -1,4 +1,4 @@
-"""The topmost points of a block's front are of its top: brute force, walls that go on, gaps."""
+"""The topmost points of a block's front are of its top: brute force, walls, gaps, boards."""
 
 from types import SimpleNamespace
 
@@ -18,14 +18,19 @@ class Fits(list):
     """Planes with the cuboids of a map, as `PlaneFits`."""
 
 
-def fits_of(cells, tops, labels):
+def fits_of(cells, tops, labels, bottoms=None):
     fits = Fits(
         SimpleNamespace(index=index, normal=np.array(normal), offset=HEIGHT * normal[2], rms=RMS)
         for index, normal in NORMALS.items()
     )
     cells = np.asarray(cells, np.int32).reshape(-1, 2)
-    top = np.rint(np.asarray(tops) * 1e4).astype(np.int32)
-    fits.cuboids = SimpleNamespace(cell_size=CELL, ix=cells[:, 0], iy=cells[:, 1], top=top)
+    top, bottom = (
+        np.rint(np.asarray(z) * 1e4).astype(np.int32)
+        for z in (tops, np.full(len(cells), HEIGHT - 0.1) if bottoms is None else bottoms)
+    )
+    fits.cuboids = SimpleNamespace(
+        cell_size=CELL, ix=cells[:, 0], iy=cells[:, 1], bottom=bottom, top=top
+    )
     fits.labels = np.asarray(labels, np.int32)
     return fits
 
@@ -49,10 +54,11 @@ def block_points(rng, count=500):
     return np.concatenate([front, top]), cuboids
 
 
-def found(fits, points, cuboids, own=True):
+def found(fits, points, cuboids, own=True, in_line=True):
     labels = fits.labels[cuboids]
     surface = np.where((labels == TOP) & own, TOP, -1).astype(np.int64)
-    return top_planes(points, cuboids, labels, surface, fits[:1], fits)
+    lines = np.full(len(points), in_line)
+    return top_planes(points, cuboids, labels, surface, lines, fits[:1], fits)
 
 
 def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
@@ -70,6 +76,39 @@ def test_walls_that_go_on_slopes_and_distant_fronts_have_no_points_of_the_top(fi
     assert (found(fits, points, cuboids) == -1).all()
 
 
+def test_a_front_too_low_for_a_plane_is_one_where_points_are_dense():
+    points, cuboids = block_points(np.random.default_rng(4))
+    fits = block(front=-1)
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
+    assert (found(fits, points, cuboids, in_line=True) == -1).all()
+    expected = np.where(is_top, TOP, -1)
+    np.testing.assert_array_equal(found(fits, points, cuboids, in_line=False), expected)
+
+
+def test_clutter_at_the_height_of_a_top_without_a_front_below_is_not_of_it():
+    points, cuboids = block_points(np.random.default_rng(5))
+    fits = block(front=-1)
+    fits.cuboids.bottom[:20] = round((HEIGHT - RMS) * 1e4)
+    assert (found(fits, points, cuboids, in_line=False) == -1).all()
+
+
+@pytest.mark.parametrize("gap", [0.3, 0.02])
+def test_the_front_of_a_board_above_is_no_wall(gap):
+    """In one cell there are the fronts of both boards; with a gap of 2 cm they are one wall."""
+    points, cuboids = block_points(np.random.default_rng(6))
+    own = block()
+    c, iy = own.cuboids, np.arange(20)
+    fits = fits_of(
+        np.concatenate([np.column_stack([c.ix, c.iy]), np.column_stack([0 * iy, iy])]),
+        np.concatenate([c.top * 1e-4, np.full(20, HEIGHT + gap + 0.02)]),
+        np.concatenate([own.labels, np.full(20, FRONT)]),
+        np.concatenate([c.bottom * 1e-4, np.full(20, HEIGHT + gap)]),
+    )
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
+    expected = np.where(is_top & (gap > ABOVE), TOP, -1)
+    np.testing.assert_array_equal(found(fits, points, cuboids), expected)
+
+
 def test_points_of_fronts_alone_make_no_surface():
     """The map knows the top, but no point of this view is on it."""
     points, cuboids = block_points(np.random.default_rng(3))
@@ -82,21 +121,28 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
     rng = np.random.default_rng(seed)
     cells = np.unique(rng.integers(-4, 4, (30, 2)), axis=0)
     tops = rng.uniform(HEIGHT - 0.1, HEIGHT + 0.1, len(cells))
+    bottoms = tops - rng.uniform(0.0, 0.2, len(cells))
     labels = rng.integers(-1, 3, len(cells))
-    fits = fits_of(cells, tops, labels)
+    fits = fits_of(cells, tops, labels, bottoms)
     cuboids = rng.integers(0, len(cells), 60)
     surface = np.where((labels[cuboids] == TOP) & (rng.random(60) < 0.5), TOP, -1)
+    in_line = rng.random(60) < 0.5
     z = rng.normal(HEIGHT, 2.0 * SIGMAS * RMS, 60)
     points = np.column_stack([(cells[cuboids] + rng.random((60, 2))) * CELL, z])
-    planes = top_planes(points, cuboids, fits.labels[cuboids], surface, fits[:1], fits)
+    planes = top_planes(points, cuboids, fits.labels[cuboids], surface, in_line, fits[:1], fits)
     own = cells[cuboids[surface == TOP]]
-    for point, cuboid, plane in zip(points, cuboids, planes):
-        near = np.abs(cells - cells[cuboid]).max(axis=1) <= 1
-        highest = np.rint(tops[near & (labels == FRONT)] * 1e4).max(initial=-np.inf) * 1e-4
-        expected = (
-            labels[cuboid] == FRONT
-            and abs(point[2] - HEIGHT) <= SIGMAS * RMS
-            and (np.abs(own - cells[cuboid]).max(axis=1, initial=0) <= 1).any()
-            and highest <= point[2] + ABOVE
-        )
-        assert plane == (TOP if expected else -1)
+    slack, limit = SIGMAS * RMS, HEIGHT + ABOVE
+    bottoms, tops = fits.cuboids.bottom * 1e-4, fits.cuboids.top * 1e-4
+    ends = np.array([
+        (labels[k] == FRONT or (labels[k] == -1 and not line))
+        and abs(point[2] - HEIGHT) <= slack
+        and (np.abs(own - cells[k]).max(axis=1, initial=0) <= 1).any()
+        and bottoms[k] < HEIGHT - slack
+        and tops[k] <= limit
+        for point, k, line in zip(points, cuboids, in_line)
+    ])  # fmt: skip
+    above = points[ends, 2].mean() + ABOVE if ends.any() else 0.0
+    for k, end, plane in zip(cuboids, ends, planes):
+        near = np.abs(cells - cells[k]).max(axis=1) <= 1
+        goes_on = near & (labels == FRONT) & (bottoms <= above) & (tops > above)
+        assert plane == (TOP if end and not goes_on.any() else -1)

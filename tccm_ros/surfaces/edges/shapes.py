@@ -156,6 +156,8 @@ def fit_shape(
     if polygon is None:
         return _free(sampler, samples, others)
     edges = _edges(model, polygon, sigmas, sampler, samples, near, others)
+    if all(shaped.state is not EdgeState.SEEN for shaped in edges):
+        return _free(sampler, samples, others)  # the model is one of the views' limits
     holes = [ring for ring in surface.polygon.interiors if polygon.contains(Polygon(ring))]
     return Shape(model.shape, Polygon(polygon.exterior, holes), edges)
 

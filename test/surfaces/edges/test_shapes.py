@@ -13,6 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.records import EdgeState, SurfaceShape
+from tccm_ros.surfaces.edges import shapes
 from tccm_ros.surfaces.edges.edge_samples import Edge
 from tccm_ros.surfaces.edges.shapes import (
     _reaches_wall,
@@ -56,6 +57,13 @@ def test_what_was_seen_is_kept_beside_the_model(table):
     assert table.area_seen == pytest.approx(seen.area, rel=1e-6)
     assert 0.9 * table.area < table.area_seen < table.area
     assert table.area == pytest.approx(Polygon(table.boundary[:, :2]).area, rel=1e-6)
+
+
+def test_limits_of_the_views_alone_make_no_model(monkeypatch):
+    monkeypatch.setattr(shapes, "_state", lambda *_: EdgeState.CUT)
+    (found,) = above_floor(build([(Room([TABLE]), HERE, 10)]))
+    assert found.shape is SurfaceShape.FREE
+    assert found.area == pytest.approx(found.area_seen, rel=1e-6)
 
 
 def test_two_views_know_the_edges_better_than_one(table):

@@ -52,11 +52,10 @@ CORE = (
     "cuboids/*.py",
     "planes/*.py",
     "baselines/*.py",
-    "slam/line*.py",
     "slam/wall*.py",
-    "slam/walls/corners.py",
+    "slam/walls/*.py",
     "slam/factors/*.py",
-    "surfaces/*.py",
+    "surfaces/**/*.py",
 )
 """Modules of the mission's core."""
 
@@ -170,14 +169,20 @@ def mutate(mutant: Mutant, source: str) -> str:
     return str(changed)
 
 
+def _tested(test: Path) -> str:
+    """Return the module that bears the name of a test, both relative to their folders."""
+    return str(test.with_name(test.name.removeprefix("test_")))
+
+
 def stages(module: str) -> list[list[str]]:
     """Return the tests of a module, then those of its room: nearest first, of these the smallest.
 
     Tests of a module name it. Next come those that name a module which imports it, and so on.
     """
     room = module.split("/")[0]
-    files = sorted((ROOT / "test" / room).glob("test_*.py"), key=lambda f: f.stat().st_size)
-    names = {file: _imported(file) | {f"{room}/{file.stem[5:]}.py"} for file in files}
+    tests = ROOT / "test"
+    files = sorted((tests / room).rglob("test_*.py"), key=lambda f: f.stat().st_size)
+    names = {file: _imported(file) | {_tested(file.relative_to(tests))} for file in files}
     importers = {m: _imported(ROOT / PACKAGE / m) for m in modules() if m.startswith(f"{room}/")}
     known, order, left = {module}, [], [f for f in files if f.name not in SLOW]
     near = [file for file in files if module in names[file]]

@@ -20,6 +20,7 @@ import bench_catalogue  # noqa: E402
 import bench_fleet  # noqa: E402
 import bench_objects  # noqa: E402
 import merge_drives  # noqa: E402
+import mutation  # noqa: E402
 from compare import differences  # noqa: E402
 from random_flats import random_flat  # noqa: E402
 from run import IN_SHORT  # noqa: E402
@@ -200,3 +201,11 @@ def test_the_labelled_top_is_level_wherever_the_camera_looks():
     assert np.abs(points[:400, 2] - bench_objects.TOP_HEIGHT).max() < 1e-9
     assert np.abs(points[400:, 2] - bench_objects.TOP_HEIGHT - mug[:, 2]).max() < 1e-9
     assert abs(viewpoint[2] - bench_objects.TOP_HEIGHT - camera[2]) < 1e-9
+
+
+def test_mutation_finds_the_modules_of_the_core_and_their_tests():
+    assert not [p for p in mutation.CORE if not list((ROOT / "tccm_ros").glob(p))]
+    found = mutation.modules()
+    assert {"surfaces/merging/contact.py", "slam/walls/line_fit.py"} <= set(found)
+    nearest = mutation.stages("surfaces/merging/contact.py")[0]
+    assert any(name.endswith("merging/test_contact.py") for name in nearest)

@@ -17,8 +17,8 @@ from tccm_ros.cuboids.inclination import FITTED_AS_VERTICAL
 from tccm_ros.planes.fits import PlaneFit, PlaneFits
 
 ABOVE = 0.03
-"""Maximum height of a front above the top, m: a wall behind the top is higher. Chosen: the depth of
-a cuboid."""
+"""Maximum height of a front, and of a point's cuboid, above the top, m: a wall behind the top is
+higher. Chosen: the depth of a cuboid."""
 
 SIGMAS = 3.0
 """Maximum distance of a front's points from a horizontal plane to which they are assigned, in its
@@ -58,7 +58,7 @@ def top_planes(
 
     Returns
     -------
-    int64 (M,): the horizontal plane at whose height the point's cuboid ends from below, and which
+    int64 (M,): the horizontal plane to which the point's cuboid reaches up from below, and which
     has points of its own in the same cell or in a neighbour. Points in scan lines that are on no
     plane have none: `horizontal_strips` decides on them.
     """
@@ -78,11 +78,10 @@ def top_planes(
     height = points[rows, 2] - distance
     ends_here = (np.abs(distance) <= slack) & (bottom < height - slack) & (end <= height + ABOVE)
     np.maximum.at(found, rows[ends_here], planes[ends_here])
+    fronts = np.flatnonzero(is_front[fits.labels])
     for top in tops:
         own = np.flatnonzero(found == top.index)
-        if len(own):
-            height_above = float(points[own, 2].mean()) + ABOVE
-            found[own[_go_on(height_above, cells[own], is_front, fits)]] = -1
+        found[own[_continues_above(top, cells[own], fronts, fits)]] = -1
     return found
 
 
@@ -111,14 +110,25 @@ def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Boo
     return is_beside[of_row.ravel()]
 
 
-def _go_on(height: float, cells: Int64, is_front: Bool, fits: PlaneFits) -> Bool:
-    """Return in which cells, or beside which, a vertical plane goes on to a height, bool (N,).
+def _continues_above(top: PlaneFit, cells: Int64, fronts: Int64, fits: PlaneFits) -> Bool:
+    """Return in which cells, or beside which, a front continues above a top, bool (N,).
 
-    Fronts of boards further up end below again, and do not count.
+    The front of a board further up, below which it is open, does not count.
+
+    Parameters
+    ----------
+    top
+        A horizontal plane.
+    cells
+        int64 (N,)
+    fronts
+        int64 (K,), cuboids of vertical planes.
     """
-    cuboids, ticks = fits.cuboids, height * TICKS_PER_M
-    continues = is_front[fits.labels] & (cuboids.bottom <= ticks) & (cuboids.top > ticks)
-    known = np.unique(_cells(np.flatnonzero(continues), fits))
+    c = fits.cuboids
+    xy = (np.stack([c.ix[fronts], c.iy[fronts]], axis=1) + 0.5) * c.cell_size
+    height = (top.offset - xy @ top.normal[:2]) / top.normal[2] + ABOVE
+    bottom, end = (z[fronts] / TICKS_PER_M for z in (c.bottom, c.top))
+    known = np.unique(_cells(fronts[(bottom <= height) & (end > height)], fits))
     return np.asarray((_places_around(cells, known) < len(known)).any(axis=1))
 
 

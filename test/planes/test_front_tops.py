@@ -141,8 +141,37 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
         and tops[k] <= limit
         for point, k, line in zip(points, cuboids, in_line)
     ])  # fmt: skip
-    above = points[ends, 2].mean() + ABOVE if ends.any() else 0.0
     for k, end, plane in zip(cuboids, ends, planes):
         near = np.abs(cells - cells[k]).max(axis=1) <= 1
-        goes_on = near & (labels == FRONT) & (bottoms <= above) & (tops > above)
+        goes_on = near & (labels == FRONT) & (bottoms <= limit) & (tops > limit)
         assert plane == (TOP if end and not goes_on.any() else -1)
+
+
+def test_the_front_of_a_tilted_top_is_no_wall_at_its_high_end():
+    """Over 2 m a top that is tilted by 0.05 is higher by 10 cm, three times `ABOVE`."""
+    iy = np.arange(100)
+    y = (iy + 0.5) * CELL
+    z = HEIGHT + 0.05 * y
+    cells = np.concatenate([np.column_stack([k + 0 * iy, iy]) for k in (0, 1)])
+    fits = fits_of(cells, np.tile(z, 2), [FRONT] * 100 + [TOP] * 100, np.tile(z - 0.1, 2))
+    normal = np.array([0.0, -0.05, 1.0]) / np.hypot(0.05, 1.0)
+    fits[TOP].normal, fits[TOP].offset = normal, HEIGHT * normal[2]
+    points = np.concatenate([np.column_stack([k * CELL + 0.01 + 0 * y, y, z]) for k in (0, 1)])
+    expected = np.repeat([TOP, -1], 100)
+    np.testing.assert_array_equal(found(fits, points, np.arange(200)), expected)
+
+
+def test_boards_with_fronts_in_the_same_cells_have_their_own_points():
+    lower, upper, iy = HEIGHT, HEIGHT + 0.3, np.arange(20)
+    cells = np.concatenate([np.column_stack([k + 0 * iy, iy]) for k in (0, 0, 1, 1)])
+    tops = np.repeat([lower, upper, lower, upper], 20)
+    labels = np.repeat([-1, -1, TOP, 3], 20)
+    fits = fits_of(cells, tops, labels, tops - 0.02)
+    fits.append(SimpleNamespace(index=3, normal=np.array([0.0, 0.0, 1.0]), offset=upper, rms=RMS))
+    points = np.column_stack([(cells + 0.5) * CELL, tops])
+    surface = np.where(labels >= 0, labels, -1).astype(np.int64)
+    dense = np.zeros(80, bool)
+    planes = top_planes(
+        points, np.arange(80), fits.labels, surface, dense, [fits[0], fits[3]], fits
+    )
+    np.testing.assert_array_equal(planes, np.repeat([TOP, 3, -1, -1], 20))

@@ -15,7 +15,7 @@ from tccm_ros.nodes.process.stopping import SIGNALS
 NICENESS = 5
 """Priority below tracking, for machines with fewer cores than processes. Chosen."""
 
-END_S = 0.5
+EXIT_S = 0.5
 """Time for a process to exit on its own, s. Chosen: it holds no data that could be lost."""
 
 
@@ -46,9 +46,9 @@ def spawn(module: str) -> tuple[subprocess.Popen[bytes], Connection]:
 
 
 def end(process: Process) -> None:
-    """Wait for the exit of a process whose pipe is closed; kill it after `END_S`."""
+    """Wait for the exit of a process whose pipe was shut down; kill it after `EXIT_S`."""
     try:
-        process.wait(END_S)
+        process.wait(EXIT_S)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

@@ -26,7 +26,7 @@ PROCESS = "tccm_ros.nodes.solver.process"
 
 
 class ForkedProcess:
-    """A forked child process, with the methods of `subprocess.Popen` that `Solver` calls.
+    """A forked child process, with the methods of `subprocess.Popen` that `Solver` and `end` call.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ def fit_shape(
         return _free(sampler, samples, others)
     edges = _edges(model, polygon, sigmas, sampler, samples, near, others)
     if all(shaped.state is not EdgeState.SEEN for shaped in edges):
-        return _free(sampler, samples, others)  # the model is one of the views' limits
+        return _free(sampler, samples, others)  # no view saw where it ends
     holes = [ring for ring in surface.polygon.interiors if polygon.contains(Polygon(ring))]
     return Shape(model.shape, Polygon(polygon.exterior, holes), edges)
 

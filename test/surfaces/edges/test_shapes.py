@@ -1,5 +1,6 @@
 """Surfaces have the outlines of furniture, and edges say whether they were seen."""
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -59,11 +60,14 @@ def test_what_was_seen_is_kept_beside_the_model(table):
     assert table.area == pytest.approx(Polygon(table.boundary[:, :2]).area, rel=1e-6)
 
 
-def test_limits_of_the_views_alone_make_no_model(monkeypatch):
-    monkeypatch.setattr(shapes, "_state", lambda *_: EdgeState.CUT)
+@pytest.mark.parametrize("unseen", [EdgeState.CUT, EdgeState.HIDDEN])
+@pytest.mark.parametrize("seen", [0, 1])
+def test_one_seen_edge_makes_a_model_and_none_does_not(monkeypatch, unseen, seen):
+    states = itertools.chain([EdgeState.SEEN] * seen, itertools.repeat(unseen))
+    monkeypatch.setattr(shapes, "_state", lambda *_: next(states))
     (found,) = above_floor(build([(Room([TABLE]), HERE, 10)]))
-    assert found.shape is SurfaceShape.FREE
-    assert found.area == pytest.approx(found.area_seen, rel=1e-6)
+    assert found.shape is (SurfaceShape.RECTANGLE if seen else SurfaceShape.FREE)
+    assert (found.area > found.area_seen * (1.0 + 1e-6)) == bool(seen)
 
 
 def test_two_views_know_the_edges_better_than_one(table):

@@ -76,12 +76,13 @@ def top_planes(
     slack = SIGMAS * np.array([top.rms for top in tops])[of_top]
     bottom, end = (z[cuboids[rows]] / TICKS_PER_M for z in (fits.cuboids.bottom, fits.cuboids.top))
     height = points[rows, 2] - distance
-    ends_here = (np.abs(distance) <= slack) & (bottom < height - slack) & (end <= height + ABOVE)
+    reaches_up = (bottom < height - slack) & (end <= height + ABOVE)
+    ends_here = (np.abs(distance) <= slack) & (in_line[rows] | reaches_up)
     np.maximum.at(found, rows[ends_here], planes[ends_here])
     fronts = np.flatnonzero(is_front[fits.labels])
     for top in tops:
         own = np.flatnonzero(found == top.index)
-        found[own[_continues_above(top, cells[own], fronts, fits)]] = -1
+        found[own[_continues_above(top, cells[own], in_line[own], fronts, fits)]] = -1
     return found
 
 
@@ -110,17 +111,20 @@ def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Boo
     return is_beside[of_row.ravel()]
 
 
-def _continues_above(top: PlaneFit, cells: Int64, fronts: Int64, fits: PlaneFits) -> Bool:
+def _continues_above(
+    top: PlaneFit, cells: Int64, in_line: Bool, fronts: Int64, fits: PlaneFits
+) -> Bool:
     """Return in which cells, or beside which, a front continues above a top, bool (N,).
 
-    The front of a board further up, below which it is open, does not count.
+    The front of a board further up, below which it is open, does not count where points are dense.
+    Scan lines measure a wall in pieces.
 
     Parameters
     ----------
     top
         A horizontal plane.
-    cells
-        int64 (N,)
+    cells, in_line
+        int64 (N,), bool (N,)
     fronts
         int64 (K,), cuboids of vertical planes.
     """
@@ -128,8 +132,14 @@ def _continues_above(top: PlaneFit, cells: Int64, fronts: Int64, fits: PlaneFits
     xy = (np.stack([c.ix[fronts], c.iy[fronts]], axis=1) + 0.5) * c.cell_size
     height = (top.offset - xy @ top.normal[:2]) / top.normal[2] + ABOVE
     bottom, end = (z[fronts] / TICKS_PER_M for z in (c.bottom, c.top))
-    known = np.unique(_cells(fronts[(bottom <= height) & (end > height)], fits))
-    return np.asarray((_places_around(cells, known) < len(known)).any(axis=1))
+    pieces = [
+        np.unique(_cells(fronts[above], fits))
+        for above in (end > height, (end > height) & (bottom <= height))
+    ]
+    in_pieces, in_one = (
+        (_places_around(cells, known) < len(known)).any(axis=1) for known in pieces
+    )
+    return np.where(in_line, in_pieces, in_one)
 
 
 def _places_around(cells: Int64, known: Int64) -> Int64:

@@ -106,7 +106,8 @@ def test_the_front_of_a_board_above_is_no_wall(gap):
     )
     is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
     expected = np.where(is_top & (gap > ABOVE), TOP, -1)
-    np.testing.assert_array_equal(found(fits, points, cuboids), expected)
+    np.testing.assert_array_equal(found(fits, points, cuboids, in_line=False), expected)
+    assert (found(fits, points, cuboids, in_line=True) == -1).all()
 
 
 def test_points_of_fronts_alone_make_no_surface():
@@ -137,13 +138,12 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
         (labels[k] == FRONT or (labels[k] == -1 and not line))
         and abs(point[2] - HEIGHT) <= slack
         and (np.abs(own - cells[k]).max(axis=1, initial=0) <= 1).any()
-        and bottoms[k] < HEIGHT - slack
-        and tops[k] <= limit
+        and (line or (bottoms[k] < HEIGHT - slack and tops[k] <= limit))
         for point, k, line in zip(points, cuboids, in_line)
     ])  # fmt: skip
-    for k, end, plane in zip(cuboids, ends, planes):
+    for k, line, end, plane in zip(cuboids, in_line, ends, planes):
         near = np.abs(cells - cells[k]).max(axis=1) <= 1
-        goes_on = near & (labels == FRONT) & (bottoms <= limit) & (tops > limit)
+        goes_on = near & (labels == FRONT) & (tops > limit) & (line | (bottoms <= limit))
         assert plane == (TOP if end and not goes_on.any() else -1)
 
 

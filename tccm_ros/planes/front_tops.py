@@ -58,9 +58,10 @@ def top_planes(
 
     Returns
     -------
-    int64 (M,): the horizontal plane to which the point's cuboid reaches up from below, and which
-    has points of its own in the same cell or in a neighbour. Points in scan lines that are on no
-    plane have none: `horizontal_strips` decides on them.
+    int64 (M,): the horizontal plane at whose height the point is and its front ends, and which has
+    points of its own in the same cell or in a neighbour. Scan lines have it on the planes of fronts
+    alone, as `horizontal_strips` decides on their other points. Where points are dense, a cuboid on
+    no plane is a front as well; each has to reach up to the horizontal plane from below.
     """
     found = np.full(len(points), -1, np.int64)
     is_front = np.array([abs(f.normal[2]) < FITTED_AS_VERTICAL for f in fits] + [False])

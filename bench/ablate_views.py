@@ -101,7 +101,7 @@ RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "_refined_round": ("edges.shapes", lambda model, _: (model, np.full(64, 0.01))),
     "_reaches_wall": ("edges.shapes", lambda *_: False),
     "_to_ends_of_fronts": ("edges.shapes", lambda model, *_: model),
-    "doubting_wall_points": ("edges.shapes", lambda samples, _: samples),
+    "downweight_wall_points": ("edges.shapes", lambda samples, _: samples),
     "wall_across": ("edges.edge_walls", lambda *_: None),
     "_walls_behind": ("edges.edge_walls", lambda *_: iter(())),
     "_is_crossed": ("edges.edge_walls", lambda *_: False),

@@ -47,16 +47,16 @@ from tccm_ros.records import (
     RobotDescription,
     Scan,
 )
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import scan_message
+from tccm_sim.engine import Simulation
+from tccm_sim.options import Options
+from tccm_sim.sensor_messages import (
     camera_info_message,
     depth_image_message,
     joint_sample_message,
     odometry_message,
     robot_description_message,
-    scan_message,
 )
-from tccm_sim.engine import Simulation
-from tccm_sim.options import Options
 from tccm_sim.worlds import build_world
 
 NODES = ("tccm_node", "slam_node")

@@ -26,10 +26,10 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cycle_records import CyclePoints
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.robot import Robot
-from tccm_ros.ros.writing import depth_image_message
 from tccm_ros.sensors.depth_image import PosedImage, measure_image, seen_points
 from tccm_ros.sensors.depth_messages import IMAGE_READER
 from tccm_ros.sensors.registry import default_streams
+from tccm_sim.sensor_messages import depth_image_message
 
 RATE = 30.0
 TRIALS = 1000

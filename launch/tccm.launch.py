@@ -1,4 +1,4 @@
-"""Both nodes with one parameter file, for users of a full ROS installation."""
+"""All nodes with one parameter file, for users of a full ROS installation."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -9,12 +9,12 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start tccm_node and slam_node, or their managed twins."""
+    """Start the two nodes, or their managed twins, and on request approach_node and view_node."""
     default = PathJoinSubstitution([FindPackageShare("tccm_ros"), "config", "tccm.yaml"])
     arguments = {
-        "params_file": (default, "YAML file with parameters of both nodes"),
+        "params_file": (default, "YAML file with parameters of all nodes"),
         "use_sim_time": ("false", "whether time is that of /clock"),
-        "namespace": ("", "of both nodes and their topics"),
+        "namespace": ("", "of all nodes and their topics"),
         "managed": ("false", "whether a lifecycle manager configures and activates the nodes"),
         "approach": ("false", "whether approach_node is started, which moves the base when asked"),
         "view": ("false", "whether view_node is started, which serves the live page"),

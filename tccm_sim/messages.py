@@ -18,7 +18,8 @@ from tccm_ros.records import (
     Scan,
     TransformSample,
 )
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import scan_message, transforms_message
+from tccm_sim.sensor_messages import (
     camera_image_message,
     camera_info_message,
     compressed_depth_message,
@@ -27,8 +28,6 @@ from tccm_ros.ros.writing import (
     odometry_message,
     point_cloud_message,
     robot_description_message,
-    scan_message,
-    transforms_message,
 )
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"

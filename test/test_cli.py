@@ -14,7 +14,8 @@ from tccm_ros import cli
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.records import JointSample, RobotDescription, Scan
-from tccm_ros.ros.writing import joint_sample_message, robot_description_message, scan_message
+from tccm_ros.ros.writing import scan_message
+from tccm_sim.sensor_messages import joint_sample_message, robot_description_message
 
 BAGS = Path(__file__).parent.parent / "bags"
 START_NS = 1_700_000_000_000_000_000

@@ -42,8 +42,11 @@ MAX_PLANS = 6
 MAX_CORRECTIONS = 4
 """Maximum number of correcting motions and further looks after verifications. Chosen."""
 
+MAX_GAP_ERROR, MAX_YAW_ERROR = 0.02, math.radians(1.5)
+"""Errors of gap (m) and yaw (rad) with which an approach has succeeded: as specified."""
+
 GAP_M, YAW_RAD = 0.006, math.radians(0.6)
-"""Larger errors of gap or yaw are corrected: a third of the specified 2 cm and 1.5 deg."""
+"""Larger errors of gap or yaw are corrected: about a third of those."""
 
 VERIFIED = 2
 """Number of tilt cycles that verify the final pose, measured after the base has stopped."""
@@ -129,7 +132,7 @@ class Approach:
         lost = loss_of(senses, self._robot.patience_s)
         if lost is not None:
             return self._end(senses, *lost)
-        self._odom_map = inverse2(_known(senses.map_odom))
+        self._odom_map = inverse2(_required(senses.map_odom))
         if self._expected is None:
             self._expected = self._goal.target.moved(self._odom_map)
             self.target = self._expected
@@ -155,7 +158,7 @@ class Approach:
 
     def gap(self, pose: Float64) -> float:
         """Return the gap at a pose (3,) in odom, m; nan before the edge is measured."""
-        return math.nan if self.edge is None else self._figures(pose)[0]
+        return math.nan if self.edge is None else self._gap_and_yaw_error(pose)[0]
 
     # --- endings ---
 
@@ -166,7 +169,7 @@ class Approach:
         gap = yaw_error = sigma = distance = math.nan
         surface, has_moved = None, False
         if self.edge is not None:
-            gap, yaw_error = self._figures(senses.pose)
+            gap, yaw_error = self._gap_and_yaw_error(senses.pose)
             sigma = self.edge.sigma
         if self.target is not None and self._located and senses.map_odom is not None:
             surface = compose2(senses.map_odom, self.target.pose)
@@ -181,7 +184,7 @@ class Approach:
         )  # fmt: skip
         return self._driver.stop(senses)
 
-    def _figures(self, pose: Float64) -> tuple[float, float]:
+    def _gap_and_yaw_error(self, pose: Float64) -> tuple[float, float]:
         """Return the gap and the yaw error at a pose (3,) in odom."""
         assert self.edge is not None
         point, normal = self.edge.facing(pose[:2])
@@ -330,7 +333,7 @@ class Approach:
         if self._plans > MAX_PLANS:
             reason = Reason.MOVED if self._located else Reason.BLOCKED
             return self._end(senses, reason, f"gave up after {MAX_PLANS} plans that failed")
-        map_odom = _known(senses.map_odom)
+        map_odom = _required(senses.map_odom)
         pose, target = compose2(map_odom, senses.pose), self.target.moved(map_odom)
         others = self._obstacles(senses).others(self._robot.margin)
         seen = transform2(map_odom, np.concatenate([others, self._avoided]))
@@ -438,7 +441,7 @@ class Approach:
         """Plan another path, around the obstacle that blocks the current one."""
         blocker = self._driver.blocker
         assert blocker is not None
-        x, y = transform2(_known(senses.map_odom), blocker[None])[0].tolist()
+        x, y = transform2(_required(senses.map_odom), blocker[None])[0].tolist()
         self._avoided = np.concatenate([self._avoided, blocker[None]])
         self._driver.blocked_s = None
         speeds = self._plan(senses)
@@ -475,8 +478,8 @@ class Approach:
     def _follow(self, senses: Senses) -> bool:
         """Update the edge from a new cycle; return whether the motion may go on.
 
-        False where the edge has moved, or was not visible in `MISSES` cycles: then the approach
-        has ended.
+        False where the edge has moved, or where the approach has ended because the edge was not
+        visible in `MISSES` cycles.
         """
         found = self._measure()
         if found is None:
@@ -519,12 +522,18 @@ class Approach:
         assert self.target is not None
         if is_passed(self._cycles, self.target, self._same_height):
             return self._look_again(senses, is_arrived=True)
-        gap, yaw_error = self._figures(senses.pose)
+        gap, yaw_error = self._gap_and_yaw_error(senses.pose)
         is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
             self._corrections += 1
             self.phase, self._misses = Phase.CLOSING, 0
             return self._driver.stop(senses)
+        if abs(gap - self._goal.gap) > MAX_GAP_ERROR or abs(yaw_error) > MAX_YAW_ERROR:
+            return self._end(
+                senses, Reason.BLOCKED,
+                f"after {MAX_CORRECTIONS} corrections still at {100.0 * gap:.1f} cm and "
+                f"{math.degrees(yaw_error):.1f} deg: the base does not move as odometry says",
+            )  # fmt: skip
         return self._succeed(senses, gap, yaw_error)
 
     def _look_again(self, senses: Senses, *, is_arrived: bool = False) -> Speeds:
@@ -550,7 +559,7 @@ class Approach:
         return self._end(senses, Reason.NONE, text)
 
 
-def _known(pose: Float64 | None) -> Float64:
+def _required(pose: Float64 | None) -> Float64:
     assert pose is not None
     return pose
 

@@ -147,7 +147,7 @@ class _Waiting:
 
     def __len__(self) -> int:
         """Return the number of queued records of which nothing has been used."""
-        return sum(map(begun, self.queues.values()))
+        return sum(map(count_begun, self.queues.values()))
 
     def add(self, record: CycleRecord) -> None:
         """Append a record; records of one role come in stamp order."""
@@ -247,7 +247,7 @@ class CycleBuilder:
 
     def clear(self) -> None:
         """Clear all records of the open cycle, after a jump of the clock."""
-        self.dropped["clock jump"] += len(self._waiting) + begun(self._open)
+        self.dropped["clock jump"] += len(self._waiting) + count_begun(self._open)
         self._waiting.clear()
         self._open = []
         self._angles.clear()
@@ -365,7 +365,7 @@ class CycleBuilder:
 
     def _cycle_data(self, span: Span, records: list[CycleRecord]) -> TiltCycleData | None:
         if span.cycle is None:
-            self.dropped[span.reason] += begun(records)
+            self.dropped[span.reason] += count_begun(records)
             self._builder.clear()
             return None
         stamps = [s for s in (record.stamps_ns() for record in records) if s is not None]
@@ -374,7 +374,7 @@ class CycleBuilder:
         return TiltCycleData(span, self._builder.close(span.cycle, start_ns, end_ns), records)
 
 
-def begun(records: Iterable[CycleRecord]) -> int:
+def count_begun(records: Iterable[CycleRecord]) -> int:
     """Return the number of records that begin in a cycle; a divided record is counted once."""
     return sum(record.is_whole for record in records)
 

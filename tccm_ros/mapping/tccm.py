@@ -17,7 +17,7 @@ from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
 from tccm_ros.cuboids.clearing import add_voids
-from tccm_ros.cuboids.cycle_builder import CycleBuilder, TiltCycleData, begun
+from tccm_ros.cuboids.cycle_builder import CycleBuilder, TiltCycleData, count_begun
 from tccm_ros.cuboids.cycle_records import CyclePoints, CycleRecord, CycleScan
 from tccm_ros.cuboids.free_columns import FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
@@ -318,7 +318,7 @@ class TccmProcessor:
             cycle.part = add_voids(cycle, self.map, self.config)
         self.map.add(cycle.part)
         self.counts["cycles"] += 1
-        self.counts["scans used"] += begun(cycle.records)
+        self.counts["scans used"] += count_begun(cycle.records)
         self.used.update(record.posed.role for record in cycle.records if record.is_whole)
 
     def _is_view_wanted(self, speed: float, angular_speed: float) -> bool:

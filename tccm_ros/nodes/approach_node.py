@@ -103,7 +103,7 @@ class ActiveGoal:
         goal's own state says so only after the callback that stops it, and results depend on that.
     steps, zeros
         Numbers of steps, and of zero commands after the outcome.
-    told_s
+    published_s
         Stamp of the newest published detection, s.
     failure
         Outcome where the steps cannot go on, whatever the machine's; None while they do.
@@ -117,7 +117,7 @@ class ActiveGoal:
     is_stopped: bool = False
     steps: int = 0
     zeros: int = 0
-    told_s: float = -math.inf
+    published_s: float = -math.inf
     failure: Outcome | None = None
 
     @property
@@ -278,7 +278,7 @@ class ApproachNode(Node):
                 # A cancellation may have stopped the base during the step.
                 self._send(STOP if drive.is_stopped else speeds)
         if isinstance(machine, Detection):
-            self._tell_dock(drive, machine)
+            self._publish_dock_pose(drive, machine)
         drive.steps += 1
         if drive.steps % FEEDBACK_STEPS == 1:
             drive.tell(senses)
@@ -307,11 +307,11 @@ class ApproachNode(Node):
             self._navigator.cancel()
         self._send(STOP)
 
-    def _tell_dock(self, drive: ActiveGoal, detection: Detection) -> None:
+    def _publish_dock_pose(self, drive: ActiveGoal, detection: Detection) -> None:
         """Publish the pose of the base at the surface, once for each tilt cycle that shows it."""
-        if detection.pose is None or detection.stamp_s <= drive.told_s:
+        if detection.pose is None or detection.stamp_s <= drive.published_s:
             return
-        drive.told_s = detection.stamp_s
+        drive.published_s = detection.stamp_s
         header = header_message(self._types, round(detection.stamp_s * 1e9), self.senses.odom_frame)
         pose = pose_message(self._types, spatial(self.senses.in_odom(detection.pose)))
         self._dock_poses.publish(PoseStamped(header=header, pose=pose))

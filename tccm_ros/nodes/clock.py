@@ -36,7 +36,7 @@ class ClockWatch:
 
     def __init__(self, node: Node, threshold_s: float, callback: Callable[[str], None]):
         self._callback = callback
-        self._told_s = -math.inf
+        self._stepped_s = -math.inf
         self._timer: Timer | None = None
         self._node = node
         threshold = JumpThreshold(
@@ -49,12 +49,12 @@ class ClockWatch:
 
     def note_stamps(self) -> None:
         """Note that the stamps of the records stepped back."""
-        self._told_s = time.monotonic()
+        self._stepped_s = time.monotonic()
 
     @property
     def just_went_back(self) -> bool:
         """Whether the stamps of the records stepped back within `PATIENCE_S`."""
-        return time.monotonic() < self._told_s + PATIENCE_S
+        return time.monotonic() < self._stepped_s + PATIENCE_S
 
     def close(self) -> None:
         """Stop the reports."""
@@ -67,7 +67,7 @@ class ClockWatch:
 
         def look() -> None:
             self._end_timer()
-            if self._told_s < stepped_s - PATIENCE_S:
+            if self._stepped_s < stepped_s - PATIENCE_S:
                 self._callback(reason)
 
         self._end_timer()

@@ -59,7 +59,7 @@ def service_class(name: str) -> Any:
 
 
 @contextmanager
-def _told(response: Any) -> Iterator[None]:
+def _errors_in_response(response: Any) -> Iterator[None]:
     """Set a response's success, and the message of an error."""
     try:
         yield
@@ -87,12 +87,12 @@ def offer_service(
     """
 
     def call(request: Any, response: Any) -> Any:
-        with _told(response):
+        with _errors_in_response(response):
             response.message = answer(request, response)
         return response
 
     async def await_answer(request: Any, response: Any) -> Any:
-        with _told(response):
+        with _errors_in_response(response):
             response.message = await answer(request, response)
         return response
 

@@ -32,7 +32,7 @@ class ManagedNode(SensorNode, LifecycleNode):
 
     _is_configuring = False
 
-    def come_up(self) -> None:
+    def start_all(self) -> None:
         """Wait for the configure transition."""
         self._is_declared = self._is_configured = False
         self._kept = frozenset(vars(self)) | {"config", "_kept", "_kept_entities"}

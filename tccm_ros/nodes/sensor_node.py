@@ -92,12 +92,12 @@ class SensorNode(Node):
         self._processor_name, self._shared = processor_name, shared
         self.is_active = False
         try:
-            self.come_up()
+            self.start_all()
         except Exception:
             self.destroy_node()  # otherwise other nodes see a node that does nothing
             raise
 
-    def come_up(self) -> None:
+    def start_all(self) -> None:
         """Configure and activate the node, and start loading the kernels."""
         self.configure()
         self.activate()

@@ -146,7 +146,7 @@ class BaseRollPitch:
         self.bias: Float64 | None = None
         self._rates: deque[Float64] = deque(maxlen=BIAS_STEPS)
         self._until_ns: int | None = None
-        self._is_told_by_odometry = False
+        self._has_tilting_odometry = False
         # Measured roll and pitch, including the accelerometer's bias; None while unknown.
         self._now: Float64 | None = None
         # Integral of the rates, rad; offset between gravity and the integral; magnitude of gravity.
@@ -190,7 +190,7 @@ class BaseRollPitch:
         is not used, or its clock is far off.
         """
         needed_ns, heard_ns = _step_after(stamp_ns), self.track.latest_ns
-        if self._until_ns is None or heard_ns is None or self._is_told_by_odometry:
+        if self._until_ns is None or heard_ns is None or self._has_tilting_odometry:
             return needed_ns, []
         if abs(needed_ns - heard_ns) > 2 * self._max_gap_ns:
             return needed_ns, []
@@ -207,7 +207,7 @@ class BaseRollPitch:
             return []
         if self._until_ns is None:
             self._until_ns = _step_after(int(self.track.stamps_ns[0]))
-        while self._until_ns + STEP_NS <= newest_ns and not self._is_told_by_odometry:
+        while self._until_ns + STEP_NS <= newest_ns and not self._has_tilting_odometry:
             self._step(self._until_ns, T_base_imu)
         events, self._events = self._events, []
         return events
@@ -224,7 +224,7 @@ class BaseRollPitch:
         end_ns = start_ns + STEP_NS
         self._until_ns = end_ns
         if self._motion.has_roll_pitch:
-            self._is_told_by_odometry = True
+            self._has_tilting_odometry = True
             return
         if not self.track.brackets(start_ns, end_ns, self._max_gap_ns):
             self._lose()

@@ -14,14 +14,13 @@ import struct
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from tccm_ros.arrays import Float32, UInt16
 from tccm_ros.errors import MessageError, one_line
 from tccm_ros.kernels import kernel
 
-_HEADER = struct.Struct("<iff")
+HEADER = struct.Struct("<iff")
 _RVL_SIZE = struct.Struct("<ii")
 _PNG_SIZE = struct.Struct(">8s4x4sII")
 
@@ -88,10 +87,10 @@ def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
             f"compressed image has format '{text[:60]}', "
             "expected '16UC1; compressedDepth', '32FC1; compressedDepth' or '16UC1; png'"
         )
-    if len(data) < _HEADER.size:
+    if len(data) < HEADER.size:
         raise MessageError(f"compressed depth image has {len(data)} bytes")
-    _, a, b = _HEADER.unpack_from(data)
-    body = bytes(data[_HEADER.size :])
+    _, a, b = HEADER.unpack_from(data)
+    body = bytes(data[HEADER.size :])
     numbers = _read_rvl(body) if how.endswith("rvl") else _read_png(body)
     if encoding == "16UC1":
         return numbers
@@ -204,30 +203,3 @@ def _dequantise(numbers: UInt16, a: float, b: float) -> Float32:
     below = numbers.astype(np.float32) - np.float32(b)
     known = (numbers != 0) & (below > 0.0)
     return np.where(known, np.float32(a) / np.where(known, below, 1.0), np.nan).astype(np.float32)
-
-
-def write_compressed_depth(
-    depth: NDArray[Any], *, max_depth: float = 10.0, step: float = 100.0
-) -> tuple[str, bytes]:
-    """Return format and data of a compressed depth image, as PNG.
-
-    Parameters
-    ----------
-    depth
-        uint16 (H, W), mm, or float32 (H, W), m.
-    max_depth, step
-        For depths in m, image_transport's ``depth_max`` and ``depth_quantization``: larger depths
-        become no depth; a larger step gives a finer quantisation.
-    """
-    a = b = 0.0
-    numbers = depth
-    if depth.dtype != np.uint16:
-        a = step * (step + 1.0)
-        b = 1.0 - a / max_depth
-        known = np.isfinite(depth) & (depth > NEAREST) & (depth < max_depth)
-        numbers = np.where(known, a / np.where(known, depth, 1.0) + b, 0.0)
-        numbers = np.clip(np.rint(numbers), 0, 65535).astype(np.uint16)
-    stream = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(numbers)).save(stream, "PNG")
-    encoding = "16UC1" if depth.dtype == np.uint16 else "32FC1"
-    return f"{encoding}; compressedDepth png", _HEADER.pack(0, a, b) + stream.getvalue()

@@ -194,9 +194,9 @@ def decayed(velocity: Float64, seconds: float, information: Float64, prior_cov: 
     return np.asarray(velocity - (1.0 - x / np.expm1(x)) * (weight @ velocity))
 
 
-def _since(since_ns: int | None, scan: LevelScan, is_so: bool) -> int | None:
-    """Return the stamp since when a condition holds; None where it does not (`is_so`)."""
-    return (scan.stamp_ns if since_ns is None else since_ns) if is_so else None
+def _since(since_ns: int | None, scan: LevelScan, holds: bool) -> int | None:
+    """Return the stamp since when a condition holds; None where it does not (`holds`)."""
+    return (scan.stamp_ns if since_ns is None else since_ns) if holds else None
 
 
 class _StampedPose(NamedTuple):
@@ -250,7 +250,7 @@ class FrontEnd:
     _velocity: Float64 = field(default_factory=lambda: np.zeros(3))
     _moved: bool = False
     _stood: bool = False
-    _contradictions: int = 0
+    _disagreeing_scans: int = 0
     _scale: OdometryScale = field(default_factory=OdometryScale)
     _information: Float64 | None = None
     _odometry_pose: Float64 = field(default_factory=lambda: np.zeros(3))
@@ -294,9 +294,9 @@ class FrontEnd:
             self.session += 1
         self.is_lost, self._unmatched_ns, self._elsewhere_ns = False, None, None
         self._map = self._last = self._information = None
-        self._velocity, self._contradictions = np.zeros(3), 0
+        self._velocity, self._disagreeing_scans = np.zeros(3), 0
 
-    def contradicts(self, stamp_ns: int) -> bool:
+    def is_pose_unknown(self, stamp_ns: int) -> bool:
         """Return whether the pose was unknown for `NOTICE_TIME` before a stamp.
 
         Scans contradict odometry, or without odometry they match nothing.
@@ -325,7 +325,7 @@ class FrontEnd:
         is_early = inliers < EARLY_KEYFRAME_INLIERS and sum(steps) > EARLY_FRACTION
         is_due = max(steps) > 1.0 or is_early
         # A scan of another place must not enter the map that has to detect the change.
-        if is_due and not self._is_contradicted() and not self._is_hidden(scan, inliers):
+        if is_due and not self._is_place_in_doubt() and not self._is_hidden(scan, inliers):
             systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
             self._add_keyframe(scan, cov, systematic)
@@ -384,7 +384,7 @@ class FrontEnd:
         step = self._scale.corrected(between_se2(self._last.odom, scan.odom))
         since = self._scale.corrected(between_se2(self._anchor_odom, scan.odom))
         if step.any():
-            self._moved, self._contradictions = True, 0
+            self._moved, self._disagreeing_scans = True, 0
         if not self._believes_odometry(scan):
             expected = compose_se2(
                 self.pose, decaying_motion(self._velocity, self._seconds_to(scan))
@@ -426,7 +426,7 @@ class FrontEnd:
         return (scan.stamp_ns - self._last.stamp_ns) * 1e-9
 
     def _believes_odometry(self, scan: LevelScan) -> bool:
-        return scan.has_odometry and self._contradictions < CONTRADICTING_SCANS
+        return scan.has_odometry and self._disagreeing_scans < CONTRADICTING_SCANS
 
     def _check_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
         """Count consecutive scans that observe a motion while odometry reports rest."""
@@ -434,8 +434,8 @@ class FrontEnd:
         if not scan.has_odometry or between_se2(self._last.odom, scan.odom).any():
             return
         if self._believes_odometry(scan):
-            contradicts = self._contradicts(scan, prior, prior_cov)
-            self._contradictions = self._contradictions + 1 if contradicts else 0
+            disagrees = self._disagrees_with_odometry(scan, prior, prior_cov)
+            self._disagreeing_scans = self._disagreeing_scans + 1 if disagrees else 0
         if not self._believes_odometry(scan):
             # Odometry is integrated from here if it recovers.
             self._anchor_odometry(scan, self.pose, STEADY_COV)
@@ -456,7 +456,7 @@ class FrontEnd:
         )
         is_seen_through = (
             self._map is not None
-            and (unknown or self._stands(scan) or self._is_contradicted())
+            and (unknown or self._stands(scan) or self._is_place_in_doubt())
             and seen_through(self.pose, scan, self._map.lines) > inliers
         )
         self._unmatched_ns = _since(self._unmatched_ns, scan, unknown or is_seen_through)
@@ -464,7 +464,7 @@ class FrontEnd:
         since_ns = self._elsewhere_ns
         self.is_lost = since_ns is not None and scan.stamp_ns - since_ns > LOST_TIME * 1e9
 
-    def _is_contradicted(self) -> bool:
+    def _is_place_in_doubt(self) -> bool:
         """Return whether the place of the newest scans in the map is in doubt."""
         return self._unmatched_ns is not None
 
@@ -478,7 +478,7 @@ class FrontEnd:
             return False
         deviation = between_se2(prior.pose, result.pose)
         is_far = deviation @ prior.information @ deviation > CONTRADICTION_CHI2
-        return bool(is_far) or (self._is_contradicted() and result.inliers < MIN_INLIERS)
+        return bool(is_far) or (self._is_place_in_doubt() and result.inliers < MIN_INLIERS)
 
     def _is_hidden(self, scan: LevelScan, inliers: float) -> bool:
         """Return whether people occlude the map in a scan without odometry.
@@ -506,7 +506,7 @@ class FrontEnd:
         moved, turned = float(np.hypot(step[0], step[1])), abs(float(step[2]))
         return moved < STANDING_STEP[0] and turned < STANDING_STEP[1]
 
-    def _contradicts(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> bool:
+    def _disagrees_with_odometry(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> bool:
         """Return whether matching alone deviates from odometry that has never reported a motion."""
         if self._information is None or self._moved:
             return False

@@ -185,7 +185,7 @@ class Tracker:
         """State of the live pose relative to the map."""
         if self._stamp_ns < 0:
             return LocalisationState.UNKNOWN
-        if self._front.contradicts(self._stamp_ns):
+        if self._front.is_pose_unknown(self._stamp_ns):
             return LocalisationState.LOST
         is_in_map = self.is_localised and not self.is_unjoined
         return LocalisationState.TRACKING if is_in_map else LocalisationState.SEARCHING

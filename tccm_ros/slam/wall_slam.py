@@ -480,12 +480,12 @@ class WallSlam:
         observations = [*used.observations, *sign_observations(used.signs)]
         seen = landmark_factors(observations, unit_variance=used.scale)
         starts, anchors = self._chain.anchor({**anchored, **seen.anchored}, poses)
-        between_se2 = [
+        between_views = [
             f
             for f in self._between
             if not isinstance(f, BetweenViews) or {f.i, f.j} <= anchored.keys()
         ]
-        others = [*between_se2, *used.sign_factors(self.config), *seen.factors]
+        others = [*between_views, *used.sign_factors(self.config), *seen.factors]
         if uses_corners(self.config):
             others += corner_factors(used.corners, used.walls, keys, self.config)
         names = by_variables(anchors), by_variables(others, "beside")

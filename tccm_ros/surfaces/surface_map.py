@@ -27,7 +27,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.surfaces.edges.shapes import Shape, ShapedEdge, fit_shape, free_shape
 from tccm_ros.surfaces.identity.recognition import PastPose, adopt_ids, footprint_of
-from tccm_ros.surfaces.identity.track_ids import SightKey, TrackIds
+from tccm_ros.surfaces.identity.track_ids import TrackIds, ViewKey
 from tccm_ros.surfaces.labels.corrected_labels import (
     corrected_labels,
     label_to_give,
@@ -136,7 +136,7 @@ class SurfaceMap:
         self.carver = Carver(config)
         self.remainders = Remainders(config)
         self._session = session
-        self._published_merge = baseline_merge
+        self._baseline_merge = baseline_merge
         self._views: dict[tuple[int, int], View] = {}
         self._newest_compared = (-1, -1)
 
@@ -229,11 +229,11 @@ class SurfaceMap:
         surfaces = [surface for surface in fitted if surface is not None]
         ids = TrackIds(views, T, left)
 
-        def sights(piece: MergedSurface) -> tuple[SightKey, SightKey]:
+        def sights(piece: MergedSurface) -> tuple[ViewKey, ViewKey]:
             placed = ids.placed(piece.members, footprint_of(piece, T))
             return placed, ids.last_seen(piece.members)
 
-        if self._published_merge is None:
+        if self._baseline_merge is None:
             surfaces = join_over_occlusions(
                 surfaces, views, T, poses.cov_z_roll_pitch, walls, sights, config
             )
@@ -241,11 +241,11 @@ class SurfaceMap:
             s for s in surfaces if s.has_area and s.polygon.area >= config.surfaces.min_area
         ]
         floor_z = find_floor(surfaces, config)
-        if self._published_merge is None:
+        if self._baseline_merge is None:
             surfaces = join_floor(surfaces, floor_z, views, T, config)
         surfaces = [s for s in surfaces if _is_wanted(s, floor_z, config)]
         previous: dict[Members, PastPose] = {}
-        if self._published_merge is None:
+        if self._baseline_merge is None:
             surfaces, previous = adopt_ids(
                 surfaces, ids, views, (T, poses.cov_z_roll_pitch), left, config
             )
@@ -284,12 +284,12 @@ class SurfaceMap:
     ) -> list[Shape]:
         """Return the shape of each surface; the floor and surfaces of a baseline have no model."""
         above = [surface for surface in surfaces if not is_floor(surface, floor_z)]
-        if self._published_merge is not None:
+        if self._baseline_merge is not None:
             above = []
-        others = {id(surface) for surface in above}
+        modelled = {id(surface) for surface in above}
         return [
             fit_shape(surface, above, views, T_map_view, walls, self._config)
-            if id(surface) in others
+            if id(surface) in modelled
             else free_shape(surface)
             for surface in surfaces
         ]
@@ -297,10 +297,10 @@ class SurfaceMap:
     def _merge(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
         """Group the patches that carving left into surfaces."""
         patches = self.remainders.surviving_patches(views, left)
-        if self._published_merge is None:
+        if self._baseline_merge is None:
             return merge_coplanar(patches, poses.T_map_view, poses.cov_z_roll_pitch, self._config)
         clouds = clouds_in_map(patches, poses.T_map_view)
-        root = self._published_merge(clouds, self._config.surfaces.merge_distance)
+        root = self._baseline_merge(clouds, self._config.surfaces.merge_distance)
         return group_patches(patches, root)
 
 

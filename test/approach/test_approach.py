@@ -25,6 +25,7 @@ from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.outcome import Phase, Reason
 from tccm_ros.approach.retreat import Retreat
 from tccm_ros.approach.speeds import STOP, Speeds
+from tccm_ros.geometry import compose2
 
 
 def approach(flat, seed=0, **fields):
@@ -68,6 +69,28 @@ def test_a_spot_that_is_too_far_from_every_place_is_said_without_a_motion():
     assert outcome.reason == Reason.NO_PLACE
     assert "within 0.7 m" in outcome.message
     assert np.allclose(base.truth, flat.start)
+
+
+class SlippingBase(SimulatedBase):
+    """A base that slips back whenever it stops; odometry does not see it."""
+
+    slip = np.array([-0.03, 0.0, 0.0])
+
+    def tick(self, command):
+        was_moving = self.speed > 1e-3
+        super().tick(command)
+        if was_moving and self.speed <= 1e-3:
+            self.truth = compose2(self.truth, self.slip)
+
+
+def test_a_base_that_cannot_be_corrected_has_not_arrived():
+    flat = simple_flat()
+    base = SlippingBase(flat, np.random.default_rng(0))
+    outcome = run(Approach(ROBOT, a_goal(flat), surroundings(flat)), base)
+    assert outcome.reason == Reason.BLOCKED, outcome.message
+    assert "after 4 corrections" in outcome.message
+    assert base.true_figures()[0] > 0.07
+    assert base.contacts == 0
 
 
 def test_a_surface_that_is_gone_is_said():

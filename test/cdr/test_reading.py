@@ -9,13 +9,8 @@ from tccm_ros.errors import MessageError
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import Imu, JointSample, Odometry, Scan, TransformSample
 from tccm_ros.ros.reading import READERS
-from tccm_ros.ros.writing import (
-    imu_message,
-    joint_sample_message,
-    odometry_message,
-    scan_message,
-    transforms_message,
-)
+from tccm_ros.ros.writing import scan_message, transforms_message
+from tccm_sim.sensor_messages import imu_message, joint_sample_message, odometry_message
 
 T = pose_from_rpy([1, 2, 3, 0.1, 0.2, 0.3])
 FORCE = np.array([0.4, -0.5, 9.8])

@@ -23,12 +23,8 @@ from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import Odometry, Scan, SurfaceCloud, TransformSample
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_message
 from tccm_ros.ros.types import pose_message
-from tccm_ros.ros.writing import (
-    odometry_message,
-    scan_message,
-    surface_cloud_message,
-    transforms_message,
-)
+from tccm_ros.ros.writing import scan_message, surface_cloud_message, transforms_message
+from tccm_sim.sensor_messages import odometry_message
 
 START_S = 1_700_000_000
 WAIT_S = 0.25

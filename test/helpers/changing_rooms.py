@@ -9,7 +9,7 @@ import numpy as np
 from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes
 from tccm_ros.surfaces.scene.changes import Change, ChangeKind, MapChanges
-from tccm_ros.surfaces.scene.planning_shapes import OBJECT_PREFIX, Box, Mesh
+from tccm_ros.surfaces.scene.planning_shapes import SURFACE_PREFIX, Box, Mesh
 from tccm_ros.surfaces.scene.scene import Scene
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -167,7 +167,7 @@ def is_at(place: np.ndarray, shapes: Mapping[str, Box | Mesh]) -> bool:
     """Return whether a surface has its top, or an object its middle, at a place."""
     boxes = {name: shape for name, shape in shapes.items() if isinstance(shape, Box)}
     middles = [
-        shape.T_map_box[:3, 3] + [0.0, 0.0, 0.5 * shape.size[2] * name.startswith(OBJECT_PREFIX)]
+        shape.T_map_box[:3, 3] + [0.0, 0.0, 0.5 * shape.size[2] * name.startswith(SURFACE_PREFIX)]
         for name, shape in boxes.items()
     ]
     return bool((np.abs(np.array(middles) - place) <= NEAR).all(axis=1).any())

@@ -16,7 +16,7 @@ from tccm_ros.records import (
     PointCloud,
     RobotDescription,
 )
-from tccm_ros.ros.writing import (
+from tccm_sim.sensor_messages import (
     camera_info_message,
     compressed_depth_message,
     depth_image_message,

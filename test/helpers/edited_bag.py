@@ -13,8 +13,9 @@ from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import DepthImage, TransformSample
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros.pointcloud import cloud_message
-from tccm_ros.ros.writing import compressed_depth_message, transforms_message
+from tccm_ros.ros.writing import transforms_message
 from tccm_ros.sensors.cloud_messages import point_cloud_from_message
+from tccm_sim.sensor_messages import compressed_depth_message
 
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 PACKED, CLOUD = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"

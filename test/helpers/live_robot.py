@@ -30,15 +30,14 @@ from tccm_ros.records import (
     TransformSample,
 )
 from tccm_ros.ros.output_messages import pose_covariance_message
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import scan_message, transforms_message
+from tccm_sim.sensor_messages import (
     camera_image_message,
     camera_info_message,
     imu_message,
     joint_sample_message,
     odometry_message,
     robot_description_message,
-    scan_message,
-    transforms_message,
 )
 
 START_NS = 1_700_000_000_000_000_000

@@ -6,12 +6,11 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import scan_message, transforms_message
+from tccm_sim.sensor_messages import (
     joint_sample_message,
     odometry_message,
     robot_description_message,
-    scan_message,
-    transforms_message,
 )
 
 TYPES = TypestoreMessages()

@@ -18,11 +18,11 @@ from tccm_ros.nodes.player_node import PlayerNode
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, SurfaceCloud
 from tccm_ros.ros.types import stamp_message
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import scan_message
+from tccm_sim.sensor_messages import (
     joint_sample_message,
     odometry_message,
     robot_description_message,
-    scan_message,
 )
 
 SECOND = 1_000_000_000

@@ -19,7 +19,7 @@ from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError, ConfigError
 from tccm_ros.nodes.player_node import PARAMETERS, STABLE_S, PlayerNode
 from tccm_ros.records import JointSample, RobotDescription
-from tccm_ros.ros.writing import joint_sample_message, robot_description_message
+from tccm_sim.sensor_messages import joint_sample_message, robot_description_message
 
 COUNT = 300
 PERIOD_NS = 10_000_000

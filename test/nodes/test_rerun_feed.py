@@ -14,14 +14,14 @@ from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.records import JointSample, Odometry, RobotDescription, TransformSample
 from tccm_ros.ros.pointcloud import MAP_ROW
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import transform_message
+from tccm_sim.sensor_messages import (
     camera_info_message,
     depth_image_message,
     joint_sample_message,
     odometry_message,
     point_cloud_message,
     robot_description_message,
-    transform_message,
 )
 
 pytest.importorskip("aiohttp", reason="aiohttp (the extra 'view') is missing")

@@ -9,12 +9,8 @@ from tccm_ros.config.reader import read_config
 from tccm_ros.records import PointCloud, Scan
 from tccm_ros.replay.info import bag_info
 from tccm_ros.replay.replay import replay
-from tccm_ros.ros.writing import (
-    camera_info_message,
-    depth_image_message,
-    point_cloud_message,
-    scan_message,
-)
+from tccm_ros.ros.writing import scan_message
+from tccm_sim.sensor_messages import camera_info_message, depth_image_message, point_cloud_message
 
 CLOUD, STEP_NS = "sensor_msgs/msg/PointCloud2", 200_000_000
 ROOM, FLOOR, TOP, SPEED = (3.0, 2.0), -1.1, -0.4, 0.1

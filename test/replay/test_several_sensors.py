@@ -12,11 +12,11 @@ from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
 from tccm_ros.replay.replay import replay
-from tccm_ros.ros.writing import (
+from tccm_ros.ros.writing import scan_message
+from tccm_sim.sensor_messages import (
     joint_sample_message,
     odometry_message,
     robot_description_message,
-    scan_message,
 )
 
 MOUNTS = {"left": 0.5, "right": -0.5}

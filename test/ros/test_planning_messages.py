@@ -21,7 +21,7 @@ from tccm_ros.ros.collision_messages import (
 from tccm_ros.ros.table_messages import TABLES, tables_message
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
-from tccm_ros.surfaces.scene.told_scene import ObjectState, ToldScene
+from tccm_ros.surfaces.scene.published_scene import ObjectState, PublishedScene
 
 ADD, REMOVE, MOVE = 0, 1, 3
 """Operations of a moveit_msgs/CollisionObject."""
@@ -116,7 +116,7 @@ class Listener:
     """A world and a hand that follow the rules of MoveIt's planning scene for diffs."""
 
     def __init__(self, types):
-        self.types, self.told, self.world, self.hand = types, ToldScene(), {}, {}
+        self.types, self.told, self.world, self.hand = types, PublishedScene(), {}, {}
 
     def take(self, changes):
         need(self.types, PLANNING_SCENE)
@@ -211,7 +211,7 @@ def test_a_new_listener_is_told_all_and_what_the_robot_holds(listener, types):
 
 
 def test_an_unknown_object_or_link_is_one_sentence():
-    told = ToldScene()
+    told = PublishedScene()
     told.update(scene_shapes([TABLE], [CUP]))
     with pytest.raises(MessageError, match="no object 7"):
         told.set_state(7, ObjectState.LEFT_OUT)

@@ -29,15 +29,9 @@ from tccm_ros.ros.reading import (
     surface_cloud_from_message,
     transforms_from_message,
 )
-from tccm_ros.ros.writing import (
-    imu_message,
-    joint_sample_message,
-    odometry_message,
-    scan_message,
-    surface_cloud_message,
-    transforms_message,
-)
+from tccm_ros.ros.writing import scan_message, surface_cloud_message, transforms_message
 from tccm_ros.sensors.laser_scan import scan_from_message
+from tccm_sim.sensor_messages import imu_message, joint_sample_message, odometry_message
 
 
 @pytest.mark.parametrize(

@@ -33,16 +33,18 @@ from tccm_ros.ros.reading import (
     view_from_message,
 )
 from tccm_ros.ros.writing import (
-    joint_sample_message,
     object_boxes_message,
-    odometry_message,
-    robot_description_message,
     scan_message,
     surface_cloud_message,
     transforms_message,
     view_message,
 )
 from tccm_ros.sensors.laser_scan import scan_from_message
+from tccm_sim.sensor_messages import (
+    joint_sample_message,
+    odometry_message,
+    robot_description_message,
+)
 
 
 def bits(array):

@@ -16,7 +16,6 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraImage, CameraInfo, RobotDescription
 from tccm_ros.robot import Robot
-from tccm_ros.ros.writing import camera_image_message
 from tccm_ros.sensors.camera_image import (
     PosedPicture,
     camera_image_from_message,
@@ -28,6 +27,7 @@ from tccm_ros.sensors.camera_image import (
 )
 from tccm_ros.sensors.camera_rays import distort, pixel_rays
 from tccm_ros.sensors.depth_image import camera_info_topic
+from tccm_sim.sensor_messages import camera_image_message
 
 STAMP = 1_700_000_000_123_456_789
 pictures = hnp.arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12), st.just(3)))

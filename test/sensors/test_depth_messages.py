@@ -15,12 +15,6 @@ from PIL import Image
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraInfo, DepthImage, PointCloud
 from tccm_ros.ros.pointcloud import cloud_message
-from tccm_ros.ros.writing import (
-    camera_info_message,
-    compressed_depth_message,
-    depth_image_message,
-    point_cloud_message,
-)
 from tccm_ros.sensors.cloud_messages import MAX_POINTS, point_cloud_from_message
 from tccm_ros.sensors.compressed_depth import (
     decode_rvl,
@@ -31,6 +25,12 @@ from tccm_ros.sensors.depth_messages import (
     camera_info_from_message,
     compressed_depth_from_message,
     depth_image_from_message,
+)
+from tccm_sim.sensor_messages import (
+    camera_info_message,
+    compressed_depth_message,
+    depth_image_message,
+    point_cloud_message,
 )
 
 STAMP = 1_700_000_000_123_456_789

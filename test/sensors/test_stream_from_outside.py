@@ -26,8 +26,12 @@ from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.ros.markers import MessageContext, cuboid_markers
 from tccm_ros.ros.reading import READERS
 from tccm_ros.ros.types import header_message
-from tccm_ros.ros.writing import joint_sample_message, odometry_message, robot_description_message
 from tccm_ros.sensors.registry import default_streams
+from tccm_sim.sensor_messages import (
+    joint_sample_message,
+    odometry_message,
+    robot_description_message,
+)
 
 RANGE = "sensor_msgs/msg/Range"
 WALL = 2.0  # x in odom, m

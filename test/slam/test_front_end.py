@@ -153,7 +153,7 @@ def drive_in_the_room(rate, *, seed, gap=0.0, people=0, crowd_time=3.0):
             scan = replace(scan, ranges=ranges.astype(np.float32))
         front.add(make_level_scan(replace(posed, record=scan), Config()))
         errors.append(float(np.hypot(*(front.pose - pose)[:2])))
-        if front.contradicts(scan.stamp_ns):
+        if front.is_pose_unknown(scan.stamp_ns):
             lost.append(time)
     return np.array(errors), lost, front
 

@@ -22,7 +22,7 @@ from tccm_ros.slam.tracking import Tracker
 from tccm_ros.surfaces.scene.changes import MapChanges
 from tccm_ros.surfaces.scene.live_objects import LiveObjects
 from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
-from tccm_ros.surfaces.scene.told_scene import ToldScene
+from tccm_ros.surfaces.scene.published_scene import PublishedScene
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -93,7 +93,7 @@ def test_objects_between_solutions_are_where_the_next_solution_has_them(inputs):
 
 def test_the_planning_scene_of_a_listener_follows_what_is_moved_taken_and_put(scenes):
     """It knows the diffs alone; the second tilt cycle that looks at a change has corrected it."""
-    scene, world, worlds = ToldScene(), {}, {}
+    scene, world, worlds = PublishedScene(), {}, {}
     for solution in scenes:
         surfaces = [known.surface for known in solution.surfaces]
         diff = scene.update(scene_shapes(surfaces, solution.objects, solution.compartments)).diff

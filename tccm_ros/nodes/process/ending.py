@@ -13,7 +13,7 @@ SAME_S = 0.1
 """Signals closer than this are one key press: a terminal signals the whole process group, and
 launch passes the same signal on (3 to 20 ms later on two busy cores)."""
 
-HASTE, HASTE_S = 3, 2.0
+IMPATIENT_PRESSES, IMPATIENT_S = 3, 2.0
 """Number of key presses, or time after the first (s), that mean an impatient user. Chosen:
 launchers send a second signal within milliseconds or after several seconds."""
 
@@ -58,8 +58,8 @@ class Ending:
         self._start_s = now_s if self._start_s is None else self._start_s
         if not self._presses or now_s - self._last_s > SAME_S:
             self._presses += 1
-            is_late = now_s - self._start_s > HASTE_S
-            self.is_hurried = self.is_hurried or is_late or self._presses >= HASTE
+            is_late = now_s - self._start_s > IMPATIENT_S
+            self.is_hurried = self.is_hurried or is_late or self._presses >= IMPATIENT_PRESSES
         self._last_s = now_s
 
     @property

@@ -23,8 +23,8 @@ from tccm_ros.ros.collision_messages import (
 )
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
+from tccm_ros.surfaces.scene.published_scene import ObjectState, PublishedScene, SceneChanges
 from tccm_ros.surfaces.scene.scene import Scene
-from tccm_ros.surfaces.scene.told_scene import ObjectState, SceneChanges, ToldScene
 
 COLLISION_PROFILE = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """A late subscriber receives the newest 2000 messages in order. Each solution sends all shapes, so
@@ -46,7 +46,7 @@ class CollisionObjects:
 
     def __init__(self, node: Node, types: MessageTypes):
         self._types, self._context = types, node.context
-        self._lock, self._scene = Lock(), ToldScene()
+        self._lock, self._scene = Lock(), PublishedScene()
         self._stamp_ns, self._frame_id = 0, ""
         self._shown: frozenset[str] = frozenset()
         self._listeners = 0

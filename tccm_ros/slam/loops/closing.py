@@ -42,6 +42,10 @@ GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
 """Number of keyframes that are matched around a user-supplied pose, and half width of the search in
 standard deviations (chosen)."""
 
+MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
+"""Minimum half width of the search around a user-supplied pose: poses set by hand are no more
+accurate (chosen)."""
+
 NOWHERE = "not localised, no place of the map matches the scans: drive on, or set the pose"
 AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or set the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
@@ -50,9 +54,6 @@ UNJOINED = (
     "a place fits"
 )
 """Reasons why a session is not placed in the map yet."""
-
-MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
-"""Minimum half width of that search: poses set by hand are no more accurate (chosen)."""
 
 SEARCH_PERIOD_NS = 500_000_000
 """Time between two searches of the whole map with scans that are no keyframes (chosen): a search of
@@ -126,9 +127,9 @@ class LoopCloser:
         self._fresh: list[Proposal] = []
         self._unused: list[AnchoredObservation] = []
         self._observers = 0
+        self._signs = SignPlaces(chain.keyframes)
         # The user-supplied pose of the next keyframe, and that keyframe.
         self._guess: PoseGuess | None = None
-        self._signs = SignPlaces(chain.keyframes)
         self._guessed = -1
         self._expected: Float64 | None = None
         self._searched_ns = -SEARCH_PERIOD_NS

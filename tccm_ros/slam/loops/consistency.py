@@ -103,7 +103,7 @@ def _in_frames_of(one: Proposal, others: Sequence[Proposal], yaws: Float64) -> F
 
 
 def _is_localising(proposals: Sequence[Proposal]) -> Bool:
-    return np.array([p.spread < MAX_POSITION_SIGMA**2 for p in proposals])
+    return np.array([p.max_position_variance < MAX_POSITION_SIGMA**2 for p in proposals])
 
 
 def select_loops(

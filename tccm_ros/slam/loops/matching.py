@@ -147,7 +147,7 @@ class Proposal:
         return self.reason.startswith("ambiguous")
 
     @property
-    def spread(self) -> float:
+    def max_position_variance(self) -> float:
         """Variance (m2) of the position in its least certain direction, as along a corridor."""
         a, b, c = float(self.cov[0, 0]), float(self.cov[0, 1]), float(self.cov[1, 1])
         return 0.5 * (a + c) + math.sqrt(0.25 * (a - c) ** 2 + b * b)

@@ -51,7 +51,9 @@ class PathLengths:
         `drift` is ``loops.drift``, m per m of path.
         """
         ends = np.array([(p.a, p.b) for p in loops], np.int64).reshape(-1, 2)
-        loop_lengths = np.array([max(MIN_LOOP_LENGTH, p.spread**0.5 / drift) for p in loops])
+        loop_lengths = np.array(
+            [max(MIN_LOOP_LENGTH, p.max_position_variance**0.5 / drift) for p in loops]
+        )
         self._loops = np.concatenate([self._loops, ends])
         self._loop_lengths = np.concatenate([self._loop_lengths, loop_lengths])
 

@@ -204,7 +204,7 @@ def _refined(
     sigmas = np.full(len(corners), np.nan)
     for k, edge in enumerate(_edges_of(corners) if np.isfinite(corners).all() else ()):
         wall = wall_across(edge, walls)
-        found = doubting_wall_points(sampler.edge_samples(edge), wall)
+        found = downweight_wall_points(sampler.edge_samples(edge), wall)
         if not len(found.at):
             continue
         if wall is not None and _reaches_wall(edge, found, wall, sampler):
@@ -273,7 +273,7 @@ def _is_ragged(samples: EdgeSamples, furthest: float) -> bool:
     return bool(samples.weight[is_short].sum() > 0.5 * samples.weight.sum())
 
 
-def doubting_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
+def downweight_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
     """Return samples with a lower weight of last points on a wall past which no view looked.
 
     A wall has points at the height of a board whether the board extends to it or not.

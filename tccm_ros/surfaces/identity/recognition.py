@@ -25,8 +25,8 @@ from tccm_ros.surfaces.displacement import (
     is_of_one_size,
     line_of_sight,
 )
-from tccm_ros.surfaces.identity.track_ids import SightKey, TrackIds
-from tccm_ros.surfaces.merging.carving import MIN_KNOWN_AREA, Survivors, may_be_recognised
+from tccm_ros.surfaces.identity.track_ids import TrackIds, ViewKey
+from tccm_ros.surfaces.merging.carving import MIN_RECOGNISED_AREA, Survivors, may_be_recognised
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch, merge_coplanar
 from tccm_ros.surfaces.views.views import View, first_numbers
@@ -73,9 +73,9 @@ class _Stand(NamedTuple):
     surface: MergedSurface
     footprint: HorizontalOutline
     whole: HorizontalOutline
-    first: SightKey
-    placed: SightKey
-    last: SightKey
+    first: ViewKey
+    placed: ViewKey
+    last: ViewKey
     is_former: bool
 
     def follows(self, old: _Stand) -> bool:
@@ -84,7 +84,7 @@ class _Stand(NamedTuple):
         At the same place, views of the old height may have been merged into this surface, so that
         `placed` is compared instead of `first`.
         """
-        if self.footprint.outline.area < MIN_KNOWN_AREA:
+        if self.footprint.outline.area < MIN_RECOGNISED_AREA:
             return False
         if self.placed > old.last and old.lies_close_to(self):
             return True

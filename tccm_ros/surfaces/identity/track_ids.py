@@ -31,7 +31,7 @@ CUT = 0.1
 Chosen: edges that are looked through in part lose less."""
 
 
-class SightKey(NamedTuple):
+class ViewKey(NamedTuple):
     """Session and stamp of a view, in the order of views; stamps may repeat over sessions."""
 
     session: int
@@ -54,8 +54,8 @@ class TrackIds:
     def __init__(self, views: list[View], T_map_view: Float64, left: Survivors):
         self._views, self._T_map_view = views, T_map_view
         self._ids: dict[int, set[int]] = {}
-        self._first_seen: dict[int, SightKey] = {}
-        self._last_seen: dict[int, SightKey] = {}
+        self._first_seen: dict[int, ViewKey] = {}
+        self._last_seen: dict[int, ViewKey] = {}
         self._sights: dict[int, set[tuple[int, int]]] = {}
         self._may_be_elsewhere: set[tuple[int, int]] = set()
         self._known: dict[Members, list[list[tuple[int, int]]]] = {}
@@ -63,7 +63,7 @@ class TrackIds:
         for v, (start, view) in enumerate(zip(first, views)):
             for p, patch in enumerate(view.patches):
                 number, seen = patch.number, patch.first_seen_ns
-                own = SightKey(view.session, view.stamp_ns)
+                own = ViewKey(view.session, view.stamp_ns)
                 self._ids[start + p] = {start + (p if number is None else number)}
                 self._first_seen[start + p] = own if seen is None else own._replace(stamp_ns=seen)
                 self._last_seen[start + p] = own
@@ -121,15 +121,15 @@ class TrackIds:
         """Return the ids of the surfaces merged into this one."""
         return tuple(self.all_ids(members)[1:])
 
-    def first_seen(self, members: Members) -> SightKey:
+    def first_seen(self, members: Members) -> ViewKey:
         """Return the key of the first view that saw the surface."""
         return min(self._first_seen[member.number] for member in members)
 
-    def last_seen(self, members: Members) -> SightKey:
+    def last_seen(self, members: Members) -> ViewKey:
         """Return the key of the last view that saw the surface."""
         return max(self._last_seen[member.number] for member in members)
 
-    def placed(self, members: Members, now: HorizontalOutline) -> SightKey:
+    def placed(self, members: Members, now: HorizontalOutline) -> ViewKey:
         """Return the key of the first view that showed the surface at its current place.
 
         Parameters
@@ -175,7 +175,7 @@ class TrackIds:
                 return
             yield group
 
-    def _own_placed(self, sights: Sequence[tuple[int, int]]) -> SightKey:
+    def _own_placed(self, sights: Sequence[tuple[int, int]]) -> ViewKey:
         """Return the key since which patches of a view are at their place.
 
         Removed views that the view replaced are included.
@@ -183,7 +183,7 @@ class TrackIds:
         view = self._views[sights[0][0]]
         placed = [view.patches[p].placed_ns for _, p in sights]
         stamps = [view.stamp_ns if stamp_ns is None else stamp_ns for stamp_ns in placed]
-        return SightKey(view.session, max(stamps))
+        return ViewKey(view.session, max(stamps))
 
     def _footprint(self, sights: Sequence[tuple[int, int]]) -> HorizontalOutline:
         """Return the common footprint of patches of one view."""

@@ -64,7 +64,7 @@ MIN_LEFT = 0.02
 """A surface was moved if more than this fraction of its points is gone, and is still there if more
 than this fraction is kept. Chosen: stray points are fewer."""
 
-MIN_KNOWN_AREA = 0.1
+MIN_RECOGNISED_AREA = 0.1
 """Min area of a surface that is recognised at another place, m2. Chosen: below a stool's seat;
 boxes and shoulders of people come and go."""
 
@@ -134,7 +134,7 @@ class _ViewIndex:
 
     view: View
     free: FreeGrid
-    faces: tuple[_PatchIndex, ...]
+    patches: tuple[_PatchIndex, ...]
     blocks: tuple[Float64, ...]
 
     @classmethod
@@ -297,7 +297,7 @@ class Carver:
         v, p, w = indices
         carved = pair.carved.get(p)
         if carved is None or carved.before != mask_hashes[v][p]:
-            gone, q = _carve_patch(pair, pair.older.patches[p], left.keep[v][p], self._config)
+            gone, q = _points_to_carve(pair, pair.older.patches[p], left.keep[v][p], self._config)
             gone = _with_strays(gone, left.keep[v][p])
             carved = pair.carved[p] = _Carved(mask_hashes[v][p], gone, q)
         if len(carved.gone):
@@ -358,7 +358,7 @@ def _rpy(T: Float64) -> Float64:
 
 def may_be_recognised(patch: SurfacePatch) -> bool:
     """Return whether a patch is large enough to be recognised at another place."""
-    return patch.outline.area >= MIN_KNOWN_AREA and not is_line(patch.cov)
+    return patch.outline.area >= MIN_RECOGNISED_AREA and not is_line(patch.cov)
 
 
 def find_replacements(older: View, newer: View, config: Config) -> dict[int, int] | None:
@@ -395,7 +395,7 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
     return replaced_by
 
 
-def _carve_patch(
+def _points_to_carve(
     pair: _ViewPair, patch: SurfacePatch, keep: Bool, config: Config
 ) -> tuple[Int64, int | None]:
     """Find the points of a patch of the older view that the newer view of a pair removes.
@@ -417,7 +417,7 @@ def _carve_patch(
     if len(kept) == 0 or not (pair.is_same_pose or through[kept].any()):
         return kept[:0], None
     rim = config.surfaces.merge_distance
-    owner = _measured_by(points[near], pair.newer.faces, margin[near], 0.5 * rim)
+    owner = _measured_by(points[near], pair.newer.patches, margin[near], 0.5 * rim)
     # The motion test uses all points in range, including those that other views removed.
     if _was_moved(pair, patch, points[near], (through[near] & (owner < 0), owner), cell_size):
         return kept, _main_owner(owner)
@@ -428,7 +428,7 @@ def _carve_patch(
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None
-    again = _measured_by(points, pair.newer.faces, margin, -rim) >= 0
+    again = _measured_by(points, pair.newer.patches, margin, -rim) >= 0
     rest = ~gone & ~again
     if np.count_nonzero(gone | (owner >= 0)) >= REPLACED_FRACTION * total:
         gone[:] = True
@@ -452,7 +452,7 @@ def _with_strays(gone: Int64, keep: Bool) -> Int64:
 
 
 def _measured_by(
-    points: Float64, faces: tuple[_PatchIndex, ...], margin: Float64, grow: float
+    points: Float64, patches: tuple[_PatchIndex, ...], margin: Float64, grow: float
 ) -> Int64:
     """Return the patch that covers each point (N, 3) of the same frame, int64 (N,), -1 = none.
 
@@ -462,13 +462,13 @@ def _measured_by(
     owner = np.full(len(points), -1, np.int64)
     margin_xy = max(grow, 0.0)
     low, high = points[:, :2].min(axis=0) - margin_xy, points[:, :2].max(axis=0) + margin_xy
-    for q, face in enumerate(faces):
+    for q, patch in enumerate(patches):
         # False for the NaN bounds of a patch without outline.
-        if not (np.all(face.bounds[:2] <= high) and np.all(face.bounds[2:] >= low)):
+        if not (np.all(patch.bounds[:2] <= high) and np.all(patch.bounds[2:] >= low)):
             continue
-        height = (points - face.mean) @ face.normal
+        height = (points - patch.mean) @ patch.normal
         near = np.flatnonzero((np.abs(height) <= margin) & (owner < 0))
-        inside = shapely.contains_xy(face.area(grow), points[near, 0], points[near, 1])
+        inside = shapely.contains_xy(patch.area(grow), points[near, 0], points[near, 1])
         owner[near[inside]] = q
     return owner
 
@@ -501,18 +501,18 @@ def _was_moved(
     min_count = MIN_LEFT * len(points)
     if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
-    face = pair.newer.faces[_main_owner(owner)]
+    patch_there = pair.newer.patches[_main_owner(owner)]
     # A column that the extent does not touch is not covered in part. A narrow strip has no such
     # columns: its points are counted instead.
-    points_outside = ~shapely.contains_xy(face.extent, points[:, 0], points[:, 1])
-    for outside in (_columns_outside(face.extent, points, cell_size), points_outside):
+    points_outside = ~shapely.contains_xy(patch_there.extent, points[:, 0], points[:, 1])
+    for outside in (_columns_outside(patch_there.extent, points, cell_size), points_outside):
         if np.count_nonzero(gone & outside) > max(min_count, MAJORITY * outside.sum()):
             break
     else:
         return False
     T_newer_older = pose_from_rpy(pair.step * STEPS)
     before = footprint_in_map(patch.outline, patch.mean, patch.spacing, T_newer_older)
-    new = face.patch
+    new = patch_there.patch
     return is_displaced(before, footprint_in_map(new.outline, new.mean, new.spacing, np.eye(4)))
 
 

@@ -22,13 +22,13 @@ from tccm_ros.records import Surface
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.surfaces.scene.scene import object_pose
 
-OBJECT_PREFIX = "tccm_surface_"
+SURFACE_PREFIX = "tccm_surface_"
 """Prefix of the names of collision objects, so that those of other programs are kept."""
 
 PANEL_PREFIX = "tccm_rack_"
 """Prefix of the names of panels of racks."""
 
-ITEM_PREFIX = "tccm_object_"
+OBJECT_PREFIX = "tccm_object_"
 """Prefix of the names of objects."""
 
 UNSEEN_PREFIX = "tccm_unseen_"
@@ -125,7 +125,7 @@ def structure_shapes(
             measured = min(max(heights[space.above] - lower_side, MIN_BOARD), MAX_BOARD)
             thickness[space.above] = max(measured, thickness.get(space.above, 0.0))
     shapes: dict[str, Box | Mesh] = {
-        f"{OBJECT_PREFIX}{s.id}": surface_shape(s, thickness.get(s.id, THICKNESS)) for s in known
+        f"{SURFACE_PREFIX}{s.id}": surface_shape(s, thickness.get(s.id, THICKNESS)) for s in known
     }
     parts: Counter[int] = Counter()
     for space in compartments:
@@ -151,7 +151,7 @@ def scene_shapes(
         Contents of a solution, in map.
     """
     shapes = structure_shapes(surfaces, compartments)
-    shapes |= {f"{ITEM_PREFIX}{o.id}": Box(object_pose(o), o.size, o.is_round) for o in objects}
+    shapes |= {f"{OBJECT_PREFIX}{o.id}": Box(object_pose(o), o.size, o.is_round) for o in objects}
     parts: Counter[int] = Counter()
     for space in unseen:
         name = f"{UNSEEN_PREFIX}{space.surface}_{parts[space.surface]}"

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.errors import OutputError
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.process.ending import HASTE_S, SAME_S, Ending
+from tccm_ros.nodes.process.ending import IMPATIENT_S, SAME_S, Ending
 from tccm_ros.nodes.saving.solution_saver import patience_s
 from tccm_ros.nodes.solver.channel import Journal
 from tccm_ros.records import RollPitch, SurfaceCloud
@@ -129,7 +129,7 @@ def test_the_newest_solution_is_saved_at_once_and_a_late_signal_ends_the_wait(ro
         start = time.monotonic()
         node.send_signal(signal.SIGINT)
         wait_until((tmp_path / "map" / "map.mcap").exists, "the newest solution", node)
-        assert goes_on(node, start + HASTE_S + 0.5 - time.monotonic())
+        assert goes_on(node, start + IMPATIENT_S + 0.5 - time.monotonic())
         node.send_signal(signal.SIGTERM)
         os.kill(child, signal.SIGCONT)
         output, _ = node.communicate(timeout=PATIENCE_S)

@@ -19,7 +19,7 @@ from tccm_ros.surfaces.edges.edge_samples import Edge
 from tccm_ros.surfaces.edges.shapes import (
     _reaches_wall,
     _yaws,
-    doubting_wall_points,
+    downweight_wall_points,
 )
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -198,7 +198,7 @@ def test_points_of_a_wall_do_not_carry_a_board_on_to_it(on_wall):
     last = np.r_[np.full(5, -0.125), np.full(on_wall, -0.004)]
     found = last_points(np.linspace(0.0, 0.4, len(last)), last, gap=0.02)
     found = found._replace(ends=np.arange(len(last)) < 5)
-    position, _ = locate_edge(doubting_wall_points(found, 0.0), 0.0)
+    position, _ = locate_edge(downweight_wall_points(found, 0.0), 0.0)
     assert position == pytest.approx(-0.115, abs=0.012)
 
 
@@ -206,9 +206,9 @@ def test_a_board_that_reaches_a_wall_ends_there():
     last = np.r_[np.full(3, -0.025), np.full(5, -0.004)]
     found = last_points(np.linspace(0.0, 0.4, 8), last, gap=0.03)
     found = found._replace(ends=np.zeros(8, bool))
-    position, _ = locate_edge(doubting_wall_points(found, 0.0), 0.0)
+    position, _ = locate_edge(downweight_wall_points(found, 0.0), 0.0)
     assert position == pytest.approx(0.0, abs=0.006)
-    assert doubting_wall_points(found, None) is found
+    assert downweight_wall_points(found, None) is found
 
 
 def last_points(at, last, gap):

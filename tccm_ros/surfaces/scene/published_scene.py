@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.errors import MessageError
-from tccm_ros.surfaces.scene.planning_shapes import ITEM_PREFIX, Box, Mesh
+from tccm_ros.surfaces.scene.planning_shapes import OBJECT_PREFIX, Box, Mesh
 
 MIN_CHANGE = 0.002
 """Maximum change of a shape that is not reported, m. Chosen: a fifth of the error of a shape."""
@@ -76,12 +76,12 @@ class SceneChanges(NamedTuple):
         return any(self.diff) or bool(self.held)
 
 
-class ToldScene:
+class PublishedScene:
     """Shapes of the newest solution, with objects that are left out or held by the robot."""
 
     def __init__(self) -> None:
         self._known: Shapes = {}
-        self._told: Shapes = {}
+        self._published: Shapes = {}
         self._left_out: set[str] = set()
         self._held: dict[str, HeldObject] = {}
         self._put_down: dict[str, Box | Mesh] = {}
@@ -103,7 +103,7 @@ class ToldScene:
 
     def repeat(self) -> SceneChanges:
         """Return everything, for listeners that know nothing."""
-        self._told = {}
+        self._published = {}
         return self._changes(*self._held.values())
 
     def set_state(
@@ -125,7 +125,7 @@ class ToldScene:
         MessageError
             If the object or the state is unknown, or the link is missing.
         """
-        name = f"{ITEM_PREFIX}{identity}"
+        name = f"{OBJECT_PREFIX}{identity}"
         before = self._held.get(name)
         shape = self._put_down.get(name) or self._known.get(name)
         shape = shape if before is None else before.shape
@@ -140,7 +140,7 @@ class ToldScene:
         if before is not None and shape is not None:
             held.append(HeldObject(name, before.link))
             self._put_down[name] = shape
-            self._told = {**self._told, name: shape}  # MoveIt puts it into the world
+            self._published = {**self._published, name: shape}  # MoveIt puts it into the world
             del self._held[name]
         if state == ObjectState.LEFT_OUT:
             self._left_out.add(name)
@@ -148,12 +148,12 @@ class ToldScene:
             self._held[name] = HeldObject(name, link, touch_links, shape)
             held.append(self._held[name])
             # MoveIt takes it out of the world
-            self._told = {other: s for other, s in self._told.items() if other != name}
+            self._published = {other: s for other, s in self._published.items() if other != name}
         return self._changes(*held)
 
     def _changes(self, *held: HeldObject) -> SceneChanges:
-        diff = scene_diff(self._told, self.shapes)
-        self._told = told(self._told, diff)
+        diff = scene_diff(self._published, self.shapes)
+        self._published = after_diff(self._published, diff)
         return SceneChanges(diff, held)
 
 
@@ -163,7 +163,7 @@ def scene_diff(before: Shapes, after: Shapes) -> SceneDiff:
     Parameters
     ----------
     before
-        Shapes as the listeners know them, `told`; so that small changes do not add up.
+        Shapes as the listeners know them, `after_diff`; so that small changes do not add up.
     after
         Shapes of the newest solution.
     """
@@ -177,7 +177,7 @@ def scene_diff(before: Shapes, after: Shapes) -> SceneDiff:
     return diff
 
 
-def told(before: Shapes, diff: SceneDiff) -> Shapes:
+def after_diff(before: Shapes, diff: SceneDiff) -> Shapes:
     """Return the shapes that listeners know after a diff."""
     kept = {name: shape for name, shape in before.items() if name not in diff.remove}
     return kept | diff.add | diff.move

@@ -215,19 +215,21 @@ def side_factors(
                 matches.append((i, j, match))
                 moved.append(between2(start, match.pose))
                 cov_moved.append(cov)
-    # The matches of a view use the same sides: inflate their covariances by the number of uses.
+    # The matches of a view use the same sides: all together count as at most two of them.
     uses = np.bincount([v for i, j, _ in matches for v in (i, j)], minlength=len(views))
     covs = np.array([match.cov for _, _, match in matches]).reshape(-1, 3, 3)
     observed = variance_factor(
         np.array(moved).reshape(-1, 3), covs, np.array(cov_moved).reshape(-1, 3, 3)
     )
-    weight = 2.0 * known.unit_variance * observed
+    weight = known.unit_variance * observed
     return [
         BetweenViews(
             view_key(views[i].stamp_ns),
             view_key(views[j].stamp_ns),
             _matched_pose(match, T_map_view[i], T_map_view[j]),
-            planar_covariance(match.cov * ((max(uses[i], uses[j]) + 1) / weight), OPEN_SIGMAS),
+            planar_covariance(
+                match.cov * (0.5 * (max(uses[i], uses[j]) + 1) / weight), OPEN_SIGMAS
+            ),
         )
         for i, j, match in matches
     ]

@@ -371,13 +371,8 @@ class SurfaceSlam:
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
         )
         objects = scene_objects(surfaces, tracked.tracks)
-        compartments = unseen = None
-        if with_racks:
-            seen = seen_views(surface_map.views, view_poses.T_map_view)
-            compartments = stages.run("racks", lambda: find_compartments(surfaces, seen))
-            floor_z = mapped.floor_z or 0.0
-            if self.config.surfaces.unseen_space:
-                unseen = stages.run("unseen", lambda: unseen_spaces(surfaces, seen, floor_z))
+        seen = seen_views(surface_map.views, view_poses.T_map_view) if with_racks else None
+        compartments, unseen = self._racks(mapped, seen, stages)
         place_size = self.config.objects.place_size
         free = stages.run("free places", lambda: free_places(surfaces, objects, place_size))
         stamps, poses = self._trajectory(graph)
@@ -401,11 +396,24 @@ class SurfaceSlam:
             grid=grid,
             stages=stages,
             attitudes=graph.attitude_at(stamps) if len(graph.attitudes) else graph.attitudes,
-            compartments=compartments or (),
-            unseen=unseen or (),
+            compartments=compartments,
+            unseen=unseen,
             saved_walls=saved_walls,
             tracked=tracked,
         )
+
+    def _racks(
+        self, mapped: MappedSurfaces, seen: list[SeenView] | None, stages: OptionalStages
+    ) -> tuple[tuple[Compartment, ...], tuple[UnseenSpace, ...]]:
+        """Return compartments and unseen space; both are empty without views."""
+        if seen is None:
+            return (), ()
+        surfaces, floor_z = mapped.surfaces, mapped.floor_z or 0.0
+        compartments = stages.run("racks", lambda: find_compartments(surfaces, seen))
+        unseen = None
+        if self.config.surfaces.unseen_space:
+            unseen = stages.run("unseen", lambda: unseen_spaces(surfaces, seen, floor_z))
+        return compartments or (), unseen or ()
 
     def _rooms(self, graph: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
         """Return the rooms between the walls; none without a level laser, or while it is lost."""

@@ -134,6 +134,27 @@ def cupboard_over_counter(low: float, sensor: str = "laser") -> Rack:
     return Rack(_world(scene, front, pi / 2, 0, rng, options), (space,), options)
 
 
+def set_back_shelf(setback: float, sensor: str = "laser") -> Rack:
+    """Return a shelf on posts, whose upper boards end `setback` (m) behind its lowest one."""
+    rng, scene = np.random.default_rng(0), Scene()
+    scene.room((0.0, ROOM[0]), (0.0, ROOM[1]), CEILING)
+    front, options = np.array([ROOM[0] / 2, 2.9]), Options(**SENSORS[sensor])
+    width, depth, thickness, tops = 0.9, 0.42, 0.02, (0.40, 0.74, 1.06)
+    place = _Place(scene, front, pi / 2, width, depth)
+    for k, top in enumerate(tops):
+        place.box(f"board {k}", (setback if k else 0.0, depth), (-width / 2, width / 2),
+                  (top - thickness, top), surface=f"board {k}")  # fmt: skip
+    for u in (width / 2 - 0.015, -width / 2 + 0.015):
+        for v in (setback + 0.015, depth - 0.015):
+            place.box("post", (v - 0.012, v + 0.012), (u - 0.012, u + 0.012), (0.0, tops[-1]))
+    spaces = tuple(
+        TrueSpace(place.T_world(setback, 0.0, low), width, depth - setback, up - thickness - low,
+                  (False, False, False))
+        for low, up in pairwise(tops)
+    )  # fmt: skip
+    return Rack(_world(scene, front, pi / 2, 0, rng, options), spaces, options)
+
+
 class _Place:
     """A rack's own axes: v inward from the front, u to the left, z up."""
 

@@ -15,6 +15,7 @@ from random_racks import (
     random_rack,
     same_space,
     seat_below_table,
+    set_back_shelf,
 )
 from shapely import box
 from slam_run import drive, new_slam
@@ -230,6 +231,18 @@ def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low, t
     assert found.above is None
     assert found.height == pytest.approx(true.height, abs=HEIGHT)
     assert [found.width, found.depth] == pytest.approx([true.width, true.depth], abs=2 * LENGTH)
+
+
+def test_boards_on_posts_that_are_set_back_from_the_lowest_one_are_a_rack(tmp_path):
+    """No wall joins them, and their front edges are 8 cm apart, which is less than 10 cm."""
+    made = set_back_shelf(0.08)
+    outcome, T = mapped(made, 0, tmp_path)
+    pairs = [(found, same_space(found, made.spaces, T)) for found in outcome.solution.compartments]
+    assert [true for _, true in pairs] == list(made.spaces)
+    for found, true in pairs:
+        assert FaceState.MEASURED not in (found.left, found.right, found.back)
+        assert found.height == pytest.approx(true.height, abs=HEIGHT)
+        assert [found.width, found.depth] == pytest.approx([true.width, true.depth], abs=LENGTH)
 
 
 @pytest.mark.parametrize("has_apron", [False, True])

@@ -154,7 +154,7 @@ def _horizontal_points(
     surface = _kept(points, in_line, with_strips, voxel)
     if seen:
         map_cuboid = _map_cuboids(part, fits)[part.point_cuboids()]
-        tops = top_planes(points, map_cuboid, labels, surface, in_line, seen, fits)
+        tops = top_planes(points, map_cuboid, labels, surface, in_line, seen, fits, viewpoint)
         surface = np.maximum(surface, _kept(points, in_line, tops, voxel))
     is_surface = surface >= 0
     _, number = np.unique(surface[is_surface], return_inverse=True)

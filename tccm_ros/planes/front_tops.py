@@ -1,8 +1,8 @@
-"""Points of a horizontal surface in the cuboids of the front below its edge.
+"""Points of a horizontal surface in the cuboids of the fronts and walls at its edges.
 
 The cell in which a block's top meets its front has one tall cuboid, an inlier of the front's plane,
-or of none: the front of a board is too low for a plane. Without its topmost points the top would
-end up to a cell before its edge.
+or of none: the front of a board is too low for a plane. So has the cell in which a board meets a
+wall or a side panel. Without the points there the top would end up to a cell before its edge.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ def top_planes(
     in_line: Bool,
     tops: Sequence[PlaneFit],
     fits: PlaneFits,
+    viewpoint: Float64,
 ) -> Int64:
-    """Return the horizontal plane of the topmost points of fronts, -1 for all other points.
+    """Return the horizontal plane of its points in cuboids of vertical ones, -1 for all others.
 
     Parameters
     ----------
@@ -55,13 +56,16 @@ def top_planes(
         The horizontal planes, by index; at least one.
     fits
         All planes of the map.
+    viewpoint
+        float64 (3,), position of the sensor in the map's frame, m.
 
     Returns
     -------
-    int64 (M,): the horizontal plane at whose height the point is and its front ends, and which has
-    points of its own in the same cell or in a neighbour. Scan lines have it on the planes of fronts
-    alone, as `horizontal_strips` decides on their other points. Where points are dense, a cuboid on
-    no plane is a front as well; each has to reach up to the horizontal plane from below.
+    int64 (M,): the horizontal plane at whose height the point is, and which has points of its own
+    in the same cell or in a neighbour, and whose front ends there. Scan lines have it on the planes
+    of fronts alone, as `horizontal_strips` decides on their other points. Where points are dense, a
+    cuboid on no plane is a front as well, and each has to reach up to the horizontal plane from
+    below; before a wall, which continues above, points nearer to the horizontal plane are of it.
     """
     found = np.full(len(points), -1, np.int64)
     is_front = np.array([abs(f.normal[2]) < FITTED_AS_VERTICAL for f in fits] + [False])
@@ -71,19 +75,24 @@ def top_planes(
     index = np.array([top.index for top in tops])
     is_beside = _tops_beside(cells, surface, index, on_front)
     rows, of_top = np.divmod(np.flatnonzero(is_beside), len(index))
-    rows, planes = on_front[rows], index[of_top]
+    rows = on_front[rows]
     normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
     distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
     slack = SIGMAS * np.array([top.rms for top in tops])[of_top]
     bottom, end = (z[cuboids[rows]] / TICKS_PER_M for z in (fits.cuboids.bottom, fits.cuboids.top))
     height = points[rows, 2] - distance
     reaches_up = (bottom < height - slack) & (end <= height + ABOVE)
-    ends_here = (np.abs(distance) <= slack) & (in_line[rows] | reaches_up)
-    np.maximum.at(found, rows[ends_here], planes[ends_here])
+    is_at_top = np.abs(distance) <= slack
     fronts = np.flatnonzero(is_front[fits.labels])
-    for top in tops:
-        own = np.flatnonzero(found == top.index)
-        found[own[_continues_above(top, cells[own], in_line[own], fronts, fits)]] = -1
+    for k, top in enumerate(tops):
+        at_top = is_at_top & (of_top == k)
+        near, ends_here = rows[at_top], (in_line[rows] | reaches_up)[at_top]
+        is_wall = _continues_above(top, cells[near], in_line[near], fronts, fits)
+        own = np.flatnonzero(surface == top.index)
+        walls = near[is_wall & ~in_line[near]]
+        is_before = _before_walls(top, walls, own, points, cells, labels, fits, viewpoint)
+        of_this = np.concatenate([near[ends_here & ~is_wall], walls[is_before]])
+        found[of_this] = np.maximum(found[of_this], top.index)
     return found
 
 
@@ -141,6 +150,49 @@ def _continues_above(
         (_places_around(cells, known) < len(known)).any(axis=1) for known in pieces
     )
     return np.where(in_line, in_pieces, in_one)
+
+
+def _before_walls(
+    top: PlaneFit,
+    rows: Int64,
+    own: Int64,
+    points: Float64,
+    cells: Int64,
+    labels: Int32,
+    fits: PlaneFits,
+    viewpoint: Float64,
+) -> Bool:
+    """Return which points at the height of a top are of it, and not of the walls behind it.
+
+    Their distance towards the sensor from the wall is more standard deviations than that from the
+    top. A wall has such points by noise as well, whether the top extends to it or not, so the top
+    needs points of its own beside them that are before the noise of the wall.
+
+    Parameters
+    ----------
+    top
+        The horizontal plane.
+    rows, own
+        int64 (N,), int64 (K,), rows of the points in cuboids of walls, and of the top's own points.
+    points, cells, labels, fits, viewpoint
+        As in `top_planes`.
+
+    Returns
+    -------
+    bool (N,)
+    """
+    is_before = np.zeros(len(rows), np.bool_)
+    for wall in np.unique(labels[rows][labels[rows] >= 0]).tolist():
+        fit, of_wall = fits[wall], labels[rows] == wall
+        towards = np.sign(fit.normal @ viewpoint - fit.offset) / fit.rms
+        before, own_before = (
+            towards * (points[k] @ fit.normal - fit.offset) for k in (rows[of_wall], own)
+        )
+        from_top = np.abs(points[rows[of_wall]] @ top.normal - top.offset) / top.rms
+        clear = np.unique(cells[own[own_before > SIGMAS]])
+        is_beside = (_places_around(cells[rows[of_wall]], clear) < len(clear)).any(axis=1)
+        is_before[of_wall] = (before > from_top) & is_beside
+    return is_before
 
 
 def _places_around(cells: Int64, known: Int64) -> Int64:

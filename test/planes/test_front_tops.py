@@ -1,4 +1,4 @@
-"""The topmost points of a block's front are of its top: brute force, walls, gaps, boards."""
+"""Points of tops in cuboids of fronts and walls: brute force, walls, gaps, boards."""
 
 from types import SimpleNamespace
 
@@ -11,6 +11,7 @@ from tccm_ros.planes.front_tops import ABOVE, SIGMAS, top_planes
 
 CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
 TOP, FRONT, SLOPE = 0, 1, 2
+BEFORE_FRONT, OVER_TOP = np.array([-1.0, 0.0, 1.5]), np.array([1.0, 0.0, 1.5])
 NORMALS = {TOP: [0.0, 0.0, 1.0], FRONT: [1.0, 0.0, 0.0], SLOPE: [0.8, 0.0, 0.6]}
 
 
@@ -54,11 +55,11 @@ def block_points(rng, count=500):
     return np.concatenate([front, top]), cuboids
 
 
-def found(fits, points, cuboids, own=True, in_line=True):
+def found(fits, points, cuboids, own=True, in_line=True, viewpoint=BEFORE_FRONT):
     labels = fits.labels[cuboids]
     surface = np.where((labels == TOP) & own, TOP, -1).astype(np.int64)
     lines = np.full(len(points), in_line)
-    return top_planes(points, cuboids, labels, surface, lines, fits[:1], fits)
+    return top_planes(points, cuboids, labels, surface, lines, fits[:1], fits, viewpoint)
 
 
 def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
@@ -74,6 +75,37 @@ def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
 def test_walls_that_go_on_slopes_and_distant_fronts_have_no_points_of_the_top(fits):
     points, cuboids = block_points(np.random.default_rng(2))
     assert (found(fits, points, cuboids) == -1).all()
+
+
+@pytest.mark.parametrize("in_line", [False, True])
+@pytest.mark.parametrize("gap", [0, 1])
+def test_points_before_a_wall_are_of_the_top_that_reaches_it(gap, in_line):
+    """Points of the wall, too, if they are nearer to the top; scan lines are left as they are."""
+    rng = np.random.default_rng(7)
+    fits = block(front_top=HEIGHT + 0.5, gap=gap)
+    y = rng.uniform(0.0, 20 * CELL, 400)
+    top = np.column_stack([rng.uniform(0.0, CELL, 200), y[:200], rng.normal(HEIGHT, RMS, 200)])
+    wall = np.column_stack([rng.normal(0.0, RMS, 200), y[200:], rng.normal(HEIGHT, 0.02, 200)])
+    c = fits.cuboids
+    own = np.column_stack(
+        [(c.ix[20:] + 0.5) * CELL, (c.iy[20:] + 0.5) * CELL, np.full(100, HEIGHT)]
+    )
+    points = np.concatenate([top, wall, own])
+    cuboids = np.concatenate([np.floor(y / CELL).astype(np.int64), np.arange(20, 120)])
+    height = np.abs(points[:, 2] - HEIGHT)
+    is_top = (height <= SIGMAS * RMS) & (points[:, 0] > height) & (cuboids < 20)
+    assert is_top[:200].sum() > 150 > 50 > is_top[200:].sum()
+    expected = np.where(is_top & (gap == 0) & (not in_line), TOP, -1)
+    planes = found(fits, points, cuboids, in_line=in_line, viewpoint=OVER_TOP)
+    np.testing.assert_array_equal(planes, expected)
+    assert (found(fits, points, cuboids, in_line=in_line, viewpoint=BEFORE_FRONT) == -1).all()
+
+
+def test_a_top_whose_points_are_all_in_the_noise_of_a_wall_does_not_reach_it():
+    points, cuboids = block_points(np.random.default_rng(8))
+    fits = block(front_top=HEIGHT + 0.5)
+    points[cuboids >= 20, 0] = 0.9 * SIGMAS * RMS
+    assert (found(fits, points, cuboids, in_line=False, viewpoint=OVER_TOP) == -1).all()
 
 
 def test_a_front_too_low_for_a_plane_is_one_where_points_are_dense():
@@ -130,21 +162,23 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
     in_line = rng.random(60) < 0.5
     z = rng.normal(HEIGHT, 2.0 * SIGMAS * RMS, 60)
     points = np.column_stack([(cells[cuboids] + rng.random((60, 2))) * CELL, z])
-    planes = top_planes(points, cuboids, fits.labels[cuboids], surface, in_line, fits[:1], fits)
+    labels_of, x = fits.labels[cuboids], points[:, 0]
+    planes = top_planes(points, cuboids, labels_of, surface, in_line, fits[:1], fits, OVER_TOP)
     own = cells[cuboids[surface == TOP]]
+    clear = cells[cuboids[(surface == TOP) & (x > SIGMAS * RMS)]]
     slack, limit = SIGMAS * RMS, HEIGHT + ABOVE
     bottoms, tops = fits.cuboids.bottom * 1e-4, fits.cuboids.top * 1e-4
-    ends = np.array([
-        (labels[k] == FRONT or (labels[k] == -1 and not line))
-        and abs(point[2] - HEIGHT) <= slack
-        and (np.abs(own - cells[k]).max(axis=1, initial=0) <= 1).any()
-        and (line or (bottoms[k] < HEIGHT - slack and tops[k] <= limit))
-        for point, k, line in zip(points, cuboids, in_line)
-    ])  # fmt: skip
-    for k, line, end, plane in zip(cuboids, in_line, ends, planes):
-        near = np.abs(cells - cells[k]).max(axis=1) <= 1
+    for point, k, line, plane, is_own in zip(points, cuboids, in_line, planes, surface == TOP):
+        near, off = np.abs(cells - cells[k]).max(axis=1) <= 1, abs(point[2] - HEIGHT)
         goes_on = near & (labels == FRONT) & (tops > limit) & (line | (bottoms <= limit))
-        assert plane == (TOP if end and not goes_on.any() else -1)
+        if goes_on.any():
+            beside = (np.abs(clear - cells[k]).max(axis=1, initial=0) <= 1).any()
+            is_top = labels[k] == FRONT and not line and point[0] > off and beside
+        else:
+            is_top = line or (bottoms[k] < HEIGHT - slack and tops[k] <= limit)
+        may_be = (labels[k] == FRONT or (labels[k] == -1 and not line)) and not is_own
+        beside = (np.abs(own - cells[k]).max(axis=1, initial=0) <= 1).any()
+        assert plane == (TOP if may_be and off <= slack and beside and is_top else -1)
 
 
 def test_the_front_of_a_tilted_top_is_no_wall_at_its_high_end():
@@ -172,6 +206,6 @@ def test_boards_with_fronts_in_the_same_cells_have_their_own_points():
     surface = np.where(labels >= 0, labels, -1).astype(np.int64)
     dense = np.zeros(80, bool)
     planes = top_planes(
-        points, np.arange(80), fits.labels, surface, dense, [fits[0], fits[3]], fits
+        points, np.arange(80), fits.labels, surface, dense, [fits[0], fits[3]], fits, BEFORE_FRONT
     )
     np.testing.assert_array_equal(planes, np.repeat([TOP, 3, -1, -1], 20))

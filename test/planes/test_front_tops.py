@@ -101,7 +101,7 @@ def test_points_before_a_wall_are_of_the_top_that_reaches_it(gap, in_line):
     assert (found(fits, points, cuboids, in_line=in_line, viewpoint=BEFORE_FRONT) == -1).all()
 
 
-def test_a_top_whose_points_are_all_in_the_noise_of_a_wall_does_not_reach_it():
+def test_a_top_whose_points_are_all_in_the_noise_of_a_wall_is_not_at_it():
     points, cuboids = block_points(np.random.default_rng(8))
     fits = block(front_top=HEIGHT + 0.5)
     points[cuboids >= 20, 0] = 0.9 * SIGMAS * RMS

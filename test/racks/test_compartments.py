@@ -234,7 +234,7 @@ def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low, t
 
 
 def test_boards_on_posts_that_are_set_back_from_the_lowest_one_are_a_rack(tmp_path):
-    """No wall joins them, and their front edges are 8 cm apart, which is less than 10 cm."""
+    """No wall joins them; their front edges have a distance of 8 cm, less than the limit, 10 cm."""
     made = set_back_shelf(0.08)
     outcome, T = mapped(made, 0, tmp_path)
     pairs = [(found, same_space(found, made.spaces, T)) for found in outcome.solution.compartments]

@@ -19,12 +19,14 @@ clouds is not tried.
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import importlib
 import json
 import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -68,15 +70,14 @@ MIN_OVERLAP = 0.1
 
 FACTORS = {"half": 0.5, "double": 2.0, "zero": 0.0, "huge": 1e6}
 
-VIEW_MODULES = {"views", "outline", "front_points", "stray_points", "plane_errors", "thinning"}
-VIEW_MODULES |= {"polygons", "displacement"}
-"""Modules that make views."""
+VIEWS = "tccm_ros.surfaces.views.views"
+"""Module that makes views."""
 
-REGISTRATION_MODULES = {"sides", "side_matching", "registration", "plane_adjustment"}
-"""Modules that registration alone uses."""
+REGISTRATION = "tccm_ros.surfaces.registration.registration"
+"""Module that finds factors between views."""
 
-SHARED_MODULES = {"carving", "merging", "contact", "patch_planes", "free_grid", "edge_samples"}
-"""Modules that registration and the map use."""
+MAP = "tccm_ros.surfaces.surface_map", "tccm_ros.surfaces.objects.scene_objects"
+"""Modules that build the map and its objects."""
 
 SURFACES = "tccm_ros.surfaces."
 
@@ -346,19 +347,31 @@ def tried(known: Known, module: str) -> Trial:
     Stages that do not use the module have their results without a change.
     """
     saved, views, before = known
+    is_by_map = not module or any(module in used_by(maker) for maker in MAP)
     if isinstance(saved, Rooms):
-        if module in REGISTRATION_MODULES:
+        if not is_by_map:
             return before
         text, found = saved.row()
         return Stage(text, digest_of(found)), before[1]
-    if module in VIEW_MODULES:
+    if module in used_by(VIEWS):
         views = views_of(saved)
-    is_by_map = module not in REGISTRATION_MODULES
-    is_registered = not module or module in VIEW_MODULES | REGISTRATION_MODULES | SHARED_MODULES
     return (
         built(saved, views) if is_by_map else before[0],
-        registered(saved, views) if is_registered else before[1],
+        registered(saved, views) if not module or module in used_by(REGISTRATION) else before[1],
     )
+
+
+@cache
+def used_by(module: str) -> frozenset[str]:
+    """Return a module of the package, and those that it imports, directly or not."""
+    found, new = {module}, [module]
+    while new:
+        source = Path(importlib.import_module(new.pop()).__file__ or "").read_text()
+        imported = {n.module for n in ast.walk(ast.parse(source)) if isinstance(n, ast.ImportFrom)}
+        folders = tuple(f"tccm_ros.{folder}." for folder in FOLDERS)
+        new += [name for name in imported - found if name and name.startswith(folders)]
+        found.update(new)
+    return frozenset(found)
 
 
 def apply(change: Change) -> None:
@@ -373,8 +386,7 @@ def apply(change: Change) -> None:
 
 def run(change: Change, recordings: Sequence[Known]) -> list[str]:
     """Return the cells of one trial."""
-    module = change[0].rsplit(".", 1)[-1]
-    found = in_process(lambda: apply(change), lambda one: tried(one, module), recordings)
+    found = in_process(lambda: apply(change), lambda one: tried(one, change[0]), recordings)
     return [
         after if isinstance(after, str) else cell(after, one.trial)
         for after, one in zip(found, recordings)
@@ -389,7 +401,12 @@ def cell(after: Trial, before: Trial) -> str:
 
 def changes_of(only: set[str], how: Sequence[str], *, groups: bool) -> list[Change]:
     """Return the trials: of constants or of modules, and of rules; `only` names them if any."""
-    names = [(module, "all" if groups else name) for module, name, _ in constants(FOLDERS)]
+    used = set().union(*map(used_by, (VIEWS, REGISTRATION, *MAP)))
+    names = [
+        (module, "all" if groups else name)
+        for module, name, value in constants(FOLDERS)
+        if module in used and not hasattr(value, "_fields")
+    ]
     found = [
         (module, name, factor)
         for module, name in dict.fromkeys(names)

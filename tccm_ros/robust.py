@@ -1,4 +1,4 @@
-"""Robust estimate of the scale of residuals with outliers."""
+"""Robust estimation: the scale of residuals with outliers, their gate, and majorities."""
 
 import numpy as np
 
@@ -7,6 +7,12 @@ from tccm_ros.arrays import Float64
 MAD_TO_SIGMA = 1.4826
 """Ratio of standard deviation and median absolute deviation of a normal distribution: 1 over its 75
 % quantile."""
+
+GATE = 3.0
+"""Max difference of two measurements that agree, in standard deviations: 99.7 % of all."""
+
+MAJORITY = 0.5
+"""The larger part of a whole is more than this fraction of it."""
 
 
 def median_sigma(residuals: Float64) -> float:

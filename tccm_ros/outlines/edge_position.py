@@ -14,22 +14,16 @@ from scipy.special import log_ndtr, ndtr
 
 from tccm_ros.arrays import Bool, Float64
 
-STEP = 0.003
-"""Step of the candidate positions, m; chosen: below the range noise."""
-
 HALF_RANGE = 0.15
 """Max distance of candidate positions from the first guess, m; chosen."""
 
 SIGMA = 0.006
-"""Standard deviation of a last sample, m: range noise, pose noise, thinning; chosen."""
+"""Standard deviation of a last sample, and step of the candidate positions, m: range noise, pose
+noise, thinning; chosen."""
 
 OUTLIER = 0.05
 """Fraction of outliers among last samples, distributed uniformly within `HALF_RANGE`: an object
 occludes the edge; chosen."""
-
-OUTLIER_BEFORE_FRONT = 0.10
-"""The same for an edge that faces the view: an object on it, such as the panel beside a shelf,
-occludes the surface behind it; chosen: twice."""
 
 OUTLIER_BEYOND = 0.2
 """Factor on the outlier density for samples beyond the edge: mixed pixels, points of a wall;
@@ -50,8 +44,10 @@ INDEPENDENT = 8.0
 WALL_SIGMA = 0.005
 """Standard deviation of an edge at a wall, m; chosen: the wall is known more precisely."""
 
-WALL_ODDS = 0.1
-"""Length before a wall, m, in which an edge is as likely as at the wall itself; chosen."""
+WALL_DISTANCE = 0.12
+"""Max distance of an edge from a wall at which it may end, of an outline beyond a wall that bounds
+it, and length before a wall in which an edge is as likely as at the wall itself, m; chosen: the
+depth that objects before a wall occlude."""
 
 
 class EdgeSamples(NamedTuple):
@@ -92,15 +88,15 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     wall
         Position across of a wall that bounds the edge, m; None: no wall is near.
     """
-    count = round(HALF_RANGE / STEP)
-    across: Float64 = STEP * np.arange(-count, count + 1, dtype=np.float64)
+    count = round(HALF_RANGE / SIGMA)
+    across: Float64 = SIGMA * np.arange(-count, count + 1, dtype=np.float64)
     score = samples.weight @ _log_likelihoods(across - samples.last[:, None], samples)
     score = score + _log_wall(across, wall)
     density = np.exp(score - score.max())
     density /= density.sum()
     mean = float(density @ across)
     median = float(np.interp(0.5, np.cumsum(density) - 0.5 * density, across))
-    return median, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))
+    return median, float(np.sqrt(density @ (across - mean) ** 2 + SIGMA**2 / 12.0))
 
 
 def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
@@ -114,8 +110,7 @@ def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
     before = ndtr(beyond / SIGMA) * limit / gap
     at_edge = np.exp(-0.5 * (beyond / SIGMA + OUTERMOST) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
     front = samples.front[:, None]
-    outlier = np.where(front > 0.0, OUTLIER_BEFORE_FRONT, OUTLIER) / HALF_RANGE
-    outlier = outlier * np.where(beyond > -SIGMA, 1.0, OUTLIER_BEYOND)
+    outlier = OUTLIER / HALF_RANGE * np.where(beyond > -SIGMA, 1.0, OUTLIER_BEYOND)
     return np.asarray(np.log(outlier + front * at_edge + (1.0 - front) * before), np.float64)
 
 
@@ -124,5 +119,5 @@ def _log_wall(across: Float64, wall: float | None) -> Float64:
     if wall is None:
         return np.zeros(len(across))
     away = (across - wall) / WALL_SIGMA
-    peak = WALL_ODDS / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
+    peak = WALL_DISTANCE / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
     return np.logaddexp(log_ndtr(1.0 - away), np.log(peak) - 0.5 * away**2)

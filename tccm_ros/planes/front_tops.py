@@ -15,14 +15,11 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.cuboids.inclination import FITTED_AS_VERTICAL
 from tccm_ros.planes.fits import PlaneFit, PlaneFits
+from tccm_ros.robust import GATE
 
 ABOVE = 0.03
 """Maximum height of a front, and of a point's cuboid, above the top, m: a wall behind the top is
 higher. Chosen: the depth of a cuboid."""
-
-SIGMAS = 3.0
-"""Maximum distance of a front's points from a horizontal plane to which they are assigned, in its
-standard deviations. Chosen: points further down belong to the front."""
 
 AROUND = (np.arange(-1, 2)[:, None] * (1 << 32) + np.arange(-1, 2)).ravel()
 """Offsets of the numbers of a cell and of its neighbours from the cell's number."""
@@ -78,7 +75,7 @@ def top_planes(
     rows = on_front[rows]
     normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
     distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
-    slack = SIGMAS * np.array([top.rms for top in tops])[of_top]
+    slack = GATE * np.array([top.rms for top in tops])[of_top]
     bottom, end = (z[cuboids[rows]] / TICKS_PER_M for z in (fits.cuboids.bottom, fits.cuboids.top))
     height = points[rows, 2] - distance
     reaches_up = (bottom < height - slack) & (end <= height + ABOVE)
@@ -189,7 +186,7 @@ def _before_walls(
             towards * (points[k] @ fit.normal - fit.offset) for k in (rows[of_wall], own)
         )
         from_top = np.abs(points[rows[of_wall]] @ top.normal - top.offset) / top.rms
-        clear = np.unique(cells[own[own_before > SIGMAS]])
+        clear = np.unique(cells[own[own_before > GATE]])
         is_beside = (_places_around(cells[rows[of_wall]], clear) < len(clear)).any(axis=1)
         is_before[of_wall] = (before > from_top) & is_beside
     return is_before

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
+from tccm_ros.planes.inliers import MIN_INSIDE
+from tccm_ros.robust import GATE, MAJORITY
 from tccm_ros.union_find import find_root, merge_sets
 
 TOLERANCE = 0.006
@@ -31,9 +33,6 @@ the noisiest laser at a grazing angle."""
 MAX_RISE = 0.0015
 """Maximum rise of a run from end to end beyond its noise, m. Chosen: a laser that is not exactly
 level."""
-
-SIGMAS = 3.0
-"""Maximum difference of heights and slopes of matching runs, in standard errors. Chosen."""
 
 MIN_BEAMS = 6
 """Minimum number of beams of a run, so that its slope is significant. Chosen."""
@@ -66,23 +65,10 @@ Runs = NDArray[Any]
 MAX_LINES = 2
 """Maximum difference of the line numbers of linked runs: one line may be missing. Chosen."""
 
-MIN_DISTANCE = 0.015
-"""Minimum distance of linked runs, m: nearer lines may also be on a front. Chosen."""
-
-MAX_DISTANCE = 0.30
-"""Maximum distance of linked runs, m. It is also limited by the length of the shorter run:
-otherwise two objects of one height are as likely as one. Chosen."""
-
-VERTICAL_FRACTION = 0.5
-"""A run is on a vertical object if for this fraction of its beams those of a neighbouring line are
-straight above or below. One of two linked runs may be: at the rim of a board. Chosen."""
-
 MAX_OFFSET = 0.015
-"""Maximum horizontal distance of points straight above each other, m. Chosen: nearly two standard
-deviations of the difference of two beams of the noisiest laser."""
-
-MIN_POINTS = 20
-"""Minimum number of points of a strip. Chosen."""
+"""Maximum horizontal distance of points straight above each other, and minimum distance of linked
+runs, as nearer lines may also be on a front, m. Chosen: nearly two standard deviations of the
+difference of two beams of the noisiest laser."""
 
 MIN_WIDTH = 0.03
 """Minimum width of a strip of several lines, m, from the variance of a uniform distribution: a
@@ -90,7 +76,9 @@ vertical object has no width. A narrower strip is a line, whose runs must not be
 strip of one bent line is rejected. Chosen."""
 
 MIN_LENGTH = 0.30
-"""Minimum length of a strip, m: shorter ones are tops of objects. Chosen."""
+"""Minimum length of a strip, m: shorter ones are tops of objects. The distance of linked
+runs is at most this, and at most the length of the shorter run: otherwise two objects of one height
+are as likely as one. Chosen."""
 
 
 def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: Float64) -> Int64:
@@ -191,7 +179,7 @@ def find_vertical_runs(
                 rises = abs(seen[k, 2] - run.height) > 2.0 * MAX_RISE
                 same += rises and abs(away - math.hypot(seen[k, 0], seen[k, 1])) <= MAX_OFFSET
                 k += 1
-            if same >= VERTICAL_FRACTION * beams:
+            if same >= MAJORITY * beams:
                 is_vertical[r] = True
     return is_vertical
 
@@ -246,10 +234,10 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
             if (is_vertical[a] and is_vertical[b]) or low - high > MAX_BEAMS * step:
                 continue
             noise = math.sqrt(other.height_sigma**2 + one.height_sigma**2)
-            if abs(other.height - one.height) > MAX_RISE + SIGMAS * noise:
+            if abs(other.height - one.height) > MAX_RISE + GATE * noise:
                 continue
             distance, longest = distance_between(other, one)
-            if MIN_DISTANCE <= distance <= min(MAX_DISTANCE, longest):
+            if MAX_OFFSET <= distance <= min(MIN_LENGTH, longest):
                 merge_sets(parent, a, b)
     roots = np.empty(len(runs), np.int64)
     for k in range(len(runs)):
@@ -284,7 +272,7 @@ def _strips(roots: Int64, is_vertical: Bool, of_point: Int64, runs: Runs, seen: 
     np.maximum.at(last, group, line)
     is_wide = (first < last) & (width >= MIN_WIDTH)
     is_line = (np.bincount(group, is_vertical) == 0) & (width < MIN_WIDTH)
-    is_large = (np.bincount(group, runs["points"]) >= MIN_POINTS) & (length >= MIN_LENGTH)
+    is_large = (np.bincount(group, runs["points"]) >= MIN_INSIDE) & (length >= MIN_LENGTH)
     chosen = is_large & (is_wide | is_line)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     return number[group]
@@ -440,7 +428,7 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
     run.height_sigma = noise / math.sqrt(n)
     # The length of a uniform distribution is sqrt(12) standard deviations.
     rise = abs(slope) * math.sqrt(12.0 * spread / n)
-    return rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / n)
+    return rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / n)
 
 
 @kernel

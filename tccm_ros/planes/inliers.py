@@ -26,15 +26,12 @@ NOTHING = (0.0,) * 10
 """Moments of no points."""
 
 GATE = 4.0
-"""Maximum distance of an inlier from its plane, in standard deviations. Chosen: one point in 16,000
-is further away, so that the tails of the noise are not cut off and do not bias the fit."""
+"""Maximum distance of an inlier from its plane, in standard deviations, and deviations of the
+chi-square test for a cuboid deep inside a surface. Chosen: one point in 16,000 is further away, so
+that the tails of the noise are not cut off and do not bias the fit."""
 
 NOISE_FLOOR = 0.00025
 """Minimum standard deviation for gates, m: ranges are quantised, tables are not flat. Chosen."""
-
-LENIENT = 4.0
-"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is rejected.
-Chosen."""
 
 STRICT = 2.0
 """Deviations of the chi-square test near an edge, where mixed cells are expected. Chosen."""
@@ -200,13 +197,13 @@ def assign_inliers(
                 continue
             flood.is_inlier[i >> 6] |= np.uint64(1) << np.uint64(i & 63)
             count += 1
-            total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, LENIENT))
+            total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, GATE))
         if count == before:
             continue
         if total[0] > refit_at:
             nx, ny, nz, d, variance = pooled_plane(total)
             gate = GATE * math.sqrt(variance)
-            refit_at = 1.5 * total[0]
+            refit_at = REFIT_GROWTH * total[0]
         queued = queue_around(b, mark, blocks, queue, queued, flood.stamp)
     return drain(flood.is_inlier, count)
 
@@ -281,7 +278,7 @@ def fit_horizontal(
     for k in range(n):
         m = M[members[k]]
         everything += m[0]
-        max_scatters[k] = max_scatter(m[0], LENIENT if deep[k] else STRICT)
+        max_scatters[k] = max_scatter(m[0], GATE if deep[k] else STRICT)
         if is_flat & is_sharing[k]:
             max_scatters[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])

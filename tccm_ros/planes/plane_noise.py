@@ -12,6 +12,10 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 
+FLATNESS = 0.0013
+"""Deviation of a surface from a plane, m (one sigma): DIN 18202 allows finished surfaces a gap of
+4 mm under a straightedge of 1 m, which is three of these."""
+
 MIN_SLOPE = 0.02
 """Minimum sine of the angle between beams and a plane: no plane is flat enough for less. Chosen."""
 

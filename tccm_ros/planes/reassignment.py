@@ -14,18 +14,13 @@ from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneTable, keep_planes
 from tccm_ros.planes.blocks import Blocks
+from tccm_ros.planes.edge_planes import MIN_VARIANCE_RATIO
 from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
+from tccm_ros.robust import MAJORITY
 
 MIN_DEVIATIONS = 2.5
 """Minimum rms distance of the points from the vertical plane, in standard deviations of the
 horizontal one. Chosen."""
-
-MIN_RATIO = 4.0
-"""Minimum ratio of the sums of squared distances from the vertical and from the horizontal plane.
-Chosen: twice the distance."""
-
-MIN_KEPT = 0.5
-"""Minimum fraction of its points that a vertical plane must keep. Chosen."""
 
 
 @kernel
@@ -63,7 +58,7 @@ def reassign_inliers(
             if count > 0:
                 members = order[start[b] : start[b + 1]]
                 reassign_block(M, members, near[:count], labels, planes, is_vertical)
-    return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= MIN_KEPT * before))
+    return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= MAJORITY * before))
 
 
 @kernel
@@ -191,7 +186,7 @@ def reassign_block(
                 continue
             other = planes[p].normal
             _, held = residuals_of(M[i], other[0], other[1], other[2], planes[p].offset)
-            if held > max(MIN_DEVIATIONS * MIN_DEVIATIONS * variance * n, MIN_RATIO * two):
+            if held > max(MIN_DEVIATIONS * MIN_DEVIATIONS * variance * n, MIN_VARIANCE_RATIO * two):
                 labels[i] = q
                 planes[p].support -= n
                 planes[q].support += n

@@ -21,8 +21,9 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
-from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
+from tccm_ros.planes.inliers import NOISE_FLOOR, ROUNDS, Plane, is_mixed
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
+from tccm_ros.robust import GATE
 
 LAYER = 0.25
 """Height of layers, m. Noise is estimated for each layer, since it depends on the incidence angle,
@@ -32,14 +33,8 @@ Chosen."""
 WARP = 0.001
 """Tolerance of a patch's mean beyond its noise, m: no board is flat. Chosen."""
 
-DEVIATIONS = 3.0
-"""Standard deviations of the tests of a patch's mean and scatter. Chosen."""
-
 PRIOR = 20.0
 """Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
-
-ROUNDS = 3
-"""Maximum number of refits. Chosen."""
 
 CONVERGED = 0.9
 """A round that accepts the same patches as the one before is the last, unless the variance falls
@@ -245,7 +240,7 @@ def accept_patches(
         takes = not (
             is_refused[j]
             or is_shifted(n, n, sums[p, 0], lenient)
-            or is_mixed(n, sums[p, 1], lenient, DEVIATIONS)
+            or is_mixed(n, sums[p, 1], lenient, GATE)
         )
         squares += sums[p, 1] * takes
         if takes != is_taken[p]:
@@ -345,7 +340,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     variance
         Variance of the noise across the plane, m2.
     """
-    return abs(first) > DEVIATIONS * math.sqrt(spread * variance) + weight * WARP
+    return abs(first) > GATE * math.sqrt(spread * variance) + weight * WARP
 
 
 @kernel

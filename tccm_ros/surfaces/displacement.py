@@ -10,7 +10,7 @@ from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Float64
-from tccm_ros.surfaces.polygons import equal_sides
+from tccm_ros.surfaces.polygons import MIN_BOX_FILL, equal_sides
 
 BORDER = 0.03
 """Max distance between two outlines of a static surface, m. Chosen: each ends within 1 or 2 cm of
@@ -19,9 +19,6 @@ the true edges."""
 MIN_WIDTH = 0.01
 """A surface has moved if the strip that it left and the strip that it newly covers, each as long as
 the surface is wide, are wider than this beyond the border, m. Chosen: less is noise of edges."""
-
-MEAN_WIDTH = 0.03
-"""Min mean width of the two strips, m. Chosen: with the border, a table that moved by 6 cm."""
 
 MIN_LIFT = 0.025
 """A surface has moved if its height differs by more than this, m. Chosen: heights are known to
@@ -34,10 +31,6 @@ is added in quadrature. Chosen: occluded parts and corners."""
 IN_PLACE = 0.05
 """Max distance along x and y of the centroids of two outlines at one place, m, or the larger blur.
 Chosen: a distance of scan lines."""
-
-SAME_AREA = 0.75
-"""Min ratio of the smaller to the larger area of two outlines of one surface. Chosen: an L is no
-rectangle of its sides; a square of 0.4 m may lose 2.5 cm at each edge."""
 
 
 class HorizontalOutline(NamedTuple):
@@ -108,7 +101,7 @@ def is_of_one_size(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     """
     smaller, larger = sorted((first, second), key=lambda f: float(f.outline.area))
     area = blurred(smaller.outline, 0.0, smaller.blur).area
-    if area < SAME_AREA * larger.outline.area or larger.outline.area == 0.0:
+    if area < MIN_BOX_FILL * larger.outline.area or larger.outline.area == 0.0:
         return False
     sides = equal_sides(first.outline) - equal_sides(second.outline)
     return bool(np.abs(sides).sum() <= np.hypot(SIZE_DIFFERENCE, _larger_blur(first, second)))
@@ -135,7 +128,7 @@ def is_displaced(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     left = first.outline.difference(blurred(second.outline, BORDER, *blurs)).area
     came = second.outline.difference(blurred(first.outline, BORDER, *blurs)).area
     width = np.sqrt(min(first.outline.area, second.outline.area))
-    return bool(min(left, came) > MIN_WIDTH * width and left + came > 2.0 * MEAN_WIDTH * width)
+    return bool(min(left, came) > MIN_WIDTH * width and left + came > 2.0 * BORDER * width)
 
 
 def blurred(outline: BaseGeometry, border: float, *blurs: tuple[float, float]) -> BaseGeometry:

@@ -28,9 +28,6 @@ MAX_WAIT_NS = 60_000_000_000
 """Max time for which detections wait for the next view, ns; chosen: many tilt cycles. It bounds the
 number of waiting detections of a robot at rest whose laser does not tilt."""
 
-SAME_PLACE = 0.03
-"""Max distance of detections of the same classes in one view that are merged, m; chosen."""
-
 
 @dataclass(slots=True, eq=False)
 class ClassScores:
@@ -150,7 +147,7 @@ def merge_detections(seen: Iterable[SeenDetection]) -> tuple[SeenDetection, ...]
     merged: list[SeenDetection] = []
     for item in seen:
         for k, other in enumerate(merged):
-            is_near = np.linalg.norm(item.center - other.center) <= SAME_PLACE
+            is_near = np.linalg.norm(item.center - other.center) <= MAX_GAP
             if is_near and item.scores.keys() == other.scores.keys():
                 merged[k] = _joined(other, item)
                 break

@@ -31,12 +31,9 @@ MIN_FRACTION = 0.2
 fewer."""
 
 MAX_COMMON = 0.25
-"""Maximum overlap of the hulls of two objects, as a fraction of the smaller one. Chosen: oblique
-boxes beside each other have less, the neck of a bottle and its shoulders more."""
-
-MAX_COVERED = 0.25
-"""Maximum fraction of an object's hull in which the surface below it is seen. Chosen: around the
-handle of a mug it is less, in the corner of an L more."""
+"""Maximum fraction of an object's hull that is in another one, or in which the surface below it is
+seen. Chosen: oblique boxes beside each other and the handle of a mug have less, the neck and the
+shoulders of a bottle and the corner of an L more."""
 
 
 def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list[Int64]:
@@ -109,7 +106,7 @@ def part_around(mean: Float64, surface: Float64, cell: float, max_length: float)
     if length <= max_length:
         return [whole]
     covered = surface[_inside(hull, surface)]
-    if len(covered) * cell**2 <= MAX_COVERED * shapely.Polygon(hull).area:
+    if len(covered) * cell**2 <= MAX_COMMON * shapely.Polygon(hull).area:
         return [whole]
     along = mean @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     best, left = 0.5 * len(covered), None

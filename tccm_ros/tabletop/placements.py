@@ -25,9 +25,6 @@ from tccm_ros.tabletop.placement_kernels import best_position
 TOLERANCE_M = 2e-3
 """Maximum difference of a clearance from the greatest, m; chosen: the accuracy of an outline."""
 
-SAME_SIDE_M = 1e-6
-"""Maximum difference of the sides of a square footprint, m: one yaw is enough for it; chosen."""
-
 MIN_CLEARANCE_M = 1e-6
 """Minimum clearance of any placement, m, also if less is requested: touching outlines are no valid
 polygons; chosen."""
@@ -248,7 +245,7 @@ class _Candidates:
             self._disc[2] = request.reach
         half = 0.5 * np.array([request.size_x, request.size_y])
         self._halves = [half, half[::-1].copy()]
-        if abs(half[0] - half[1]) < SAME_SIDE_M:
+        if abs(half[0] - half[1]) < MIN_CLEARANCE_M:
             self._halves.pop()
         self._find_best(surface.inner_radius + TOLERANCE_M - float(half.min()))
 

@@ -8,7 +8,6 @@ from tccm_ros.outlines.edge_position import (
     FADE,
     HALF_RANGE,
     OUTLIER,
-    OUTLIER_BEFORE_FRONT,
     OUTLIER_BEYOND,
     SIGMA,
     EdgeSamples,
@@ -36,7 +35,7 @@ def log_density(found, across):
         else:
             inside *= np.exp(-np.maximum(across - last - gap, 0.0) / FADE)
         at_edge = norm.pdf(across, last - SIGMA / np.sqrt(np.pi), SIGMA)
-        outlier = (OUTLIER_BEFORE_FRONT if front else OUTLIER) / HALF_RANGE
+        outlier = OUTLIER / HALF_RANGE
         outlier = np.where(across > last - SIGMA, outlier, OUTLIER_BEYOND * outlier)
         log += weight * np.log(outlier + front * at_edge + (1.0 - front) * inside / gap)
     return log

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.planes.front_tops import ABOVE, SIGMAS, top_planes
+from tccm_ros.planes.front_tops import ABOVE, top_planes
+from tccm_ros.robust import GATE
 
 CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
 TOP, FRONT, SLOPE = 0, 1, 2
@@ -64,7 +65,7 @@ def found(fits, points, cuboids, own=True, in_line=True, viewpoint=BEFORE_FRONT)
 
 def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
     points, cuboids = block_points(np.random.default_rng(1))
-    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= GATE * RMS) & (cuboids < 20)
     assert 10 < is_top.sum() < 200
     np.testing.assert_array_equal(found(block(), points, cuboids), np.where(is_top, TOP, -1))
 
@@ -93,7 +94,7 @@ def test_points_before_a_wall_are_of_the_top_that_reaches_it(gap, in_line):
     points = np.concatenate([top, wall, own])
     cuboids = np.concatenate([np.floor(y / CELL).astype(np.int64), np.arange(20, 120)])
     height = np.abs(points[:, 2] - HEIGHT)
-    is_top = (height <= SIGMAS * RMS) & (points[:, 0] > height) & (cuboids < 20)
+    is_top = (height <= GATE * RMS) & (points[:, 0] > height) & (cuboids < 20)
     assert is_top[:200].sum() > 150 > 50 > is_top[200:].sum()
     expected = np.where(is_top & (gap == 0) & (not in_line), TOP, -1)
     planes = found(fits, points, cuboids, in_line=in_line, viewpoint=OVER_TOP)
@@ -104,14 +105,14 @@ def test_points_before_a_wall_are_of_the_top_that_reaches_it(gap, in_line):
 def test_a_top_whose_points_are_all_in_the_noise_of_a_wall_is_not_at_it():
     points, cuboids = block_points(np.random.default_rng(8))
     fits = block(front_top=HEIGHT + 0.5)
-    points[cuboids >= 20, 0] = 0.9 * SIGMAS * RMS
+    points[cuboids >= 20, 0] = 0.9 * GATE * RMS
     assert (found(fits, points, cuboids, in_line=False, viewpoint=OVER_TOP) == -1).all()
 
 
 def test_a_front_too_low_for_a_plane_is_one_where_points_are_dense():
     points, cuboids = block_points(np.random.default_rng(4))
     fits = block(front=-1)
-    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= GATE * RMS) & (cuboids < 20)
     assert (found(fits, points, cuboids, in_line=True) == -1).all()
     expected = np.where(is_top, TOP, -1)
     np.testing.assert_array_equal(found(fits, points, cuboids, in_line=False), expected)
@@ -136,7 +137,7 @@ def test_the_front_of_a_board_above_is_no_wall(gap):
         np.concatenate([own.labels, np.full(20, FRONT)]),
         np.concatenate([c.bottom * 1e-4, np.full(20, HEIGHT + gap)]),
     )
-    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= GATE * RMS) & (cuboids < 20)
     expected = np.where(is_top & (gap > ABOVE), TOP, -1)
     np.testing.assert_array_equal(found(fits, points, cuboids, in_line=False), expected)
     assert (found(fits, points, cuboids, in_line=True) == -1).all()
@@ -160,13 +161,13 @@ def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
     cuboids = rng.integers(0, len(cells), 60)
     surface = np.where((labels[cuboids] == TOP) & (rng.random(60) < 0.5), TOP, -1)
     in_line = rng.random(60) < 0.5
-    z = rng.normal(HEIGHT, 2.0 * SIGMAS * RMS, 60)
+    z = rng.normal(HEIGHT, 2.0 * GATE * RMS, 60)
     points = np.column_stack([(cells[cuboids] + rng.random((60, 2))) * CELL, z])
     labels_of, x = fits.labels[cuboids], points[:, 0]
     planes = top_planes(points, cuboids, labels_of, surface, in_line, fits[:1], fits, OVER_TOP)
     own = cells[cuboids[surface == TOP]]
-    clear = cells[cuboids[(surface == TOP) & (x > SIGMAS * RMS)]]
-    slack, limit = SIGMAS * RMS, HEIGHT + ABOVE
+    clear = cells[cuboids[(surface == TOP) & (x > GATE * RMS)]]
+    slack, limit = GATE * RMS, HEIGHT + ABOVE
     bottoms, tops = fits.cuboids.bottom * 1e-4, fits.cuboids.top * 1e-4
     for point, k, line, plane, is_own in zip(points, cuboids, in_line, planes, surface == TOP):
         near, off = np.abs(cells - cells[k]).max(axis=1) <= 1, abs(point[2] - HEIGHT)

@@ -11,22 +11,20 @@ from scipy.sparse.csgraph import connected_components
 
 from tccm_ros.planes.horizontal_strips import (
     MAX_BEAMS,
-    MAX_DISTANCE,
     MAX_LINES,
     MAX_OFFSET,
     MAX_RISE,
     MIN_BEAMS,
-    MIN_DISTANCE,
+    MIN_LENGTH,
     RUN,
-    SIGMAS,
     SPLIT_FRACTION,
     TOLERANCE,
-    VERTICAL_FRACTION,
     find_runs,
     find_vertical_runs,
     horizontal_strips,
     link_runs,
 )
+from tccm_ros.robust import GATE, MAJORITY
 
 EYE = np.array([0.0, 0.0, 1.39])
 BEAM, STEP = math.radians(0.25), math.radians(0.45)
@@ -170,7 +168,7 @@ def test_narrow_objects_of_one_height_on_neighbouring_lines_are_no_strip(width, 
     strip = strips_of(points, lines)
     assert set(strip.tolist()) == expected
     if 0 in expected:
-        assert np.ptp(points[strip == 0, 0]) > MIN_DISTANCE
+        assert np.ptp(points[strip == 0, 0]) > MAX_OFFSET
         assert len(np.unique(lines[strip == 0])) == 2
 
 
@@ -206,7 +204,7 @@ def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
         slope, middle = np.polyfit(a, z, 1)
         noise = math.sqrt(np.square(z - slope * a - middle).sum() / (len(own) - 2))
         rise = abs(slope) * math.sqrt(12.0) * a.std()
-        assert rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / len(own)) + 1e-9
+        assert rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / len(own)) + 1e-9
         assert run["height_sigma"] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
 
 
@@ -256,7 +254,7 @@ def expected_runs(lines, seen, azimuth):
             squares = squared_rest(a, z)
             noise = math.sqrt(squares / (len(part) - 2))
             rise = abs(np.polyfit(a, z, 1)[0]) * math.sqrt(12.0) * a.std()
-            if rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / len(part)):
+            if rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / len(part)):
                 of_point[part] = found
                 found += 1
                 continue
@@ -294,7 +292,7 @@ def test_vertical_runs_equal_those_found_by_interpolation(seed):
             away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
             rises = np.abs(seen[there, 2] - run["height"]) > 2.0 * MAX_RISE
             same = np.count_nonzero(rises & (np.abs(away) <= MAX_OFFSET))
-            expected[r] |= same >= VERTICAL_FRACTION * ((run["last"] - run["first"]) / BEAM + 1.0)
+            expected[r] |= same >= MAJORITY * ((run["last"] - run["first"]) / BEAM + 1.0)
     assert expected.any()
     assert not expected.all()
     is_vertical = find_vertical_runs(lines, seen, azimuth, BEAM, of_point, runs)
@@ -330,8 +328,8 @@ def may_link(runs, is_vertical, a, b):
         0 < abs(one["line"] - other["line"]) <= MAX_LINES
         and not (is_vertical[a] and is_vertical[b])
         and overlap >= -MAX_BEAMS * BEAM
-        and abs(one["height"] - other["height"]) <= MAX_RISE + SIGMAS * noise
-        and MIN_DISTANCE <= distance <= min(MAX_DISTANCE, 2.0 * min(length))
+        and abs(one["height"] - other["height"]) <= MAX_RISE + GATE * noise
+        and MAX_OFFSET <= distance <= min(MIN_LENGTH, 2.0 * min(length))
     )
 
 

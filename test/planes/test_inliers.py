@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, CuboidArrays
 from tccm_ros.planes.arrays import plane_map
 from tccm_ros.planes.inliers import (
-    LENIENT,
+    GATE,
     NOTHING,
     STRICT,
     add_scaled,
@@ -51,7 +51,7 @@ def test_moments_are_added_with_a_weight(seed, weight):
 def test_noise_seldom_scatters_by_more_than_the_maximum(n):
     """As many of n squares as a normal distribution has beyond two and four deviations, nearly."""
     assert 0.01 < chi2.sf(max_scatter(float(n), STRICT), n) < 0.05
-    assert chi2.sf(max_scatter(float(n), LENIENT), n) < 1e-3
+    assert chi2.sf(max_scatter(float(n), GATE), n) < 1e-3
 
 
 @pytest.mark.parametrize(("slope_deg", "is_steep"), [(20.0, False), (70.0, True)])

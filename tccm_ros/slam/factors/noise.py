@@ -21,6 +21,12 @@ FREE_POSITION_SIGMA = 1e6
 LOOSE_SIGMA = 1.0
 """Standard deviation (m, rad) of a component that another factor holds at zero (chosen)."""
 
+PLANAR_ORDER = [3, 4, 2]
+"""Indices of x, y and yaw in GTSAM's order (roll, pitch, yaw, x, y, z)."""
+
+Z_ROLL_PITCH = [5, 0, 1]
+"""Indices of z, roll and pitch in the same order."""
+
 HUBER_K = 1.345
 """Huber threshold in standard deviations: 95 % efficiency for Gaussian noise (the usual choice)."""
 
@@ -46,9 +52,8 @@ def planar_covariance(cov_xyyaw: Float64, z_roll_pitch: tuple[float, float, floa
         Standard deviations of z (m), roll and pitch (rad).
     """
     cov = np.zeros((6, 6))
-    cov[np.ix_([3, 4, 2], [3, 4, 2])] = cov_xyyaw
-    z, roll, pitch = z_roll_pitch
-    cov[0, 0], cov[1, 1], cov[5, 5] = roll**2, pitch**2, z**2
+    cov[np.ix_(PLANAR_ORDER, PLANAR_ORDER)] = cov_xyyaw
+    cov[Z_ROLL_PITCH, Z_ROLL_PITCH] = np.square(z_roll_pitch)
     return cov
 
 

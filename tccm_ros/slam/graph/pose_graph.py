@@ -19,7 +19,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.factors.noise import rotate_frame
+from tccm_ros.slam.factors.noise import PLANAR_ORDER, rotate_frame
 from tccm_ros.slam.graph.assembly import add_factors, insert_poses
 from tccm_ros.slam.graph.marginals import Information
 
@@ -69,7 +69,7 @@ class GraphSolution:
 
     def planar_covariance(self, key: Key) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
-        cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
+        cov = self.covariance(key)[np.ix_(PLANAR_ORDER, PLANAR_ORDER)]
         return rotate_frame(cov, -key.yaw_offset)
 
     def relative_covariance(self, a: Key, b: Key, point: Float64) -> Float64:
@@ -121,7 +121,7 @@ class GraphSolution:
         float64 (K, 3), (x, y, yaw) in each keyframe's own frame
         """
         firsts = self._linear.firsts
-        columns = np.array([firsts[key.symbol] for key in keys])[:, None] + [3, 4, 2]
+        columns = np.array([firsts[key.symbol] for key in keys])[:, None] + PLANAR_ORDER
         offsets = np.array([key.yaw_offset for key in keys])
         gradient = np.zeros(int(self._linear.dims.sum()))
         gradient[columns] = _rotated(gradients, -offsets)

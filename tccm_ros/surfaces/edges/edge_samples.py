@@ -19,13 +19,17 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
-from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
+from tccm_ros.robust import GATE, MAD_TO_SIGMA, MAJORITY, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.merging import NumberedPatch, clouds_in_map
 from tccm_ros.surfaces.merging.occluded_areas import MAX_SEEN_FRACTION, looked_through, probes
 from tccm_ros.surfaces.views.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views.views import View
+
+END_SIGMA = 0.005
+"""Standard deviation of the end of samples at an edge, common to all views, m: mixed pixels. With
+it errors agree with standard deviations on four recordings (`bench/bench_edges.py`)."""
 
 STRAIGHT = 0.02
 """Simplification tolerance for the direction of an outline, m; chosen."""
@@ -34,39 +38,16 @@ BEYOND = (0.10, 0.15)
 """Distances beyond an outline at which free space is tested, m; chosen: the edge of a column, and
 1.5 times that."""
 
-FREE_MARGIN_M = 0.02
-"""Min distance of a probe from the ends of its free interval, m; chosen."""
-
-OUTLINE_SIGMA = 0.008
-"""Standard deviation of an outline without that of its sampling, m: noise, simplification;
-chosen."""
-
 SAMPLING_FRACTION = 12.0**-0.5
-"""Standard deviation of a sample between two scan lines, as a fraction of their distance: that of
-a uniform distribution, 1 / sqrt(12)."""
-
-SAMPLING_BEYOND = 0.5
-"""The surface extends beyond its last samples by this fraction of the distance of scan lines (one
-sigma); chosen."""
-
-PIECE_LENGTH_M = 0.03
-"""Length of the pieces of an edge, m, each with one last point; chosen."""
-
-HEIGHTS_ABOVE_M = (0.1, 0.2, 0.3)
-"""Heights above a surface at which views look over the objects on it, m; chosen."""
+"""Standard deviation of a sample between two scan lines, and of the end of the surface beyond it,
+in distances of the lines: that of a uniform distribution, 1 / sqrt(12)."""
 
 MIN_PIECES = 3
 """Min number of pieces of an edge that support its position; chosen: one or two may be stray
 points."""
 
-PROBES = 9
-"""Number of probes along an edge to test whether views looked over it; chosen."""
-
 INSIDE, OUTSIDE = 0.12, 0.05
 """Distances inside and outside of an edge within which a last point may be, m; chosen."""
-
-END_MARGIN = 0.03
-"""Points within this distance of the ends of an edge may belong to the next one, m; chosen."""
 
 CROSSING = 0.3
 """Min sine of the angle between an edge and a scan line that crosses it; chosen."""
@@ -79,20 +60,9 @@ LINE_INSIDE, LINE_LENGTH = 0.24, 0.36
 """Distances inside of an edge within which a line may end, and within which its points are counted,
 m; chosen: two and three times `INSIDE`, as no neighbouring line shows the end of the line."""
 
-MIN_FRACTION = 0.4
-"""Min number of points of a line, as a fraction of that of the median line; chosen: noise moves
-fewer points to the next line."""
-
-SAMPLE_TOLERANCE_M = 0.018
-"""A view measured up to an edge if its last sample is within the sample distance plus this, m:
-three times `edge_position.SIGMA`."""
-
 EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
 """`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
 a quarter of the width."""
-
-EYE_HEIGHT = 1.0
-"""Height over the base of a sensor without a known viewpoint, m; chosen."""
 
 FRONT_FRACTION = 0.7
 """Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
@@ -167,8 +137,8 @@ class EdgeSampler:
         outward = _outward_at(ring, points)
         spacings = [m.patch.spacing for m in self.surface.members if m.patch.spacing > 0.0]
         spacing = min(spacings, default=SPACING)
-        sigma = np.full(count, np.hypot(OUTLINE_SIGMA, SAMPLING_FRACTION * spacing))
-        sampling = np.full(count, SAMPLING_BEYOND * spacing)
+        sigma = np.full(count, np.hypot(SIGMA, SAMPLING_FRACTION * spacing))
+        sampling = np.full(count, SAMPLING_FRACTION * spacing)
         seen = np.zeros(count, bool)
         for view in self._inverses:
             seen |= self._looks_past(view, points, outward)[0]
@@ -185,7 +155,7 @@ class EdgeSampler:
         through = np.zeros(len(points), bool)
         for view, T_view_map in self._inverses.items():
             local = transform(T_view_map, self.surface.lift(points))
-            through |= self.views[view].free.contains(local, FREE_MARGIN_M)
+            through |= self.views[view].free.contains(local, self.config.views.clear_margin)
         return points[through]
 
     def edge_samples(self, edge: Edge) -> EdgeSamples:
@@ -220,7 +190,7 @@ class EdgeSampler:
         sine, cosine = float(direction @ edge.outward), float(direction @ edge.along)
         crosses_at = at - across * cosine / sine
         near = (across > -LINE_LENGTH) & (across < OUTSIDE)
-        near &= (at > END_MARGIN) & (at < edge.length - END_MARGIN)
+        near &= (at > SPACING) & (at < edge.length - SPACING)
         near &= (crosses_at > 0.0) & (crosses_at < edge.length)
         if not near.any():
             return None
@@ -228,12 +198,12 @@ class EdgeSampler:
         if step is None:
             return None
         at, across, crosses_at = at[near], across[near], crosses_at[near]
-        width = max(PIECE_LENGTH_M, member.patch.spacing / sine)
+        width = max(SPACING, member.patch.spacing / sine)
         lines = np.floor(crosses_at / width).astype(np.int64)
         order = np.lexsort((-across, lines))
         first = np.flatnonzero(np.r_[True, np.diff(lines[order]) > 0])
         count = np.diff(np.r_[first, len(order)])
-        is_line = count >= max(2.0, MIN_FRACTION * float(np.median(count)))
+        is_line = count >= max(2.0, MAJORITY * float(np.median(count)))
         tips = order[first[is_line]]
         tips = tips[across[tips] > -LINE_INSIDE]
         gap = np.full(len(tips), step * sine)
@@ -246,12 +216,12 @@ class EdgeSampler:
         """Return the rows of the pieces of an edge, one for the last point of each piece."""
         offset = cloud[:, :2] - edge.start
         at, across = offset @ edge.along, offset @ edge.outward
-        near = (at > END_MARGIN) & (at < edge.length - END_MARGIN)
+        near = (at > SPACING) & (at < edge.length - SPACING)
         near &= (across > -INSIDE) & (across < OUTSIDE)
         if np.count_nonzero(near) < 3:
             return None
         at, across = at[near], across[near]
-        pieces = np.floor(at / PIECE_LENGTH_M).astype(np.int64)
+        pieces = np.floor(at / SPACING).astype(np.int64)
         order = np.lexsort((-across, pieces))
         pieces, at, across = pieces[order], at[order], across[order]
         first = np.flatnonzero(np.r_[True, np.diff(pieces) > 0])
@@ -301,8 +271,8 @@ class EdgeSampler:
         than a piece.
         """
         found = self.edge_samples(edge)
-        is_end = found.ends & (np.abs(found.last) <= found.gap + SAMPLE_TOLERANCE_M)
-        seen = np.unique(np.floor(found.at[is_end] / PIECE_LENGTH_M).astype(np.int64))
+        is_end = found.ends & (np.abs(found.last) <= found.gap + GATE * SIGMA)
+        seen = np.unique(np.floor(found.at[is_end] / SPACING).astype(np.int64))
         return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
 
     def reached_fraction(self, edge: Edge, distance: float) -> float:
@@ -337,7 +307,7 @@ class EdgeSampler:
         moved = []
         for view, T_view_map in self._inverses.items():
             eye = self.views[view].viewpoint
-            eye = np.array([0.0, 0.0, EYE_HEIGHT]) if eye is None else eye
+            eye = np.zeros(3) if eye is None else eye
             local = transform(T_view_map, middle)
             errors = systematic_errors(local, eye, self.views[view].sensor, self.config)[0]
             outward = self.T_map_view[view][:2, :3].T @ edge.outward
@@ -365,19 +335,23 @@ class EdgeSampler:
         """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
         at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
-        near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
-        last = np.full(int(edge.length / PIECE_LENGTH_M) + 1, -np.inf)
-        np.maximum.at(last, np.floor(at[near] / PIECE_LENGTH_M).astype(np.int64), across[near])
+        near = (at > SPACING) & (at < edge.length - SPACING) & (across < limit)
+        last = np.full(int(edge.length / SPACING) + 1, -np.inf)
+        np.maximum.at(last, np.floor(at[near] / SPACING).astype(np.int64), across[near])
         return last
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""
-        at = np.linspace(0.0, 1.0, PROBES)[:, None]
+        at = np.linspace(0.0, 1.0, int(edge.length / PROBE) + 2)[:, None]
         beyond = edge.start + at * (edge.end - edge.start) + BEYOND[1] * edge.outward
-        points, over = self.surface.lift(beyond), np.zeros(PROBES, bool)
+        return bool(self._looked_into(self.surface.lift(beyond)).mean() >= MAJORITY)
+
+    def _looked_into(self, points: Float64) -> Bool:
+        """Return whether any view looked through the columns of points in map, at any height."""
+        into = np.zeros(len(points), bool)
         for view, T_view_map in self._inverses.items():
-            over |= self.views[view].free.looked_into(transform(T_view_map, points))
-        return bool(over.mean() >= 0.5)
+            into |= self.views[view].free.looked_into(transform(T_view_map, points))
+        return into
 
     def faces_views(self, edge: Edge) -> bool:
         """Return whether most views of the surface were taken from beyond an edge."""
@@ -394,12 +368,8 @@ class EdgeSampler:
         at = self.surface.lift(probes(area, self.surface.height)[:, :2])
         if not len(at):
             return False
-        through, *over = (
-            looked_through(at + np.array([0.0, 0.0, z]), self.views, self.T_map_view, self.config)
-            for z in (0.0, *HEIGHTS_ABOVE_M)
-        )
-        is_over = np.any(over, axis=0)
-        return bool(through.mean() <= MAX_SEEN_FRACTION and is_over.mean() >= 0.5)
+        through = looked_through(at, self.views, self.T_map_view, self.config).mean()
+        return bool(through <= MAX_SEEN_FRACTION and self._looked_into(at).mean() >= MAJORITY)
 
     def hides(self, edge: Edge, other: MergedSurface) -> bool:
         """Return whether a higher surface is between any view and the middle of an edge."""
@@ -419,10 +389,10 @@ class EdgeSampler:
             Whether it looked through the space just beyond, and into the columns there, at any
             height.
         """
-        free = self.views[view].free
+        free, margin = self.views[view].free, self.config.views.clear_margin
         probes = [self.surface.lift(points + beyond * outward) for beyond in BEYOND]
         local = [transform(self._inverses[view], at) for at in probes]
-        through = np.any([free.contains(at, FREE_MARGIN_M) for at in local], axis=0)
+        through = np.any([free.contains(at, margin) for at in local], axis=0)
         return through, np.any([free.looked_into(at) for at in local], axis=0)
 
 

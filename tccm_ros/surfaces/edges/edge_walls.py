@@ -16,26 +16,21 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
+from tccm_ros.outlines.edge_position import WALL_DISTANCE, WALL_SIGMA
+from tccm_ros.robust import GATE
 from tccm_ros.slam.walls.corners import JOINED
 from tccm_ros.surfaces.edges.edge_samples import Edge
 from tccm_ros.surfaces.polygons import GRID
 
-WALL_DISTANCE = 0.12
-"""Max distance of an edge from a wall at which it may end, and of an outline beyond a wall that
-bounds it, m; chosen: the depth that objects before a wall occlude."""
-
 WALL_YAW = np.radians(4.0)
 """Max yaw between an edge and a wall along which it may run, rad; chosen."""
 
-AT_WALL = 0.015
-"""An edge within this distance of a wall ends at it, m; chosen: three standard deviations."""
+AT_WALL = GATE * WALL_SIGMA
+"""An edge within this distance of a wall ends at it, m."""
 
 OVERHANG = 0.03
-"""Max distance of the edge of a board from the front below it, m; chosen: a worktop."""
-
-ONE_LINE = 0.03
-"""Max distance of the ends of a wall from the line of another wall that it continues, m; chosen:
-the faces of two pieces of furniture are further from each other."""
+"""Max distance of the edge of a board from the front below it, and of a wall from the line of the
+wall that it continues, m; chosen: a worktop. Faces of two pieces of furniture are further away."""
 
 
 def walls_near(outline: Polygon, walls: Float64) -> Float64:
@@ -74,7 +69,7 @@ def _walls_behind(outline: Polygon, walls: Float64) -> Iterator[Float64]:
         first, second = (walls[i], walls[j]) if length[i] >= length[j] else (walls[j], walls[i])
         start, along = first[0], (first[1] - first[0]) / max(length[i], length[j], 1e-9)
         across = (second - start) @ np.array([along[1], -along[0]])
-        if np.abs(across).max() > ONE_LINE:
+        if np.abs(across).max() > OVERHANG:
             continue
         spans = [np.sort((wall - start) @ along) for wall in (first, second)]
         (_, low), (high, _) = sorted(spans, key=lambda span: span.tolist())

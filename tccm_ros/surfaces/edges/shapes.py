@@ -16,10 +16,11 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
+from tccm_ros.outlines.edge_position import SIGMA, WALL_DISTANCE, EdgeSamples, locate_edge
 from tccm_ros.outlines.shape_models import (
     CAP_CORNERS,
     FACING,
+    SPACING,
     Model,
     OutlineSamples,
     RoundModel,
@@ -27,10 +28,10 @@ from tccm_ros.outlines.shape_models import (
     choose_model,
 )
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.surfaces.edges.edge_samples import PIECE_LENGTH_M, Edge, EdgeSampler
+from tccm_ros.robust import GATE, MAJORITY
+from tccm_ros.surfaces.edges.edge_samples import END_SIGMA, OUTSIDE, Edge, EdgeSampler
 from tccm_ros.surfaces.edges.edge_walls import (
     AT_WALL,
-    WALL_DISTANCE,
     front_beyond,
     wall_across,
     walls_near,
@@ -41,37 +42,9 @@ from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.views.views import View
 
-WALL_WEIGHT = 0.1
-"""Weight of a last point that may be on the wall; chosen: ten of them count as one."""
-
-MIN_BEYOND = 0.02
-"""Min extent of a front beyond an edge that extends the top, m; chosen: the error of the front's
-end."""
-
 MIN_PART = 0.25
 """The same for an edge with collinear last points, which an object there may cause, m; chosen: arms
 of sofas and side panels have the same front as the surface, and are narrower than such objects."""
-
-AT_WALL_SEEN = 0.03
-"""Max distance of last samples from an edge at a wall that was seen, m; chosen: a distance of
-beams."""
-
-RAGGED = 0.012
-"""Most last points of an occluded edge are short of the furthest one by more than the sample
-distance plus this, m; chosen: twice the noise of each. Last points at a true edge are collinear."""
-
-FREE_SIGMA = 0.02
-"""Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
-
-END_SIGMA = 0.005
-"""Standard deviation of the end of samples at an edge, common to all views, m: mixed pixels. With
-it errors agree with standard deviations on four recordings (`bench/bench_edges.py`)."""
-
-NEAR = 0.08
-"""Max distance of an edge from the samples of the outline that belong to it, m; chosen."""
-
-SEEN_FRACTION = 0.5
-"""Min fraction of an edge past which views looked if the edge was seen; chosen: half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,8 +144,9 @@ def _free(sampler: EdgeSampler, samples: OutlineSamples, others: Sequence[Merged
     """Return the free outline of a surface with the states of its edges."""
     surface = sampler.surface
     boundary, _ = polygon_rings(surface.polygon)
+    sigma = float(np.median(samples.sigma))
     edges = [
-        _known(edge, _state(edge, sampler, samples), FREE_SIGMA, sampler, others)
+        _known(edge, _state(edge, sampler, samples), sigma, sampler, others)
         for edge in _edges_of(boundary)
     ]
     return Shape(SurfaceShape.FREE, surface.polygon, tuple(edges))
@@ -238,7 +212,7 @@ def _to_ends_of_fronts(
     for k, edge in enumerate(edges):
         for front in (edges[k - 1], edges[(k + 1) % len(edges)]):
             beyond = front_beyond(front, edge.outward, walls)
-            if not MIN_BEYOND < beyond <= front.length or not sampler.faces_views(front):
+            if not AT_WALL < beyond <= front.length or not sampler.faces_views(front):
                 continue
             if beyond <= MIN_PART and not _is_ragged(
                 sampler.edge_samples(edge), sampler.furthest(edge, np.inf)
@@ -269,12 +243,12 @@ def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSa
 
 def _is_ragged(samples: EdgeSamples, furthest: float) -> bool:
     """Return whether most last points are short of the furthest one, as at an occlusion."""
-    is_short = samples.last < furthest - samples.gap - RAGGED
+    is_short = samples.last < furthest - samples.gap - GATE * SIGMA
     return bool(samples.weight[is_short].sum() > 0.5 * samples.weight.sum())
 
 
 def downweight_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
-    """Return samples with a lower weight of last points on a wall past which no view looked.
+    """Return samples without weight of last points on a wall past which no view looked.
 
     A wall has points at the height of a board whether the board extends to it or not.
 
@@ -288,7 +262,7 @@ def downweight_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamp
     if wall is None:
         return samples
     is_on_wall = (np.abs(samples.last - wall) <= AT_WALL) & ~samples.ends
-    return samples._replace(weight=np.where(is_on_wall, WALL_WEIGHT, 1.0) * samples.weight)
+    return samples._replace(weight=samples.weight * ~is_on_wall)
 
 
 def _edges(
@@ -309,10 +283,10 @@ def _edges(
         parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), END_SIGMA
         sigma = float(np.linalg.norm(parts))
         is_straight = isinstance(model, StraightModel)
-        if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < SEEN_FRACTION:
+        if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < MAJORITY:
             state = EdgeState.HIDDEN
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            is_reached = sampler.reached_fraction(edge, AT_WALL_SEEN) >= SEEN_FRACTION
+            is_reached = sampler.reached_fraction(edge, AT_WALL) >= MAJORITY
             state = EdgeState.SEEN if is_reached else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
@@ -338,8 +312,8 @@ def _state(edge: Edge, sampler: EdgeSampler, samples: OutlineSamples) -> EdgeSta
     """Return the state of an edge, from the samples of the outline near it."""
     offset = samples.points - edge.start
     at, across = offset @ edge.along, offset @ edge.outward
-    near = (at >= -PIECE_LENGTH_M) & (at <= edge.length + PIECE_LENGTH_M) & (np.abs(across) <= NEAR)
+    near = (at >= -SPACING) & (at <= edge.length + SPACING) & (np.abs(across) <= OUTSIDE)
     near &= samples.outward @ edge.outward > FACING
-    if near.any() and samples.seen[near].mean() >= SEEN_FRACTION:
+    if near.any() and samples.seen[near].mean() >= MAJORITY:
         return EdgeState.SEEN
     return EdgeState.HIDDEN if sampler.looks_over(edge) else EdgeState.CUT

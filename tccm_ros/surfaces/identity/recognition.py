@@ -25,10 +25,11 @@ from tccm_ros.surfaces.displacement import (
     is_of_one_size,
     line_of_sight,
 )
-from tccm_ros.surfaces.identity.track_ids import TrackIds, ViewKey
+from tccm_ros.surfaces.identity.track_ids import CUT, TrackIds, ViewKey
 from tccm_ros.surfaces.merging.carving import MIN_RECOGNISED_AREA, Survivors, may_be_recognised
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch, merge_coplanar
+from tccm_ros.surfaces.views.stray_points import MAX_FRACTION
 from tccm_ros.surfaces.views.views import View, first_numbers
 
 MAX_LIFT = 0.15
@@ -38,14 +39,6 @@ from each other."""
 MAX_LEFT_OVER = 0.06
 """Max change of height, m, after which points at the old height may remain: they are within twice
 `views.clear_margin` of the new height. After a larger change they are looked through."""
-
-MAX_BESIDE = 0.1
-"""Max fraction of the remaining area that is outside of the new outline of the surface. Chosen: its
-edges."""
-
-MIN_PART = 0.05
-"""Min fraction of a surface's area in a view that confirms that the surface is still there. Chosen:
-the front of a lifted object has points at the old height."""
 
 
 class PastPose(NamedTuple):
@@ -108,7 +101,7 @@ class _Stand(NamedTuple):
         if not MIN_LIFT < abs(old.z - other.z) <= MAX_LEFT_OVER:
             return False
         beside = old.outline.difference(other.outline.buffer(BORDER)).area
-        return bool(beside <= MAX_BESIDE * old.outline.area)
+        return bool(beside <= CUT * old.outline.area)
 
 
 def adopt_ids(
@@ -187,7 +180,7 @@ def _stand(
     surface: MergedSurface, ids: TrackIds, T_map_view: Float64, *, is_former: bool
 ) -> _Stand:
     footprint = footprint_of(surface, T_map_view)
-    min_area = MIN_PART * surface.polygon.area
+    min_area = MAX_FRACTION * surface.polygon.area
     seen = tuple(m for m in surface.members if m.patch.outline.area >= min_area)
     return _Stand(
         surface,

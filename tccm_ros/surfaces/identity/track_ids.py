@@ -27,8 +27,8 @@ from tccm_ros.surfaces.polygons import GRID
 from tccm_ros.surfaces.views.views import View, first_numbers
 
 CUT = 0.1
-"""A patch that lost more than this fraction of its points may show an earlier place of its surface.
-Chosen: edges that are looked through in part lose less."""
+"""Fraction of an area that the errors of its edges may be; chosen. A patch that lost more of its
+points may show an earlier place of its surface."""
 
 
 class ViewKey(NamedTuple):

@@ -13,32 +13,24 @@ import shapely
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config.surfaces import LabelsConfig
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 
-MIN_OVERLAP = 0.5
-"""Min overlap of the footprints of stacked surfaces, as a fraction of the larger one; chosen. A
-back overlaps its seat by less than this fraction of itself."""
-
-MIN_CARRIED = 0.3
-"""Min fraction of a step's outline on or near the surface that carries it; chosen: one side of four
-is enough, as the surface behind a stove may never be seen."""
-
-MAX_BACK_WIDTH = 0.40
-"""Max width of the top of a sofa's back, m; chosen."""
-
-MIN_BACK_LENGTH = 0.8
-"""Min fraction of a seat's length along which its back runs; chosen."""
-
-MIN_BOARD_DEPTH = 0.75
-"""Min depth of a board over a shelf, as a fraction of the lower board's depth; chosen: narrower
-boards hang over worktops and desks."""
+NEARLY_WHOLE = 0.75
+"""Min length of a back as a fraction of that of its seat, and min depth of a board over a shelf as
+a fraction of the lower board's: narrower boards hang over worktops and desks; chosen."""
 
 SLENDER = 3.0
 """Min ratio of length to width of a slender surface; chosen."""
 
+ONE_SIDE = 0.3
+"""Fraction of an outline that is one side of it: on or near the surface that carries a step, as the
+surface behind a stove may never be seen, or at a wall; chosen."""
+
 NARROW = 0.4
-"""Max width of a box of which irregular edges are a large fraction, m; chosen."""
+"""Max width of a band of which irregular edges are a large fraction, and of the top of a back of a
+seat, m; chosen."""
 
 RAGGED = 0.08
 """Tolerance of the smoothing of irregular outlines, m; chosen."""
@@ -46,16 +38,8 @@ RAGGED = 0.08
 MIN_TREADS = 3
 """Min number of successive treads of stairs; chosen."""
 
-MIN_TREAD_CONTACT = 0.5
-"""Min length along which two treads are adjacent, as a fraction of the longer one's length;
-chosen."""
-
 MAX_GOING = 0.5
 """Max horizontal distance of the centroids of two treads, m; chosen."""
-
-MAX_TREAD_OVERLAP = 0.5
-"""Max overlap of two treads, as a fraction of the smaller one; chosen: boards over each other
-overlap by more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,11 +162,11 @@ def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: LabelsConfi
         return False
     if (
         other.height > surface.height
-        and box_sides(other.polygon)[0] < MIN_BOARD_DEPTH * box_sides(surface.polygon)[0]
+        and box_sides(other.polygon)[0] < NEARLY_WHOLE * box_sides(surface.polygon)[0]
     ):
         return False
     shared = surface.polygon.intersection(other.polygon).area
-    return bool(shared >= MIN_OVERLAP * max(surface.polygon.area, other.polygon.area))
+    return bool(shared >= MAJORITY * max(surface.polygon.area, other.polygon.area))
 
 
 def _is_carried(surface: MergedSurface, other: MergedSurface, rules: LabelsConfig) -> bool:
@@ -195,7 +179,7 @@ def _is_carried(surface: MergedSurface, other: MergedSurface, rules: LabelsConfi
         return False
     under = shapely.Polygon(other.polygon.exterior).buffer(rules.wall_distance)
     outline = surface.polygon.exterior
-    return bool(outline.intersection(under).length >= MIN_CARRIED * outline.length)
+    return bool(outline.intersection(under).length >= ONE_SIDE * outline.length)
 
 
 def _is_back(back: MergedSurface, seat: MergedSurface, rules: LabelsConfig) -> bool:
@@ -210,9 +194,9 @@ def _is_back(back: MergedSurface, seat: MergedSurface, rules: LabelsConfig) -> b
     over = back.polygon.intersection(seat.polygon).area
     beside = seat.polygon.exterior.intersection(back.polygon.buffer(rules.wall_distance)).length
     return bool(
-        box_sides(back.polygon)[0] <= MAX_BACK_WIDTH
-        and over < MIN_OVERLAP * back.polygon.area
-        and beside >= MIN_BACK_LENGTH * float(box_sides(seat.polygon)[1])
+        box_sides(back.polygon)[0] <= NARROW
+        and over < MAJORITY * back.polygon.area
+        and beside >= NEARLY_WHOLE * float(box_sides(seat.polygon)[1])
     )
 
 
@@ -245,7 +229,7 @@ def _is_next(low: MergedSurface, high: MergedSurface, rules: LabelsConfig) -> bo
     if np.linalg.norm(high.mean[:2] - low.mean[:2]) > MAX_GOING:
         return False
     a, b = low.polygon, high.polygon
-    if a.intersection(b).area >= MAX_TREAD_OVERLAP * min(a.area, b.area):
+    if a.intersection(b).area >= MAJORITY * min(a.area, b.area):
         return False
     along = a.exterior.intersection(b.buffer(rules.wall_distance)).length
-    return bool(along >= MIN_TREAD_CONTACT * max(box_sides(a)[1], box_sides(b)[1]))
+    return bool(along >= MAJORITY * max(box_sides(a)[1], box_sides(b)[1]))

@@ -16,9 +16,10 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.config.surfaces import LabelsConfig
-from tccm_ros.surfaces.labels.label_features import Features, features_of
+from tccm_ros.surfaces.labels.label_features import ONE_SIDE, Features, features_of
 from tccm_ros.surfaces.merging.floor import is_floor
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
+from tccm_ros.surfaces.polygons import MIN_BOX_FILL
 
 Rule = tuple[float, float, float, float, float, float]
 """Min and max of height (m), width (m) and area (m2)."""
@@ -38,30 +39,16 @@ chosen."""
 MIN_BED = (0.8, 1.6)
 """Min width and length of a bed, m; chosen."""
 
-MIN_BED_FILLED = 0.75
-"""Min fraction of its box that a bed fills; chosen: an L shape is a sofa."""
+DOUBT = 0.8
+"""Weight of a low table, as a sofa whose back was not seen looks like one, and of a slender seat;
+chosen."""
 
-LOW_TABLE = 0.9
-"""Weight of a low table: a sofa whose back was not seen looks like one; chosen."""
-
-AT_WALL_TABLE = 0.4
-"""Fraction of its score that a table loses if all of its outline is at walls; chosen."""
-
-SLENDER_SEAT = 0.8
-"""Weight of a slender seat; chosen."""
-
-AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
-"""Weight of a counter or a ledge away from any wall, and its increase at a wall; chosen."""
-
-ONE_SIDE = 3.0
-"""Inverse of the fraction of the outline at walls that gives a counter or a ledge its full score;
-chosen: one side."""
+AWAY_FROM_WALL = 0.7
+"""Weight of a counter, a ledge or a bench away from any wall, and of a table whose whole outline is
+at walls; chosen."""
 
 BENCH_LENGTH = 1.8
 """Min ratio of length to width of a bench; chosen: two people sit side by side."""
-
-AWAY_BENCH = 0.75
-"""Weight of a bench away from any wall: a low table looks like one; chosen."""
 
 LONE_SHELF = 0.3
 """Weight of a shelf without another board above or below it; chosen."""
@@ -162,23 +149,23 @@ def _scores(surface: Features, rules: LabelsConfig) -> dict[SurfaceLabel, float]
 
     Furniture without a label of its own competes as ``other``.
     """
-    away = 1.0 - AT_WALL_TABLE * surface.at_wall
-    is_at_wall = min(1.0, ONE_SIDE * surface.at_wall)
-    low = LOW_TABLE * _fit(surface, rules.low_table) * (not surface.backed)
-    low *= 1.0 - AT_WALL_TABLE * is_at_wall  # a coffee table stands in the room
-    seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
+    away = 1.0 - (1.0 - AWAY_FROM_WALL) * surface.at_wall
+    is_at_wall = min(1.0, surface.at_wall / ONE_SIDE)
+    near_wall = AWAY_FROM_WALL + (1.0 - AWAY_FROM_WALL) * is_at_wall
+    low = DOUBT * _fit(surface, rules.low_table) * (not surface.backed)
+    low *= 1.0 - (1.0 - AWAY_FROM_WALL) * is_at_wall  # a coffee table stands in the room
+    seat = _fit(surface, rules.seat) * (DOUBT if surface.is_slender else 1.0)
     sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
     is_bench = surface.length >= BENCH_LENGTH * surface.width
-    bench = _fit(surface, rules.bench) * is_bench * (AWAY_BENCH + (1.0 - AWAY_BENCH) * is_at_wall)
+    bench = _fit(surface, rules.bench) * is_bench * near_wall
     sideboard = _fit(surface, rules.sideboard) * is_at_wall * (not surface.stacked)
     is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
-    near_wall = AWAY_FROM_WALL + AT_WALL * is_at_wall
     counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
         SurfaceLabel.TABLE: max(_fit(surface, rules.table) * away, low) * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa, bench),
-        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
+        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BOX_FILL),
         SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.OTHER: max(sideboard, _fit(surface, rules.side_table)),

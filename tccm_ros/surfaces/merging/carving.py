@@ -20,6 +20,7 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP, column_keys
 from tccm_ros.geometry import inverse, planar, pose_from_rpy, wrap_angle
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.displacement import (
     BORDER,
     blurred,
@@ -29,14 +30,12 @@ from tccm_ros.surfaces.displacement import (
 )
 from tccm_ros.surfaces.merging.free_grid import FreeGrid, blocks_of
 from tccm_ros.surfaces.merging.patch_planes import fit_plane, is_line
+from tccm_ros.surfaces.views.stray_points import MAX_FRACTION
 from tccm_ros.surfaces.views.views import SurfacePatch, View
 
-GONE_FRACTION = 0.7
-"""A patch is removed as a whole if this fraction of it is gone, at any size; chosen."""
-
 REPLACED_FRACTION = 0.95
-"""A patch is replaced as a whole, with its rim, if a newer view from the same pose measured or
-looked through this fraction of it; chosen."""
+"""A patch is removed as a whole, with its rim, if a newer view looked through this fraction of it,
+or, from the same pose, measured the rest; chosen."""
 
 BLOCK_SPACING = 1.2
 """Width of the columns in which the older points are counted, in point spacings: no column of a
@@ -50,19 +49,9 @@ STEPS = np.array([0.002, 0.002, 0.002, 0.0005, 0.0005, 0.0005])
 `TILT_MARGIN`; chosen."""
 
 ALTERNATIVES = 3
-"""Number of relative poses of two views whose result is cached. Chosen: a pose near the limit of a
-step alternates between two steps, and each solution compares the views twice."""
-
-UNUSED = 4
-"""Cache entries that this many calls of `Carver.carve` did not use are dropped. Chosen: two
-solutions."""
-
-MAJORITY = 0.5
-"""A column is removed if more than this fraction of its points is gone; chosen."""
-
-MIN_LEFT = 0.02
-"""A surface was moved if more than this fraction of its points is gone, and is still there if more
-than this fraction is kept. Chosen: stray points are fewer."""
+"""Number of relative poses of two views whose result is cached, and of calls of `Carver.carve` that
+drop an entry if they do not use it. Chosen: a pose near the limit of a step alternates between two
+steps, and each solution compares the views twice."""
 
 MIN_RECOGNISED_AREA = 0.1
 """Min area of a surface that is recognised at another place, m2. Chosen: below a stool's seat;
@@ -269,7 +258,7 @@ class Carver:
     def _forget_unused(self) -> None:
         """Drop cache entries that several calls did not use; callers may have different views."""
         self._calls += 1
-        used = {key for key, last in self._used.items() if self._calls - last <= UNUSED}
+        used = {key for key, last in self._used.items() if self._calls - last <= ALTERNATIVES}
         self._used = {key: last for key, last in self._used.items() if key in used}
         self._indices = {key: index for key, index in self._indices.items() if key in used}
         self._pairs = {key: pairs for key, pairs in self._pairs.items() if key in used}
@@ -424,7 +413,7 @@ def _points_to_carve(
     owner, points, through, margin = owner[there[near]], points[kept], through[kept], margin[kept]
     gone = through & (owner < 0)
     block = max(cell_size, BLOCK_SPACING * patch.spacing)
-    if gone.sum() < GONE_FRACTION * total:
+    if gone.sum() < REPLACED_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None
@@ -447,7 +436,7 @@ def _with_strays(gone: Int64, keep: Bool) -> Int64:
         bool (N,), whether each of its points was kept before.
     """
     kept = np.flatnonzero(keep)
-    is_gone = len(gone) > 0 and len(kept) - len(gone) <= MIN_LEFT * len(keep)
+    is_gone = len(gone) > 0 and len(kept) - len(gone) <= MAX_FRACTION * len(keep)
     return kept if is_gone else gone
 
 
@@ -498,7 +487,7 @@ def _was_moved(
         Edge of a column, m.
     """
     gone, owner = looked_at
-    min_count = MIN_LEFT * len(points)
+    min_count = MAX_FRACTION * len(points)
     if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
     patch_there = pair.newer.patches[_main_owner(owner)]

@@ -19,12 +19,10 @@ import shapely
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
-from tccm_ros.surfaces.merging.patch_planes import GATE, PatchPlanes
-from tccm_ros.surfaces.views.plane_errors import FLATNESS
-
-SLACK = 1.0 + 1e-9
-"""Factor by which boxes and cells are wider than the distance. Chosen: no pair is then missed due
-to float64 rounding."""
+from tccm_ros.planes.plane_noise import FLATNESS
+from tccm_ros.robust import GATE
+from tccm_ros.surfaces.merging.patch_planes import PatchPlanes
+from tccm_ros.surfaces.polygons import GRID
 
 
 def connect(
@@ -51,7 +49,7 @@ def connect(
 
     @cache
     def grid_of(patch: int) -> _Grid:
-        return _grid_of(clouds[patch], distance * SLACK)
+        return _grid_of(clouds[patch], distance + GRID)
 
     for q, p in near_pairs(clouds, distance).tolist():
         if root[q] == root[p]:
@@ -83,7 +81,7 @@ def near_pairs(clouds: Sequence[Float64], distance: float) -> Int64:
         np.array([[end(axis) for axis in clouds[k].T] for k in full]).reshape(-1, 3)
         for end in (np.min, np.max)
     )
-    grown = distance * SLACK
+    grown = distance + GRID  # no pair is missed due to rounding
     boxes = shapely.box(*low[:, :2].T, *high[:, :2].T)
     around = shapely.box(*(low[:, :2] - grown).T, *(high[:, :2] + grown).T)
     p, q = shapely.STRtree(boxes).query(around)

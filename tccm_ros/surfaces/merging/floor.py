@@ -8,19 +8,14 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
+from tccm_ros.surfaces.merging.carving import MIN_RECOGNISED_AREA
 from tccm_ros.surfaces.merging.joining import are_beside, join, occluded_area_between
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views.views import View
 
-MIN_AREA = 0.3
-"""Min area of a surface that supports the height of the floor, m2; chosen."""
-
 TOLERANCE = 0.06
 """Max difference in height of surfaces of the floor, m; chosen: 0.7 deg of tilt at 5 m."""
-
-MIN_OVERLAP = 0.1
-"""Min overlap of pieces of different views that are one floor, m2; chosen."""
 
 
 def find_floor(surfaces: list[MergedSurface], config: Config) -> float | None:
@@ -31,7 +26,7 @@ def find_floor(surfaces: list[MergedSurface], config: Config) -> float | None:
     are below it, and so are far parts of it if the tilt zero is wrong.
     """
     low = [s for s in surfaces if s.height <= config.surfaces.max_floor_height]
-    low = [s for s in low if s.polygon.area >= MIN_AREA]
+    low = [s for s in low if s.polygon.area >= MIN_RECOGNISED_AREA]
     if not low:
         return None
     heights = np.array([s.height for s in low])
@@ -96,4 +91,4 @@ def _overlap(a: MergedSurface, b: MergedSurface) -> Polygon | None:
     if not a.views.isdisjoint(b.views) or not shapely.intersects(a.polygon, b.polygon):
         return None
     shared = largest_part(polygons_of(a.polygon.intersection(b.polygon)))
-    return shared if shared.area >= MIN_OVERLAP else None
+    return shared if shared.area >= MIN_RECOGNISED_AREA else None

@@ -18,14 +18,11 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
+from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
-from tccm_ros.surfaces.merging.occluded_areas import (
-    MAX_OCCLUDED_WIDTH,
-    MIN_OCCLUDED_AREA,
-    is_occluded,
-    last_empty_view,
-)
-from tccm_ros.surfaces.merging.patch_planes import GATE, pool_moments
+from tccm_ros.surfaces.merging.occluded_areas import is_occluded, last_empty_view
+from tccm_ros.surfaces.merging.patch_planes import pool_moments
 from tccm_ros.surfaces.merging.surface_errors import SurfaceErrors, step_variance, surface_errors
 from tccm_ros.surfaces.polygons import GRID, close_gaps, polygons_of, union_over
 from tccm_ros.surfaces.views.views import View
@@ -170,7 +167,7 @@ def are_beside(
         Uses `surfaces.merge_distance`, for pieces that are lines.
     """
     has_line = a.is_line or b.is_line
-    max_distance = config.surfaces.merge_distance if has_line else MAX_OCCLUDED_WIDTH
+    max_distance = config.surfaces.merge_distance if has_line else HIDDEN_WIDTH
     if not shapely.dwithin(a.polygon, b.polygon, max_distance):
         return False
     nearest = shapely.shortest_line(a.polygon, b.polygon).centroid
@@ -199,9 +196,9 @@ def occluded_area_between(
         Depth below the pieces at which free space is tested, m.
     """
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
-    between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))
+    between = polygons_of(close_gaps(union, 0.5 * HIDDEN_WIDTH).difference(union))
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
-        if part.area < MIN_OCCLUDED_AREA:
+        if part.area < PROBE**2:
             break
         middle = np.array(part.centroid.coords[0])
         height = 0.5 * (a.height_at(middle) + b.height_at(middle)) - depth

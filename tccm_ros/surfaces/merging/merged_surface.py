@@ -11,13 +11,10 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
 from tccm_ros.surfaces.displacement import outline_in_map
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch
-from tccm_ros.surfaces.merging.occluded_areas import (
-    MAX_OCCLUDED_WIDTH,
-    MIN_OCCLUDED_AREA,
-    is_occluded,
-)
+from tccm_ros.surfaces.merging.occluded_areas import is_occluded
 from tccm_ros.surfaces.merging.patch_planes import fit_plane, is_line, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of, union_over
 from tccm_ros.surfaces.views.views import View
@@ -28,9 +25,6 @@ SIMPLIFY = 0.004
 SHADOW_WIDTH = 0.16
 """Max width of notches and holes that are closed as shadows of objects on the surface, m;
 chosen."""
-
-MAX_SPACING = 0.2
-"""Max gap that is closed because of the point spacing of a surface's views, m; chosen."""
 
 FEW_POINTS, SPARSE = 50, 0.6
 """A surface of fewer points than this is sparse if their spacing exceeds this fraction of the edge
@@ -162,8 +156,7 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
         outline_in_map(m.patch.outline, float(m.patch.mean[2]), T_map_view[m.view]) for m in members
     ]
     union = shapely.union_all(parts, grid_size=GRID)
-    spacing = min(m.patch.spacing for m in members)
-    closed = close_gaps(union, 0.5 * max(distance, SHADOW_WIDTH, min(spacing, MAX_SPACING)))
+    closed = close_gaps(union, 0.5 * max(distance, SHADOW_WIDTH))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
     return largest_part(whole)
 
@@ -172,13 +165,13 @@ def _with_occluded_areas(
     polygon: Polygon, members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> Polygon:
     """Close occluded wide notches and holes of a surface."""
-    closed = polygons_of(close_gaps(polygon, 0.5 * MAX_OCCLUDED_WIDTH).simplify(SIMPLIFY))
+    closed = polygons_of(close_gaps(polygon, 0.5 * HIDDEN_WIDTH).simplify(SIMPLIFY))
     added = polygons_of(closed.difference(polygon))
     height = float(np.mean([_height(m, T_map_view) for m in members]))
     hidden = [
         part
         for part in added.geoms
-        if part.area >= MIN_OCCLUDED_AREA and is_occluded(part, height, views, T_map_view, config)
+        if part.area >= PROBE**2 and is_occluded(part, height, views, T_map_view, config)
     ]
     if not hidden:
         return polygon

@@ -13,7 +13,7 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.records import SensorKind
-from tccm_ros.surfaces.merging.carving import UNUSED, Survivors
+from tccm_ros.surfaces.merging.carving import ALTERNATIVES, Survivors
 from tccm_ros.surfaces.merging.contact import connect
 from tccm_ros.surfaces.merging.patch_planes import stack_planes
 from tccm_ros.surfaces.views.outline import horizontal_outline
@@ -96,7 +96,7 @@ class Remainders:
                 if rest is not None:
                     found.append(NumberedPatch(first + p, v, rest))
         self._calls += 1
-        self._known = {k: r for k, r in self._known.items() if self._calls - r.used <= UNUSED}
+        self._known = {k: r for k, r in self._known.items() if self._calls - r.used <= ALTERNATIVES}
         return found
 
     def _rest(self, view: View, index: int, keep: Bool) -> SurfacePatch | None:

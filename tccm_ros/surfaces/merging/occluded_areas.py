@@ -15,25 +15,13 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
+from tccm_ros.outlines.shape_models import PROBE
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.views.views import View
-
-MAX_OCCLUDED_WIDTH = 0.5
-"""Max width of a notch, hole or gap between pieces that may be occluded, m; chosen: an appliance on
-a worktop and its shadow."""
 
 MAX_SEEN_FRACTION = 0.15
 """Max fraction of an occluded area that is free space: free columns extend over its edges;
 chosen."""
-
-PROBE_SPACING = 0.04
-"""Distance between the points at which an area is probed, m; chosen: below half a column."""
-
-MIN_SEEN_THROUGH = 0.5
-"""Min fraction of an area that a view looked through if there is no surface; chosen: most of it."""
-
-MIN_OCCLUDED_AREA = PROBE_SPACING**2
-"""Min size of an area that is closed, m2. Chosen: the square of one probe, as smaller areas may
-have no probe in them."""
 
 
 def is_occluded(
@@ -72,7 +60,7 @@ def last_empty_view(
     points = probes(area, height)
     for v in reversed(range(len(views)) if len(points) else ()):
         seen = looked_through(points, views[v : v + 1], T_map_view[v : v + 1], config)
-        if seen.mean() > MIN_SEEN_THROUGH:
+        if seen.mean() > MAJORITY:
             return v
     return -1
 
@@ -95,9 +83,9 @@ def looked_through(
 def probes(area: Polygon, height: float) -> Float64:
     """Return a grid of points (N, 3) inside a polygon, at a height."""
     x_min, y_min, x_max, y_max = area.bounds
-    half = 0.5 * PROBE_SPACING
-    x = np.arange(x_min + half, x_max, PROBE_SPACING)
-    y = np.arange(y_min + half, y_max, PROBE_SPACING)
+    half = 0.5 * PROBE
+    x = np.arange(x_min + half, x_max, PROBE)
+    y = np.arange(y_min + half, y_max, PROBE)
     xy = np.stack([axis.ravel() for axis in np.meshgrid(x, y)], axis=1)
     xy = xy[shapely.contains_xy(area, xy[:, 0], xy[:, 1])]
     return np.column_stack([xy, np.full(len(xy), height)])

@@ -16,15 +16,7 @@ from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
 from tccm_ros.surfaces.views.views import SurfacePatch
 
-GATE = 3.0
-"""Max difference of the heights of two planes that agree, and max residual of sides that match, in
-standard deviations; chosen."""
-
 UP = np.array([0.0, 0.0, 1.0])
-
-MIN_NORMAL_Z_OF_SLOPE = 0.1
-"""Lower limit of a normal's z component in a division, so that a steep fit has a finite slope.
-Chosen: 84 deg."""
 
 
 class PatchPlanes(NamedTuple):
@@ -154,7 +146,7 @@ def stack_planes(
         T = T_map_view[view[p]]
         normal, _ = fit_plane(T[:3, :3] @ patch.cov @ T[:3, :3].T)
         centroid[p] = T[:3, :3] @ patch.mean + T[:3, 3]
-        slope[p] = -normal[:2] / max(normal[2], MIN_NORMAL_Z_OF_SLOPE)
+        slope[p] = -normal[:2] / normal[2]
         # The base is horizontal within a few degrees: slopes rotate with its yaw.
         R = np.eye(3)
         R[1:, 1:] = T[:2, :2] / np.hypot(T[0, 0], T[1, 0])

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.planes.plane_noise import FLATNESS
 from tccm_ros.surfaces.merging.merging import NumberedPatch
 from tccm_ros.surfaces.merging.patch_planes import pose_jacobian, stack_planes
-from tccm_ros.surfaces.views.plane_errors import BLOCKS, FLATNESS
+from tccm_ros.surfaces.views.plane_errors import BLOCKS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

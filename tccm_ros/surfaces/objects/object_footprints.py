@@ -24,10 +24,6 @@ EXTREME = 2.0
 """Expected maximum of 30 Gaussian samples, in standard deviations: the outermost of the points on a
 side of an object has about this error."""
 
-FAR = 10.0
-"""Length of lines through an object, m, and of the area behind it, as a multiple of its distance.
-Chosen: further than an object is long."""
-
 
 def without_noise(
     footprint: Float64, height: float, view: View, T: Float64, config: Config
@@ -52,10 +48,8 @@ def without_noise(
     beam = np.array([*footprint.mean(axis=0), height]) - _eye(view, T)
     along = beam[:2] / max(float(np.hypot(*beam[:2])), np.finfo(float).tiny)
     sigma = range_sigma(float(np.linalg.norm(beam)), view.sensor, config)
-    shape = Polygon(footprint)
-    lines = shapely.linestrings(
-        np.stack([footprint - FAR * along, footprint + FAR * along], axis=1)
-    )
+    shape, extent = Polygon(footprint), np.ptp(footprint @ along) * along
+    lines = shapely.linestrings(np.stack([footprint - extent, footprint + extent], axis=1))
     depth = float(shapely.length(shapely.intersection(lines, shape)).max())
     moved = min(EXTREME * sigma, 0.5 * depth) * along
     return shapely.get_coordinates(shape & Polygon(footprint + moved))[:-1]
@@ -100,7 +94,8 @@ def joined_footprint(
     at_height = np.column_stack([ring, np.full(len(ring), height)])
     is_left = view.free.contains(transform(inverse(T), at_height))
     eye = _eye(view, T)[:2]
-    behind = MultiPoint(np.concatenate([newest, eye + FAR * (newest - eye)])).convex_hull
+    away = (newest - eye) / np.linalg.norm(newest - eye, axis=1)[:, None]
+    behind = MultiPoint(np.concatenate([newest, newest + view.max_range * away])).convex_hull
     is_left &= ~shapely.intersects_xy(behind, *ring.T)
     for other in others:
         is_left |= shapely.intersects_xy(Polygon(other), *ring.T)

@@ -23,6 +23,7 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform, transform_plan
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
 from tccm_ros.surfaces.objects.object_footprints import joined_footprint, without_noise
 from tccm_ros.surfaces.views.views import SeenObject, View, with_detections
@@ -32,10 +33,6 @@ from tccm_ros.tabletop.round_objects import PlanShape, plan_shape
 INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
 """Points of a footprint, in edge lengths, that must all be free if the object is gone: the columns
 of a view are as wide as a cup, and beams pass beside one. Chosen."""
-
-INSIDE = 0.5
-"""An object is part of another one if their footprints overlap by more than this fraction of the
-smaller one. Chosen."""
 
 ABOVE = 0.05
 """A view that looks through the space this far above an object would measure it, m; chosen."""
@@ -334,7 +331,7 @@ def _matches(
     for i, j in zip(rows[order].tolist(), columns[order].tolist()):
         if i not in matched and j not in matched.values():
             matched[i] = j
-    inside = are_level & (overlaps > INSIDE * smaller)
+    inside = are_level & (overlaps > MAJORITY * smaller)
     for i in np.flatnonzero(inside.any(axis=1)).tolist():
         matched.setdefault(i, int(np.argmax(np.where(inside[i], overlaps[i], -1.0))))
     return matched

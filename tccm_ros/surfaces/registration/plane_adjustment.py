@@ -20,17 +20,10 @@ from tccm_ros.surfaces.merging.patch_planes import PatchPlanes
 SIGNIFICANCE = 1e-3
 """Probability that a correct patch is rejected as an outlier; chosen: one in a thousand."""
 
-MIN_REDUNDANCY = 1e-6
-"""Min variance of the residual in a tested direction, as a fraction of the patch's own variance:
-below it, the patch alone determines the solution there. A numerical tolerance."""
-
-EXACT = 1e-6
-"""Standard deviation added to that of a pose, m and rad, for poses without error: a numerical
-tolerance."""
-
-OPEN_INFORMATION = 1e-6
-"""Prior information of a surface's plane per patch, 1/m2 and 1: a numerical tolerance, so that the
-information of a plane whose patches were all rejected is invertible."""
+TINY = 1e-6
+"""Numerical tolerance: standard deviation added to that of a pose, m and rad, so that it may be
+exact; prior information of a surface's plane per patch, 1/m2 and 1, so that patches may all be
+rejected; and variance of the residual in a tested direction, as a fraction of the patch's own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +114,7 @@ class _System:
         W = np.linalg.inv(self._cov) * used[:, None, None]
         D = self._B.shape[2]
         information = np.zeros((V, D, D))
-        information[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch + EXACT**2 * np.eye(3))
+        information[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch + TINY**2 * np.eye(3))
         information[:, 3:, 3:] = np.eye(D - 3)
         BtW = self._B.transpose(0, 2, 1) @ W
         HtW = self._H.transpose(0, 2, 1) @ W
@@ -130,7 +123,7 @@ class _System:
         right_views = np.zeros((V, D))
         np.add.at(right_views, self._view, -(BtW @ self._y[:, :, None])[:, :, 0])
         blocks, sums = np.zeros((S, 3, 3)), np.zeros((S, 3))
-        np.add.at(blocks, surface, HtW @ self._H + OPEN_INFORMATION * np.eye(3))
+        np.add.at(blocks, surface, HtW @ self._H + TINY * np.eye(3))
         np.add.at(sums, surface, (HtW @ self._y[:, :, None])[:, :, 0])
         reduced: Float64 = block_diag(*blocks)
         right = sums.reshape(-1)
@@ -170,7 +163,7 @@ class _System:
         whiten = np.linalg.inv(np.linalg.cholesky(self._cov))
         values, axes = np.linalg.eigh(whiten @ cov @ whiten.transpose(0, 2, 1))
         along = (axes.transpose(0, 2, 1) @ whiten @ r[:, :, None])[:, :, 0]
-        is_tested = values > MIN_REDUNDANCY
+        is_tested = values > TINY
         square = np.where(is_tested, along**2 / np.where(is_tested, values, 1.0), 0.0)
         return square.sum(axis=1), is_tested.sum(axis=1)
 

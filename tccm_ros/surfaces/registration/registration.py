@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
@@ -24,30 +25,26 @@ from tccm_ros.geometry import (
     transform,
     wrap_angle,
 )
+from tccm_ros.robust import MAJORITY
 from tccm_ros.slam.factors.keys import view_key
-from tccm_ros.slam.factors.noise import planar_covariance
+from tccm_ros.slam.factors.noise import LOOSE_SIGMA, PLANAR_ORDER, Z_ROLL_PITCH, planar_covariance
 from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.systematic import adjoint
 from tccm_ros.surfaces.merging.carving import Carver, Survivors
 from tccm_ros.surfaces.merging.merging import NumberedPatch, Remainders, merge_coplanar
 from tccm_ros.surfaces.merging.patch_planes import pose_jacobian, stack_planes
-from tccm_ros.surfaces.registration.plane_adjustment import PlaneAdjustment, adjust_planes
+from tccm_ros.surfaces.registration.plane_adjustment import (
+    SIGNIFICANCE,
+    PlaneAdjustment,
+    adjust_planes,
+)
 from tccm_ros.surfaces.registration.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.registration.sides import Sides, find_sides
 from tccm_ros.surfaces.views.views import View
 
-Z_ROLL_PITCH = [5, 0, 1]
-"""Indices of z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
-
-PLANAR_ORDER = [3, 4, 2]
-"""Indices of x, y and yaw in the same order."""
-
 MAX_NEIGHBOUR_VIEWS = 6
 """Max number of older views, the nearest, with which a view is matched; chosen."""
-
-YAW_WEIGHT = 1.0
-"""Weight of yaw in the distance of two poses, m per rad; chosen."""
 
 MAX_SIGMA = (0.15, np.radians(3.0))
 """Upper limits of the standard deviations (m, rad) of the relative pose of two views that the
@@ -56,18 +53,6 @@ search covers; chosen: with a wider search, sides of other surfaces match."""
 VARIANCE_FACTORS = np.logspace(-4.0, 0.5, 37)
 """Candidate factors on the covariances of the prior poses. Chosen: eight per decade, from nearly
 zero to three."""
-
-MAX_LIKELIHOOD_RATIO = 6.63
-"""Twice the log of the likelihood ratio above which the covariances are inconsistent: the 99 %
-quantile of chi-square with one degree of freedom (Wilks 1938)."""
-
-MIN_REMAINING = 0.5
-"""Min fraction of a patch that carving must leave for its sides to be matched; chosen: other
-patches were moved or replaced."""
-
-OPEN_SIGMAS = (1.0, 1.0, 1.0)
-"""Standard deviations of z, roll and pitch (m, rad) in a factor of sides. Chosen: wide, so that
-the factor does not constrain them."""
 
 
 class Registration:
@@ -129,7 +114,9 @@ class Registration:
 
     def _sides_of(self, view: View) -> Sides:
         known = self._sides.get(view.key)
-        return known[1] if known is not None and known[0] is view else find_sides(view)
+        if known is not None and known[0] is view:
+            return known[1]
+        return find_sides(view, self._config.views.clear_margin)
 
 
 def plane_adjustment(
@@ -198,7 +185,7 @@ def side_factors(
         Results of `find_sides` for these views; None: they are computed.
     """
     T_map_view, poses = known.T_map_views, planar(known.T_map_views)
-    found_sides = sides_of_views or [find_sides(view) for view in views]
+    found_sides = sides_of_views or [find_sides(v, config.views.clear_margin) for v in views]
     sides = [
         _in_planar_frame(_remaining(found, keep), T)
         for found, keep, T in zip(found_sides, left.keep, T_map_view)
@@ -228,7 +215,7 @@ def side_factors(
             view_key(views[j].stamp_ns),
             _matched_pose(match, T_map_view[i], T_map_view[j]),
             planar_covariance(
-                match.cov * (0.5 * (max(uses[i], uses[j]) + 1) / weight), OPEN_SIGMAS
+                match.cov * (0.5 * (max(uses[i], uses[j]) + 1) / weight), (LOOSE_SIGMA,) * 3
             ),
         )
         for i, j, match in matches
@@ -240,7 +227,8 @@ def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -
 
     The differences between matches and prior poses have the covariance of both errors. If the
     errors of matches alone explain them, the factor is small, and good poses stay as they are. It
-    is 1 unless the matches contradict that (likelihood-ratio test).
+    is 1 unless the matches contradict that: twice the log of a likelihood ratio has a chi-square
+    distribution with one degree of freedom (Wilks 1938).
 
     Parameters
     ----------
@@ -256,13 +244,14 @@ def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -
         costs.append(float(np.sum(square + np.linalg.slogdet(cov)[1])))
     as_given = costs[int(np.argmin(np.abs(VARIANCE_FACTORS - 1.0)))]
     best = int(np.argmin(costs))
-    return float(VARIANCE_FACTORS[best]) if as_given - costs[best] > MAX_LIKELIHOOD_RATIO else 1.0
+    is_better = as_given - costs[best] > chdtri(1, SIGNIFICANCE)
+    return float(VARIANCE_FACTORS[best]) if is_better else 1.0
 
 
 def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
     """Return the sides of patches that were not moved or replaced in newer views."""
     fraction = np.array([mask.mean() for mask in keep])
-    return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)
+    return sides.chosen(fraction[sides.patch] >= MAJORITY)
 
 
 def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:
@@ -273,9 +262,9 @@ def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:
 
 
 def _nearest_views(poses: Float64, j: int) -> list[int]:
-    """Return the indices of the nearest older views of view `j`, ascending."""
+    """Return the indices of the nearest older views of view `j`, ascending; 1 rad counts as 1 m."""
     yaw = np.abs(wrap_angle(poses[:j, 2] - poses[j, 2]))
-    distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + YAW_WEIGHT * yaw
+    distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + yaw
     return sorted(np.argsort(distance, kind="stable")[:MAX_NEIGHBOUR_VIEWS].tolist())
 
 

@@ -19,6 +19,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP
 from tccm_ros.geometry import compose2, inverse2, planar, pose, spatial, transform
+from tccm_ros.robust import MAJORITY
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loops.matching import Window, propose
 from tccm_ros.slam.loops.submaps import make_submap, merge_scans
@@ -28,9 +29,6 @@ from tccm_ros.surfaces.views.views import View
 
 BAND = (0.3, 1.6)
 """Range of heights above the floor in which an open column is free, m; chosen."""
-
-MIN_FREE_FRACTION = 0.5
-"""Min fraction of the band that is free in an open column; chosen."""
 
 MIN_FRONTIER = 30
 """Min number of frontier columns for a match; chosen."""
@@ -67,11 +65,11 @@ class SessionAlignment:
 
 
 def _open_cells(view: View, floor_z: float) -> Int64:
-    """Return the open columns (N, 2): free in at least `MIN_FREE_FRACTION` of the band."""
+    """Return the open columns (N, 2): free in at least `MAJORITY` of the band."""
     low, high = floor_z + BAND[0], floor_z + BAND[1]
     free = np.clip(np.minimum(view.free.high, high) - np.maximum(view.free.low, low), 0.0, None)
     keys, group = np.unique(view.free.keys, return_inverse=True)
-    keys = keys[np.bincount(group, free, len(keys)) >= MIN_FREE_FRACTION * (high - low)]
+    keys = keys[np.bincount(group, free, len(keys)) >= MAJORITY * (high - low)]
     x = (keys + KEY_STEP // 2) // KEY_STEP
     return np.stack([x, keys - x * KEY_STEP], axis=1)
 

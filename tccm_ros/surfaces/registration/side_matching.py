@@ -15,19 +15,10 @@ from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import between2, transform2, wrap_angle
-from tccm_ros.surfaces.merging.patch_planes import GATE
+from tccm_ros.robust import GATE
+from tccm_ros.surfaces.edges.edge_samples import CROSSING
 from tccm_ros.surfaces.registration.plane_adjustment import SIGNIFICANCE
-from tccm_ros.surfaces.registration.sides import Sides
-
-MIN_OVERLAP = 0.12
-"""Min overlap of two sides along themselves, m; chosen."""
-
-YAW_GATE = np.radians(12.0)
-"""Max difference in yaw of two sides in addition to the search, rad; chosen: short sides have
-errors of a few degrees."""
-
-CROSSING = 0.4
-"""Min sine of the angle of two sides that determine a position; chosen."""
+from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
 
 MAX_LENGTH = 1.0
 """Max votes of a side, m of its length; chosen."""
@@ -47,9 +38,6 @@ chance; chosen."""
 
 MAX_HYPOTHESES = 400
 """Max number of hypotheses, from the longest sides first; chosen."""
-
-SEARCH_MARGIN = 0.02
-"""Margin by which hypotheses may exceed the search, m and rad; chosen."""
 
 MAX_ROUNDS, CONVERGED = 8, 1e-7
 """Max iterations of the refinement, and the change (m, rad) below which it ends; chosen."""
@@ -153,9 +141,11 @@ def _candidates(
     sigma = np.hypot(first.sigma[:, None], second.sigma[None])
     rotation = np.arccos(np.clip(first.outward @ outward.T, -1.0, 1.0))
     lever = max_yaw * np.hypot(*second.middle.T)[None]
-    may = (np.abs(across) <= max_shift + lever + GATE * sigma) & (rotation <= YAW_GATE + max_yaw)
+    yaw_sigma = np.hypot(first.yaw_sigma[:, None], second.yaw_sigma[None])
+    may = np.abs(across) <= max_shift + lever + GATE * sigma
+    may &= rotation <= max_yaw + GATE * yaw_sigma
     may &= np.abs(first.height[:, None] - second.height[None]) <= height_gate
-    may &= shared + max_shift + lever >= MIN_OVERLAP
+    may &= shared + max_shift + lever >= MIN_LENGTH
     a, b = np.nonzero(may)
     shortest = np.minimum(first.length[a], second.length[b])
     return _Pairs(
@@ -166,7 +156,7 @@ def _candidates(
         second.middle[b],
         second.outward[b],
         sigma[a, b],
-        np.hypot(first.yaw_sigma[a], second.yaw_sigma[b]),
+        yaw_sigma[a, b],
         np.minimum(shortest, MAX_LENGTH),
     )
 
@@ -187,10 +177,7 @@ def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> F
                 continue
             trial = _solve(pairs, np.array([m, n]), start, np.ones(2))
             moved = trial - start
-            if (
-                np.hypot(*moved[:2]) <= max_shift + SEARCH_MARGIN
-                and abs(wrap_angle(moved[2])) <= max_yaw + SEARCH_MARGIN
-            ):
+            if np.hypot(*moved[:2]) <= max_shift and abs(wrap_angle(moved[2])) <= max_yaw:
                 trials.append(trial)
             if len(trials) > MAX_HYPOTHESES:
                 return np.array(trials)

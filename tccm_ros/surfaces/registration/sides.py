@@ -16,31 +16,23 @@ import shapely
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
+from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.robust import median_sigma
-from tccm_ros.surfaces.edges.edge_samples import BEYOND, FREE_MARGIN_M, INSIDE, OUTSIDE, STRAIGHT
-from tccm_ros.surfaces.merging.occluded_areas import PROBE_SPACING
+from tccm_ros.surfaces.edges.edge_samples import BEYOND, END_SIGMA, INSIDE, OUTSIDE, STRAIGHT
+from tccm_ros.surfaces.merging.occluded_areas import MAX_SEEN_FRACTION
+from tccm_ros.surfaces.views.outline import SIDE_EDGE_FRACTION
 from tccm_ros.surfaces.views.views import SurfacePatch, View
 
 MIN_LENGTH = 0.2
-"""Min length of a side, m; chosen: the yaw of shorter ones is uncertain."""
+"""Min length of a side, and of the overlap of two sides that match, m; chosen: the yaw of shorter
+ones is uncertain."""
 
 MIN_BINS = 5
-"""Min number of points to which a line is fitted; chosen."""
-
-SEEN_THROUGH = 0.8
-"""Min fraction of a side along which the view looked through; chosen."""
-
-END_MARGIN = 0.1
-"""Length of a side without probes, m; chosen."""
-
-SIGMA = 0.004
-"""Standard deviation of the best side, m: range noise and mixed pixels; chosen."""
+"""Min number of points to which a line is fitted. With 3, sides reduce the error of views by a
+tenth in place of a third (`test/surfaces/registration/test_registration.py`)."""
 
 FIT_ROUNDS = 6
 """Iterations of the robust line fit; chosen."""
-
-FRONT_FRACTION = 0.15
-"""Standard deviation of a near side, as a fraction of the distance of the scan lines; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,21 +86,23 @@ _ROW = [("patch", "i8"), ("middle", "f8", 2), ("outward", "f8", 2)]
 _ROW += [("length", "f8"), ("height", "f8"), ("sigma", "f8")]
 
 
-def find_sides(view: View) -> Sides:
-    """Return the sides of a view's patches."""
+def find_sides(view: View, margin: float) -> Sides:
+    """Return the sides of a view's patches; `margin` is `views.clear_margin`, m."""
     rows = []
     for p, patch in enumerate(view.patches):
         for part in patch.outline.geoms:
             ring = shapely.geometry.polygon.orient(part.simplify(STRAIGHT), 1.0).exterior
             for start, end in pairwise(np.asarray(ring.coords)):
-                side = _side(patch, view.free, start, end)
+                side = _side(patch, view.free, margin, start, end)
                 if side is not None:
                     rows.append((p, *side))
     table = np.array(rows, _ROW)
     return Sides(*(table[field.name].copy() for field in fields(Sides)))
 
 
-def _side(patch: SurfacePatch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
+def _side(
+    patch: SurfacePatch, free: FreeColumns, margin: float, start: Float64, end: Float64
+) -> _Side | None:
     """Fit a side to a segment with the surface to its left; None: the segment is no side."""
     length = float(np.hypot(*(end - start)))
     if length < MIN_LENGTH:
@@ -122,11 +116,11 @@ def _side(patch: SurfacePatch, free: FreeColumns, start: Float64, end: Float64) 
     offset, slope, spread = _fit_line(at - 0.5 * length, across)
     middle = start + 0.5 * length * along + offset * outward
     height = float(patch.mean[2])
-    if not _is_edge(free, middle, along, outward, length, height):
+    if not _is_edge(free, margin, middle, along, outward, length, height):
         return None
     outward = (outward - slope * along) / np.hypot(1.0, slope)
     beyond, sigma = _expected_edge(patch.spacing, gap, outward, middle)
-    sigma = float(np.sqrt(sigma**2 + SIGMA**2 + spread**2 / len(at)))
+    sigma = float(np.sqrt(sigma**2 + END_SIGMA**2 + spread**2 / len(at)))
     return middle + beyond * outward, outward, length, height, sigma
 
 
@@ -158,13 +152,14 @@ def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
         W = A * weight[:, None]
         line = np.asarray(np.linalg.solve(W.T @ A + 1e-9 * np.eye(2), W.T @ across), np.float64)
         residual = across - A @ line
-        spread = max(median_sigma(residual), 0.5 * SIGMA)
+        spread = max(median_sigma(residual), 0.5 * END_SIGMA)
         weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
     return float(line[0]), float(line[1]), spread
 
 
 def _is_edge(
     free: FreeColumns,
+    margin: float,
     middle: Float64,
     along: Float64,
     outward: Float64,
@@ -172,13 +167,13 @@ def _is_edge(
     height: float,
 ) -> bool:
     """Return whether the view looked through the columns just beyond a side."""
-    count = max(int(length / PROBE_SPACING), 2)
-    steps = np.linspace(-0.5, 0.5, count) * (length - END_MARGIN)
+    count = max(int(length / PROBE), 2)
+    steps = np.linspace(-0.5, 0.5, count) * (length - 2.0 * SPACING)
     for beyond in BEYOND:
         probe = middle + steps[:, None] * along + beyond * outward
         points = np.column_stack([probe, np.full(len(probe), height)])
-        through = free.contains(points, np.full(len(points), FREE_MARGIN_M))
-        if through.mean() >= SEEN_THROUGH:
+        through = free.contains(points, margin)
+        if through.mean() >= 1.0 - MAX_SEEN_FRACTION:
             return True
     return False
 
@@ -195,5 +190,5 @@ def _expected_edge(
     """
     radial = float(outward @ middle / max(np.hypot(*middle), 1e-6))
     line, beam = spacing * max(radial, 0.0), gap * np.sqrt(max(1.0 - radial**2, 0.0))
-    front = FRONT_FRACTION * spacing * max(-radial, 0.0)
+    front = SIDE_EDGE_FRACTION * spacing * max(-radial, 0.0)
     return 0.5 * line + beam, float(np.sqrt((line**2 + beam**2) / 12.0 + front**2))

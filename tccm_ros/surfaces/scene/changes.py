@@ -11,12 +11,8 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.records import PreviousPose, Surface
 from tccm_ros.surfaces.displacement import HorizontalOutline, is_displaced
-from tccm_ros.surfaces.objects.scene_objects import SceneObject
+from tccm_ros.surfaces.objects.scene_objects import FLUSH, SceneObject
 from tccm_ros.surfaces.scene.scene import KnownSurface, Scene, object_pose, surface_pose
-
-TOP_DIFFERENCE = 0.05
-"""Max difference in height of an object's upper side and the surface that is its top, m. Chosen."""
-
 
 SCENES = 4
 """Number of past scenes that are kept of each surface. Chosen: three views of a stop show that it
@@ -197,7 +193,7 @@ def _is_top(surface: Surface, objects: tuple[SceneObject, ...]) -> bool:
     """Return whether most of a surface is in the footprint of an object, near its upper side."""
     outline = Polygon(surface.boundary[:, :2]).buffer(0.0)
     return any(
-        abs(item.center[2] + 0.5 * item.size[2] - surface.height) < TOP_DIFFERENCE
+        abs(item.center[2] + 0.5 * item.size[2] - surface.height) < FLUSH
         and item.surface != surface.id
         and item.footprint.intersection(outline).area > 0.5 * outline.area
         for item in objects

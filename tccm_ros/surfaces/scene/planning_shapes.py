@@ -20,6 +20,7 @@ from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
+from tccm_ros.surfaces.polygons import MIN_BOX_FILL
 from tccm_ros.surfaces.scene.scene import object_pose
 
 SURFACE_PREFIX = "tccm_surface_"
@@ -40,14 +41,6 @@ the space below may be free."""
 
 MIN_BOARD, MAX_BOARD = 0.005, 0.08
 """Limits of a measured thickness, m; chosen: a sheet, and a worktop."""
-
-PANEL = 0.01
-"""Thickness of sides and backs of racks, m; chosen: thinner than real panels, as only one side was
-seen."""
-
-MIN_BOX_FILL = 0.75
-"""Min fraction of its box that a surface covers to be a box, else it is a mesh; chosen: the box of
-an angled counter would block the space in front of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +155,7 @@ def scene_shapes(
 
 def _panels(space: Compartment) -> Iterator[tuple[str, Box]]:
     """Yield the measured faces of a compartment, each as a panel behind it."""
-    w, d, h, t = space.width, space.depth, space.height, PANEL
+    w, d, h, t = space.width, space.depth, space.height, THICKNESS
     side, high = np.array([d, t, h]), 0.5 * h
     panels = {
         "left": (space.left, (0.5 * d, 0.5 * (w + t), high), side),

@@ -36,8 +36,8 @@ QUANTILE = 0.4
 a border up to half of the neighbours have a gap across it."""
 
 SIDE_EDGE_FRACTION = 0.15
-"""Expected distance of the edge beyond the points, as a fraction of the distance of scan lines;
-chosen."""
+"""Expected distance of the edge beyond the points, and its standard deviation at a near side, as a
+fraction of the distance of scan lines; chosen."""
 
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
 """Limits of the distance by which an outline is widened, m; chosen: the lower one is half the

@@ -8,14 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.planes.plane_noise import FLATNESS
 
 BLOCKS = 9
 """Number of blocks of a patch from whose residuals the covariance of its plane is estimated.
 Chosen: six more than the plane has parameters, so that the estimate is good to a factor of two."""
-
-FLATNESS = 0.0013
-"""Deviation of a surface from a plane, m (one sigma): DIN 18202 allows finished surfaces a gap of
-4 mm under a straightedge of 1 m, which is three of these."""
 
 
 def fit_covariance(points: Float64, weights: Float64) -> Float64:

@@ -31,16 +31,14 @@ MAX_FRONT_FRACTION, MAX_FRONT_DEPTH = 0.3, 0.1
 """The same fraction for a strip of less than this depth, m: points on a whole front. Chosen: less
 than the surface itself, which has more lines; noise, and a table's rotated front."""
 
-BESIDE = 0.05
-"""Max horizontal distance of stray points from those of another surface, m, or the point spacing.
-Chosen: two cells."""
-
 NOT_LOWER = 0.006
 """Max height of stray points over that surface, m: they are on its front, or on the surface.
 Chosen: two standard deviations of a range."""
 
 
-def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32) -> Bool:
+def mark_strays(
+    points: Float32, weights: Int32, spacing: float, others: Float32, beside: float
+) -> Bool:
     """Return whether each point is a stray point, bool (N,).
 
     Parameters
@@ -53,6 +51,8 @@ def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32
         Median distance of neighbours, m; if it is 0, no point is a stray.
     others
         float32 (M, 3), points of the other surfaces of the view, m.
+    beside
+        Max horizontal distance of stray points from those of another surface, m, or the spacing.
     """
     if spacing <= 0.0 or not len(others):
         return np.zeros(len(points), np.bool_)
@@ -66,7 +66,7 @@ def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32
     for part in np.flatnonzero(measured <= MAX_FRONT_FRACTION):
         members = points[part_of == part]
         if measured[part] <= MAX_FRACTION or _depth(members) <= MAX_FRONT_DEPTH:
-            strays[part_of == part] = _are_explained(members, others, max(spacing, BESIDE))
+            strays[part_of == part] = _are_explained(members, others, max(spacing, beside))
     return strays
 
 

@@ -213,7 +213,7 @@ def _without_strays(
 ) -> _Outlined:
     """Return a surface without stray points, with a new outline if there are any."""
     points, thinned, weights, _, spacing = surface
-    strays = mark_strays(thinned, weights, spacing, others)
+    strays = mark_strays(thinned, weights, spacing, others, min_gap)
     if not strays.any():
         return surface
     plan = thinned[:, :2].astype(np.float64)

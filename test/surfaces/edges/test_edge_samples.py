@@ -13,15 +13,13 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, spatial, transform2
 from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
+from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.records import SensorKind, ViewIntervals
 from tccm_ros.surfaces.edges.edge_samples import (
     BEYOND,
-    END_MARGIN,
     FRONT_FRACTION,
     INSIDE,
     OUTSIDE,
-    PIECE_LENGTH_M,
-    PROBES,
     Edge,
     EdgeSampler,
 )
@@ -105,7 +103,7 @@ def test_scan_lines_that_cross_an_edge_end_within_a_beam_of_it(angle, seed):
     assert len(at) >= 0.5 * np.sin(angle) / 0.1
     assert gap == pytest.approx(0.02 * np.sin(angle), abs=0.004)
     assert ((last <= 0.0) & (last >= -gap - 0.006)).mean() >= 0.6
-    assert ((at > END_MARGIN) & (at < 1.0 - END_MARGIN)).all()
+    assert ((at > SPACING) & (at < 1.0 - SPACING)).all()
 
 
 def test_where_a_view_ends_the_distance_of_its_samples_says_nothing():
@@ -131,8 +129,8 @@ def test_each_piece_of_an_edge_has_its_outermost_point(seed):
     for x, y, _ in cloud:
         at, across = ([x, y] - edge.start) @ edge.along, ([x, y] - edge.start) @ edge.outward
         inside = -INSIDE < across < OUTSIDE
-        if inside and END_MARGIN < at < edge.length - END_MARGIN:
-            pieces.setdefault(int(at // PIECE_LENGTH_M), []).append((across, at))
+        if inside and SPACING < at < edge.length - SPACING:
+            pieces.setdefault(int(at // SPACING), []).append((across, at))
     rows = [sorted(pieces[k], reverse=True) for k in sorted(pieces)]
     beams = [row[0][0] - row[1][0] for row in rows if len(row) > 1]
     found = sampler_at(view)._pieces(edge, member_of(spacing), cloud, None)
@@ -168,12 +166,14 @@ def test_half_of_what_is_beyond_an_edge_must_have_been_looked_over(seed):
     known = set(map(tuple, cells.tolist()))
     back = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
     over = 0
-    for k in range(PROBES):
-        fraction = k / (PROBES - 1)
+    count = int(edge.length / PROBE) + 2
+    for k in range(count):
+        fraction = k / (count - 1)
         place = edge.start * (1.0 - fraction) + edge.end * fraction + BEYOND[1] * edge.outward
         assert transform2(pose, ((place - pose[:2]) @ back)[None])[0] == pytest.approx(place)
         over += tuple(np.floor((place - pose[:2]) @ back / 0.1).astype(int).tolist()) in known
-    assert EdgeSampler.looks_over(sampler, edge) == (over >= 0.5 * PROBES)
+    sampler._looked_into = lambda points: EdgeSampler._looked_into(sampler, points)
+    assert EdgeSampler.looks_over(sampler, edge) == (over >= 0.5 * count)
 
 
 def far_edge(x):

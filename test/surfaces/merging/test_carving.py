@@ -9,17 +9,10 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.merging.carving import (
-    MAJORITY,
-    MIN_LEFT,
-    STEPS,
-    Carver,
-    _in_block,
-    _rpy,
-    _with_strays,
-    carve,
-)
+from tccm_ros.robust import MAJORITY
+from tccm_ros.surfaces.merging.carving import STEPS, Carver, _in_block, _rpy, _with_strays, carve
 from tccm_ros.surfaces.merging.free_grid import FreeGrid, blocks_of
+from tccm_ros.surfaces.views.stray_points import MAX_FRACTION
 from tccm_ros.surfaces.views.views import empty_view, with_cloud, with_intervals
 
 CONFIG = Config()
@@ -223,6 +216,6 @@ def test_what_is_left_of_a_patch_is_more_than_strays(count, before, left):
     kept = np.flatnonzero(keep)
     gone = kept[rng.random(len(kept)) >= left]
     rest = len(kept) - len(_with_strays(gone, keep))
-    assert rest == 0 or rest > MIN_LEFT * count or len(gone) == 0
+    assert rest == 0 or rest > MAX_FRACTION * count or len(gone) == 0
     assert set(gone) <= set(_with_strays(gone, keep)) <= set(kept)
     assert len(_with_strays(kept[:0], keep)) == 0

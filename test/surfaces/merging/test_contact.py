@@ -6,12 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
+from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merging.contact import connect, near_pairs
-from tccm_ros.surfaces.merging.patch_planes import (
-    GATE,
-    PatchPlanes,
-    pose_jacobian,
-)
+from tccm_ros.surfaces.merging.patch_planes import PatchPlanes, pose_jacobian
 from tccm_ros.surfaces.views.plane_errors import FLATNESS
 
 STEP = 0.03

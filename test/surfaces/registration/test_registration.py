@@ -49,7 +49,7 @@ def test_sides_lie_on_the_borders_of_boards():
     views = views_of(Room(TABLES), POSES)
     errors, sigmas = [], []
     for view, pose in zip(views, POSES):
-        sides = find_sides(view)
+        sides = find_sides(view, CONFIG.views.clear_margin)
         for middle, height, sigma in zip(sides.middle, sides.height, sides.sigma):
             board = min([*TABLES, Room([]).floor], key=lambda b: abs(b.z - height))
             assert abs(board.z - height) < 0.02
@@ -69,7 +69,7 @@ def test_sides_lie_on_the_borders_of_boards():
 def test_the_edge_of_an_occlusion_is_no_side(screens, faces):
     board = Board(1.8, 0.0, 0.8, 2.0, 0.74)
     (view,) = views_of(Room([board], screens), POSES[:1])
-    sides = find_sides(view)
+    sides = find_sides(view, CONFIG.views.clear_margin)
     assert {tuple(face) for face in np.rint(sides.outward).tolist()} == faces
     for middle in sides.middle:
         assert distance_to_border(board, middle) < 0.04

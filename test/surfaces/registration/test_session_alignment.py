@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse2, planar, spatial, transform2
 from tccm_ros.records import ViewIntervals
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.registration.session_alignment import (
     BAND,
-    MIN_FREE_FRACTION,
     AlignmentResult,
     _frontier,
     _keyframes,
@@ -38,7 +38,7 @@ def test_open_columns_are_free_over_a_fraction_of_the_band(seed):
     low = rng.uniform(0.0, 1.0, len(cells))
     high = low + rng.uniform(0.1, 1.8, len(cells))
     inside = np.minimum(high, BAND[1]) - np.maximum(low, BAND[0])
-    expected = cells[inside >= MIN_FREE_FRACTION * (BAND[1] - BAND[0])]
+    expected = cells[inside >= MAJORITY * (BAND[1] - BAND[0])]
     found = _open_cells(view_of(cells, low, high), 0.0)
     assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, expected.tolist()))
 

@@ -6,12 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.robust import GATE
 from tccm_ros.surfaces.registration.side_matching import (
-    GATE,
-    MIN_OVERLAP,
     OPEN_SIGMA,
     SAME_POSE,
-    YAW_GATE,
     _candidates,
     _covariance,
     _differ,
@@ -20,7 +18,7 @@ from tccm_ros.surfaces.registration.side_matching import (
     _solve,
     _system,
 )
-from tccm_ros.surfaces.registration.sides import Sides
+from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
 
 SEEDS = st.integers(0, 2**32 - 1)
 SEARCH = (0.15, 0.1)
@@ -72,11 +70,12 @@ def test_candidates_are_pairs_near_each_other_one_by_one(seed):
             shared = min(min(lengths), 0.5 * sum(lengths) - along)
             limit = SEARCH[0] + SEARCH[1] * np.hypot(*second.middle[b])
             sigma = np.hypot(first.sigma[a], second.sigma[b])
+            yaw_sigma = np.hypot(first.yaw_sigma[a], second.yaw_sigma[b])
             if (
                 abs(first.height[a] - second.height[b]) <= HEIGHT_GATE
-                and abs(angle) <= YAW_GATE + SEARCH[1]
+                and abs(angle) <= SEARCH[1] + GATE * yaw_sigma
                 and abs(middle @ first.outward[a]) <= limit + GATE * sigma
-                and shared + limit >= MIN_OVERLAP
+                and shared + limit >= MIN_LENGTH
             ):
                 expected.append((a, b))
     assert list(zip(found.a.tolist(), found.b.tolist())) == expected

@@ -32,7 +32,7 @@ def front(count, x=1.71):
 def strays_of(extra, others):
     """Which of some points beside the table are strays; none of the table's is."""
     both = np.vstack([TABLE, extra])
-    strays = mark_strays(both, np.ones(len(both), np.int32), SPACING, others)
+    strays = mark_strays(both, np.ones(len(both), np.int32), SPACING, others, 0.05)
     assert not strays[: len(TABLE)].any()
     return strays[len(TABLE) :]
 
@@ -71,7 +71,7 @@ def test_others_are_none(extra, others):
 
 
 def test_points_without_spacing_have_no_strays():
-    assert not mark_strays(TABLE[:2], np.ones(2, np.int32), 0.0, NEXT).any()
+    assert not mark_strays(TABLE[:2], np.ones(2, np.int32), 0.0, NEXT, 0.05).any()
 
 
 def test_a_patch_does_not_go_on_to_the_front_of_the_next_table():

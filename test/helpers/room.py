@@ -59,7 +59,7 @@ class Room:
         where = tuple(float(number) for number in pose)
         seen = _seen(boards, screens, where, rows, columns, float(noise), seed, cell)
         points, labels, intervals = (array.copy() for array in seen)
-        cloud = SurfaceCloud(stamp_ns, "base", points, labels)
+        cloud = SurfaceCloud(stamp_ns, "base", points, labels, viewpoint=EYE.astype(np.float32))
         return cloud, ViewIntervals(stamp_ns, "base", intervals)
 
 

@@ -1,15 +1,16 @@
 """Sides of surfaces: straight edges that a view observed.
 
 Most of a patch's outline is no edge of the surface: the tilt cycle ended there, or an object
-occludes the rest. A segment of the outline is a side if the view looked through the columns just
-beyond it. Its position is the expected end of the surface, beyond the last points by half the
-distance of the scan lines across it; that distance also gives its standard deviation.
+occludes the rest. The surface ends between its last points and the first ray that passed beyond
+them at its height. A segment of the outline is a side if such rays passed along most of it. It is
+in the middle of that strip, and the width of the strip gives its standard deviation.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -20,7 +21,6 @@ from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.edges.edge_samples import BEYOND, END_SIGMA, INSIDE, OUTSIDE, STRAIGHT
 from tccm_ros.surfaces.merging.occluded_areas import MAX_SEEN_FRACTION
-from tccm_ros.surfaces.views.outline import SIDE_EDGE_FRACTION
 from tccm_ros.surfaces.views.views import SurfacePatch, View
 
 MIN_LENGTH = 0.2
@@ -79,8 +79,15 @@ class Sides:
         return replace(self, middle=middle, height=height)
 
 
-_Side = tuple[Float64, Float64, float, float, float]
-"""Middle, outward, length, height and sigma of one side, as in `Sides`."""
+class _Side(NamedTuple):
+    """One side, as in `Sides`."""
+
+    middle: Float64
+    outward: Float64
+    length: float
+    height: float
+    sigma: float
+
 
 _ROW = [("patch", "i8"), ("middle", "f8", 2), ("outward", "f8", 2)]
 _ROW += [("length", "f8"), ("height", "f8"), ("sigma", "f8")]
@@ -90,18 +97,34 @@ def find_sides(view: View, margin: float) -> Sides:
     """Return the sides of a view's patches; `margin` is `views.clear_margin`, m."""
     rows = []
     for p, patch in enumerate(view.patches):
+        passed = _crossings(view, patch, margin)
         for part in patch.outline.geoms:
             ring = shapely.geometry.polygon.orient(part.simplify(STRAIGHT), 1.0).exterior
             for start, end in pairwise(np.asarray(ring.coords)):
-                side = _side(patch, view.free, margin, start, end)
+                side = _side(patch, (view.free, passed), margin, start, end)
                 if side is not None:
                     rows.append((p, *side))
     table = np.array(rows, _ROW)
     return Sides(*(table[field.name].copy() for field in fields(Sides)))
 
 
+def _crossings(view: View, patch: SurfacePatch, margin: float) -> Float64:
+    """Return where rays to lower points crossed the height of a patch, float64 (N, 2), m."""
+    eye, height = view.viewpoint, float(patch.mean[2])
+    if eye is None or eye[2] <= height:
+        return np.zeros((0, 2))
+    hits = np.asarray(view.hits[:, :3], np.float64)
+    points = np.concatenate([hits, *(p.points for p in view.patches if p is not patch)])
+    rays = points[points[:, 2] < height - margin] - eye
+    return np.asarray(eye[:2] + rays[:, :2] * ((height - eye[2]) / rays[:, 2:]))
+
+
 def _side(
-    patch: SurfacePatch, free: FreeColumns, margin: float, start: Float64, end: Float64
+    patch: SurfacePatch,
+    beyond: tuple[FreeColumns, Float64],
+    margin: float,
+    start: Float64,
+    end: Float64,
 ) -> _Side | None:
     """Fit a side to a segment with the surface to its left; None: the segment is no side."""
     length = float(np.hypot(*(end - start)))
@@ -112,22 +135,61 @@ def _side(
     edge = _edge_points(patch, start, along, outward, length)
     if edge is None:
         return None
-    at, across, gap = edge
+    at, across = edge
     offset, slope, spread = _fit_line(at - 0.5 * length, across)
     middle = start + 0.5 * length * along + offset * outward
-    height = float(patch.mean[2])
-    if not _is_edge(free, margin, middle, along, outward, length, height):
-        return None
     outward = (outward - slope * along) / np.hypot(1.0, slope)
-    beyond, sigma = _expected_edge(patch.spacing, gap, outward, middle)
-    sigma = float(np.sqrt(sigma**2 + END_SIGMA**2 + spread**2 / len(at)))
-    return middle + beyond * outward, outward, length, height, sigma
+    side = _Side(middle, outward, length, float(patch.mean[2]), spread)
+    strip = _unseen_strip(beyond, margin, side, max(PROBE, 2.0 * patch.spacing))
+    if strip is None:
+        return None
+    sigma = float(np.sqrt(END_SIGMA**2 + spread**2 + strip**2 / 12.0))
+    return side._replace(middle=middle + 0.5 * strip * outward, sigma=sigma)
+
+
+def _unseen_strip(
+    beyond: tuple[FreeColumns, Float64], margin: float, side: _Side, width: float
+) -> float | None:
+    """Return the width of the strip beyond a side in which nothing was seen, m; None: no side.
+
+    The surface ends between the last points and the first ray that passed beyond them. Where too
+    few such rays are known, free columns show that it ends before them.
+
+    Parameters
+    ----------
+    beyond
+        Free columns of the view, and `_crossings` of the patch.
+    margin
+        Min distance of a free point from the ends of its interval, m.
+    side
+        Line through the last points.
+    width
+        Width of the pieces of the side with a first ray each, m.
+    """
+    free, passed = beyond
+    along = np.array([-side.outward[1], side.outward[0]])
+    offset = passed - side.middle
+    at, across = offset @ along, offset @ side.outward
+    near = (np.abs(at) < 0.5 * side.length) & (across > -INSIDE) & (across < BEYOND[-1])
+    pieces = np.floor(at[near] / width).astype(np.int64)
+    order = np.lexsort((across[near], pieces))
+    first = order[np.diff(pieces[order], prepend=np.iinfo(np.int64).min) > 0]
+    if len(first) >= (1.0 - MAX_SEEN_FRACTION) * side.length / width:
+        return max(float(np.median(across[near][first])), 0.0)
+    count = max(int(side.length / PROBE), 2)
+    steps = np.linspace(-0.5, 0.5, count) * (side.length - 2.0 * SPACING)
+    for distance in BEYOND:
+        probe = side.middle + steps[:, None] * along + distance * side.outward
+        points = np.column_stack([probe, np.full(len(probe), side.height)])
+        if free.contains(points, margin).mean() >= 1.0 - MAX_SEEN_FRACTION:
+            return distance
+    return None
 
 
 def _edge_points(
     patch: SurfacePatch, start: Float64, along: Float64, outward: Float64, length: float
-) -> tuple[Float64, Float64, float] | None:
-    """Return positions along and across a side of its outermost points, and their median gap, m."""
+) -> tuple[Float64, Float64] | None:
+    """Return positions along and across a side of its outermost points, m; None: too few."""
     offset = patch.points[:, :2].astype(np.float64) - start
     at, across = offset @ along, offset @ outward
     near = (at > 0.0) & (at < length) & (across > -INSIDE) & (across < OUTSIDE)
@@ -139,7 +201,7 @@ def _edge_points(
     first = first[np.diff(np.r_[first, len(bins)]) >= 2]
     if len(first) < MIN_BINS:
         return None
-    return at[first], across[first], float(np.median(across[first] - across[first + 1]))
+    return at[first], across[first]
 
 
 def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
@@ -155,40 +217,3 @@ def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
         spread = max(median_sigma(residual), 0.5 * END_SIGMA)
         weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
     return float(line[0]), float(line[1]), spread
-
-
-def _is_edge(
-    free: FreeColumns,
-    margin: float,
-    middle: Float64,
-    along: Float64,
-    outward: Float64,
-    length: float,
-    height: float,
-) -> bool:
-    """Return whether the view looked through the columns just beyond a side."""
-    count = max(int(length / PROBE), 2)
-    steps = np.linspace(-0.5, 0.5, count) * (length - 2.0 * SPACING)
-    for beyond in BEYOND:
-        probe = middle + steps[:, None] * along + beyond * outward
-        points = np.column_stack([probe, np.full(len(probe), height)])
-        through = free.contains(points, margin)
-        if through.mean() >= 1.0 - MAX_SEEN_FRACTION:
-            return True
-    return False
-
-
-def _expected_edge(
-    spacing: float, gap: float, outward: Float64, middle: Float64
-) -> tuple[float, float]:
-    """Return the expected distance of an edge beyond the last points, and its sigma, m.
-
-    Scan lines run around the robot at a distance of `spacing`, with beams at a distance of `gap`. A
-    far side is between the last line and the next. On a line across a side, the last beam is lost
-    as a mixed pixel. At a near side, the laser sees the front of the object, so that the last
-    points are at the side.
-    """
-    radial = float(outward @ middle / max(np.hypot(*middle), 1e-6))
-    line, beam = spacing * max(radial, 0.0), gap * np.sqrt(max(1.0 - radial**2, 0.0))
-    front = SIDE_EDGE_FRACTION * spacing * max(-radial, 0.0)
-    return 0.5 * line + beam, float(np.sqrt((line**2 + beam**2) / 12.0 + front**2))

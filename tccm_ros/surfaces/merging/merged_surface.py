@@ -172,9 +172,10 @@ def _without_free_areas(
     """Remove the parts of an outline in which nothing was measured and views looked through."""
     height = float(np.mean([_height(m, T_map_view) for m in members]))
     at = probes(polygon, height)
-    measured = [transform(T_map_view[m.view], m.patch.points)[:, :2] for m in members]
-    distance = cKDTree(np.concatenate(measured)).query(at[:, :2])[0]
-    at = at[distance > config.surfaces.merge_distance]
+    points = [transform(T_map_view[m.view], m.patch.points)[:, :2] for m in members]
+    spacing = np.repeat([m.patch.spacing for m in members], [len(p) for p in points])
+    distance, nearest = cKDTree(np.concatenate(points)).query(at[:, :2])
+    at = at[distance > np.maximum(config.surfaces.merge_distance, spacing[nearest])]
     if not len(at):
         return polygon
     through = looked_through(at, views, T_map_view, config)

@@ -76,6 +76,24 @@ def test_the_edge_of_an_occlusion_is_no_side(screens, faces):
         assert distance_to_border(board, middle) < 2.0 * sigma
 
 
+@pytest.mark.parametrize("missing", [0.03, 0.06, 0.09])
+def test_an_end_before_pixels_that_are_missing_is_no_sharp_side(missing):
+    """A camera gives no depth near the edges of a board: rays that passed show where it ends."""
+    board = Board(1.8, 0.0, 0.8, 1.0, 0.74)
+    surface_map = SurfaceMap(CONFIG)
+    cloud, intervals = Room([board]).look(POSES[0], 10, rows=90, columns=240, noise=0.002)
+    is_kept = np.abs(cloud.points[:, 1]) < 0.5 - missing
+    is_kept |= cloud.points[:, 2] < 0.5
+    surface_map.add(replace(cloud, points=cloud.points[is_kept], surface=cloud.surface[is_kept]))
+    surface_map.add(intervals)
+    (view,) = surface_map.views
+    sides = find_sides(view)
+    ends = np.abs(sides.outward[:, 1]) > 0.9
+    assert ends.sum() == 2
+    errors = [distance_to_border(board, middle) for middle in sides.middle[ends]]
+    assert (np.array(errors) < 2.0 * sides.sigma[ends]).all()
+
+
 def box_sides(pose, size=(1.2, 0.8), sigma=0.003, height=0.7, rng=None):
     """Return the four sides of a box at the map's origin, seen from `pose`."""
     outward = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])

@@ -87,7 +87,7 @@ def test_an_end_before_pixels_that_are_missing_is_no_sharp_side(missing):
     surface_map.add(replace(cloud, points=cloud.points[is_kept], surface=cloud.surface[is_kept]))
     surface_map.add(intervals)
     (view,) = surface_map.views
-    sides = find_sides(view)
+    sides = find_sides(view, CONFIG.views.clear_margin)
     ends = np.abs(sides.outward[:, 1]) > 0.9
     assert ends.sum() == 2
     errors = [distance_to_border(board, middle) for middle in sides.middle[ends]]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely.affinity
-from room import Board, Room, Screen
+from room import EYE, Board, Room, Screen
 from surface_maps import TABLE, above_floor, poses_at
 
 from tccm_ros.config import Config
@@ -127,7 +127,8 @@ def line_view(x):
     y = np.linspace(-0.4, 0.4, 60)
     rng = np.random.default_rng(1)
     points = np.stack([x + rng.normal(0.0, 0.002, 60), y, np.full(60, 1.2)], axis=1)
-    cloud = SurfaceCloud(10, "base", points.astype(np.float32), np.zeros(60, np.uint32))
+    eye = EYE.astype(np.float32)
+    cloud = SurfaceCloud(10, "base", points.astype(np.float32), np.zeros(60, np.uint32), eye)
     one = SurfaceMap(Config())
     one.add(cloud)
     return one.views[0]

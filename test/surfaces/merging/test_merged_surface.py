@@ -41,7 +41,7 @@ def test_a_board_under_three_scan_lines_is_a_surface():
     assert found.area_seen > 0.1
 
 
-def test_a_table_does_not_reach_points_on_a_chair_across_an_area_that_was_looked_through():
+def test_a_table_is_not_extended_to_a_chair_over_an_area_that_was_looked_through():
     x, y = np.meshgrid(np.arange(1.0, 1.6, 0.02), np.arange(-0.3, 0.3, 0.02))
     table = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.74)])
     chair = np.array([[1.85, y, 0.74] for y in np.linspace(-0.2, 0.2, 5)])

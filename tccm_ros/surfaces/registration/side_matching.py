@@ -20,6 +20,11 @@ from tccm_ros.surfaces.edges.edge_samples import CROSSING
 from tccm_ros.surfaces.registration.plane_adjustment import SIGNIFICANCE
 from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
 
+YAW_GATE = np.radians(12.0)
+"""Max difference in yaw of two sides in addition to the search, rad; chosen: short sides have
+errors of a few degrees. By their sigmas, which are wide where missing pixels end a surface, sides of
+other directions match too: with every second image, hololens is then 33 mm off in place of 5."""
+
 MAX_LENGTH = 1.0
 """Max votes of a side, m of its length; chosen."""
 
@@ -143,7 +148,7 @@ def _candidates(
     lever = max_yaw * np.hypot(*second.middle.T)[None]
     yaw_sigma = np.hypot(first.yaw_sigma[:, None], second.yaw_sigma[None])
     may = np.abs(across) <= max_shift + lever + GATE * sigma
-    may &= rotation <= max_yaw + GATE * yaw_sigma
+    may &= rotation <= YAW_GATE + max_yaw
     may &= np.abs(first.height[:, None] - second.height[None]) <= height_gate
     may &= shared + max_shift + lever >= MIN_LENGTH
     a, b = np.nonzero(may)

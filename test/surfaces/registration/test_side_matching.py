@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.robust import GATE
 from tccm_ros.surfaces.registration.side_matching import (
     OPEN_SIGMA,
     SAME_POSE,
+    YAW_GATE,
     _candidates,
     _covariance,
     _differ,
@@ -70,10 +70,9 @@ def test_candidates_are_pairs_near_each_other_one_by_one(seed):
             shared = min(min(lengths), 0.5 * sum(lengths) - along)
             limit = SEARCH[0] + SEARCH[1] * np.hypot(*second.middle[b])
             sigma = np.hypot(first.sigma[a], second.sigma[b])
-            yaw_sigma = np.hypot(first.yaw_sigma[a], second.yaw_sigma[b])
             if (
                 abs(first.height[a] - second.height[b]) <= HEIGHT_GATE
-                and abs(angle) <= SEARCH[1] + GATE * yaw_sigma
+                and abs(angle) <= YAW_GATE + SEARCH[1]
                 and abs(middle @ first.outward[a]) <= limit + GATE * sigma
                 and shared + limit >= MIN_LENGTH
             ):

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.robust import GATE
 from tccm_ros.surfaces.registration.side_matching import (
     OPEN_SIGMA,
     SAME_POSE,

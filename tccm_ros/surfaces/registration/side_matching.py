@@ -22,7 +22,7 @@ from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
 
 YAW_GATE = np.radians(12.0)
 """Max difference in yaw of two sides in addition to the search, rad; chosen: short sides have
-errors of a few degrees. By their sigmas, which are wide where missing pixels end a surface, sides of
+errors of a few degrees. By their sigmas, wide where missing pixels end a surface, sides of
 other directions match too: with every second image, hololens is then 33 mm off in place of 13."""
 
 MAX_LENGTH = 1.0

@@ -42,6 +42,10 @@ the space below may be free."""
 MIN_BOARD, MAX_BOARD = 0.005, 0.08
 """Limits of a measured thickness, m; chosen: a sheet, and a worktop."""
 
+PANEL = 0.01
+"""Thickness of sides and backs of racks, m; chosen: thinner than real panels, as only one side was
+seen."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
@@ -155,7 +159,7 @@ def scene_shapes(
 
 def _panels(space: Compartment) -> Iterator[tuple[str, Box]]:
     """Yield the measured faces of a compartment, each as a panel behind it."""
-    w, d, h, t = space.width, space.depth, space.height, THICKNESS
+    w, d, h, t = space.width, space.depth, space.height, PANEL
     side, high = np.array([d, t, h]), 0.5 * h
     panels = {
         "left": (space.left, (0.5 * d, 0.5 * (w + t), high), side),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,12 @@ from tccm_ros.ros.types import (
     pose_message,
     vector_message,
 )
-from tccm_ros.sensors.compressed_depth import HEADER, NEAREST
 
-MAX_DEPTH, QUANTISATION = 10.0, 100.0
-"""`depth_max` (m) and `depth_quantization` of compressed_depth_image_transport: its defaults."""
+MIN_DEPTH, MAX_DEPTH, QUANTISATION = 0.1, 10.0, 100.0
+"""Quantised depths are between these, m; `depth_max` and `depth_quantization` are the defaults of
+compressed_depth_image_transport."""
+
+HEADER = struct.Struct("<iff")
 
 
 def depth_image_message(types: MessageTypes, image: DepthImage) -> Any:
@@ -185,7 +188,7 @@ def write_compressed_depth(depth: NDArray[Any]) -> tuple[str, bytes]:
     if depth.dtype != np.uint16:
         a = QUANTISATION * (QUANTISATION + 1.0)
         b = 1.0 - a / MAX_DEPTH
-        known = np.isfinite(depth) & (depth > NEAREST) & (depth < MAX_DEPTH)
+        known = np.isfinite(depth) & (depth > MIN_DEPTH) & (depth < MAX_DEPTH)
         numbers = np.where(known, a / np.where(known, depth, 1.0) + b, 0.0)
         numbers = np.clip(np.rint(numbers), 0, 65535).astype(np.uint16)
     stream = io.BytesIO()

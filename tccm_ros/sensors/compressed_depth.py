@@ -20,7 +20,7 @@ from tccm_ros.arrays import Float32, UInt16
 from tccm_ros.errors import MessageError, one_line
 from tccm_ros.kernels import kernel
 
-HEADER = struct.Struct("<iff")
+_HEADER = struct.Struct("<iff")
 _RVL_SIZE = struct.Struct("<ii")
 _PNG_SIZE = struct.Struct(">8s4x4sII")
 
@@ -87,10 +87,10 @@ def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
             f"compressed image has format '{text[:60]}', "
             "expected '16UC1; compressedDepth', '32FC1; compressedDepth' or '16UC1; png'"
         )
-    if len(data) < HEADER.size:
+    if len(data) < _HEADER.size:
         raise MessageError(f"compressed depth image has {len(data)} bytes")
-    _, a, b = HEADER.unpack_from(data)
-    body = bytes(data[HEADER.size :])
+    _, a, b = _HEADER.unpack_from(data)
+    body = bytes(data[_HEADER.size :])
     numbers = _read_rvl(body) if how.endswith("rvl") else _read_png(body)
     if encoding == "16UC1":
         return numbers

@@ -218,7 +218,8 @@ def find_placements(
         else:
             found.append(candidates.take())
         consider(candidates.clearance, k, 2, candidates)
-    return found
+    # Each clearance is exact to `TOLERANCE_M` only.
+    return sorted(found, key=lambda placement: -placement.clearance)
 
 
 class _Candidates:

@@ -20,6 +20,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.ros import writing as ros
 from tccm_ros.ros.reading import READERS
+from tccm_sim import sensor_messages
 
 T = np.eye(4)
 T[:3, 3] = 1.0, 2.0, 3.0
@@ -28,10 +29,10 @@ TRANSFORM = TransformSample(NS, "odom", "base", T, False)
 RECORDS = {
     "scan": (ros.scan_message, Scan(
         NS, "laser", -1.0, 0.5, 0.25, 0.125, 9.0, np.arange(5, dtype=np.float32))),
-    "joint_states": (ros.joint_sample_message, JointSample(
+    "joint_states": (sensor_messages.joint_sample_message, JointSample(
         NS, ("tilt", "wheel"), np.array([0.5, -1.0]))),
-    "odom": (ros.odometry_message, Odometry(NS, "odom", "base", T)),
-    "robot_description": (ros.robot_description_message, RobotDescription("<robot/>")),
+    "odom": (sensor_messages.odometry_message, Odometry(NS, "odom", "base", T)),
+    "robot_description": (sensor_messages.robot_description_message, RobotDescription("<robot/>")),
     "surfaces": (ros.surface_cloud_message, SurfaceCloud(
         NS, "base", np.ones((3, 3), np.float32), np.arange(3, dtype=np.uint32))),
     "view": (ros.view_message, ViewIntervals(NS, "base", np.ones((2, 4), np.float32))),
@@ -60,7 +61,7 @@ def test_a_record_that_was_written_as_bytes_is_read_back(role):
 
 
 def test_a_message_that_cannot_be_used_is_refused():
-    message = ros.odometry_message(RosidlMessages(), RECORDS["odom"][1])
+    message = sensor_messages.odometry_message(RosidlMessages(), RECORDS["odom"][1])
     message.pose.pose.position.x = float("nan")
     with pytest.raises(MessageError):
         read_records(READERS["odom"], serialize_message(message))

@@ -6,19 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
-from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.displacement import outline_in_map
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch
-from tccm_ros.surfaces.merging.occluded_areas import is_occluded, looked_through, probes
+from tccm_ros.surfaces.merging.occluded_areas import is_occluded
 from tccm_ros.surfaces.merging.patch_planes import fit_plane, is_line, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of, union_over
 from tccm_ros.surfaces.views.views import View
@@ -125,7 +121,6 @@ def fit_surface(
     polygon = _merged_outline(members, T_map_view, config.surfaces.merge_distance)
     if polygon.is_empty:
         return None
-    polygon = _without_free_areas(polygon, members, views, T_map_view, config)
     polygon = _with_occluded_areas(polygon, members, views, T_map_view, config)
     T = np.stack([T_map_view[m.view] for m in members])
     R = T[:, :3, :3]
@@ -164,31 +159,6 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
     closed = close_gaps(union, 0.5 * max(distance, SHADOW_WIDTH))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
     return largest_part(whole)
-
-
-def _without_free_areas(
-    polygon: Polygon, members: Members, views: list[View], T_map_view: Float64, config: Config
-) -> Polygon:
-    """Remove the parts of an outline in which nothing was measured and views looked through."""
-    height = float(np.mean([_height(m, T_map_view) for m in members]))
-    at = probes(polygon, height)
-    points = [transform(T_map_view[m.view], m.patch.points)[:, :2] for m in members]
-    spacing = np.repeat([m.patch.spacing for m in members], [len(p) for p in points])
-    distance, nearest = cKDTree(np.concatenate(points)).query(at[:, :2])
-    at = at[distance > np.maximum(config.surfaces.merge_distance, spacing[nearest])]
-    if not len(at):
-        return polygon
-    through = looked_through(at, views, T_map_view, config)
-    links = cKDTree(at[:, :2]).query_pairs(1.5 * PROBE, output_type="ndarray")
-    graph = coo_array((np.ones(len(links)), links.T), shape=(len(at), len(at)))
-    part = connected_components(graph, directed=False)[1]
-    is_free = np.bincount(part, through) > MAJORITY * np.bincount(part)
-    x, y = at[is_free[part], :2].T
-    if not len(x):
-        return polygon
-    half = 0.5 * PROBE
-    free = shapely.union_all(shapely.box(x - half, y - half, x + half, y + half))
-    return largest_part(polygons_of(polygon.difference(free)))
 
 
 def _with_occluded_areas(

@@ -21,9 +21,7 @@ from tccm_ros.records import (
     PointCloud,
     RobotDescription,
 )
-from tccm_ros.ros.pointcloud import (
-    cloud_message,
-)
+from tccm_ros.ros.pointcloud import cloud_message
 from tccm_ros.ros.types import (
     MessageTypes,
     header_message,
@@ -36,6 +34,7 @@ MIN_DEPTH, MAX_DEPTH, QUANTISATION = 0.1, 10.0, 100.0
 compressed_depth_image_transport."""
 
 HEADER = struct.Struct("<iff")
+"""Header of a compressed depth image: format, and A and B of the quantisation (0 for none)."""
 
 
 def depth_image_message(types: MessageTypes, image: DepthImage) -> Any:

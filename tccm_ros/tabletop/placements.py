@@ -246,7 +246,7 @@ class _Candidates:
             self._disc[2] = request.reach
         half = 0.5 * np.array([request.size_x, request.size_y])
         self._halves = [half, half[::-1].copy()]
-        if abs(half[0] - half[1]) < MIN_CLEARANCE_M:
+        if request.size_x == request.size_y:  # one yaw is enough for a square
             self._halves.pop()
         self._find_best(surface.inner_radius + TOLERANCE_M - float(half.min()))
 

@@ -7,6 +7,9 @@ found, the expected one and a remedy. The command line prints it and exits with 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+MAX_SUGGESTED = 12
+"""Max number of known names that a hint lists."""
+
 
 class TccmError(Exception):
     """Base class of all errors of this package."""
@@ -68,7 +71,7 @@ class MissingExtraError(TccmError):
     """A feature that needs a package which is not installed."""
 
 
-def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
+def suggest(name: str, known: Iterable[str]) -> str:
     """Return a hint with the most similar of the known names, or a list of them.
 
     Parameters
@@ -77,8 +80,6 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
         Unknown name.
     known
         Known names.
-    limit
-        Maximum number of names listed if none is similar.
 
     Returns
     -------
@@ -91,7 +92,7 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
         return f"; did you mean '{near[0]}'?"
     if not names:
         return "; there are none"
-    shown = ", ".join(names[:limit]) + (", ..." if len(names) > limit else "")
+    shown = ", ".join(names[:MAX_SUGGESTED]) + (", ..." if len(names) > MAX_SUGGESTED else "")
     return f"; there are: {shown}"
 
 

@@ -13,6 +13,9 @@ from tccm_sim.sign_pictures import Color, font
 PLATE_PIXELS = 480
 """Width of a drawn plate, pixels. Chosen: 2.4 per mm for a plate of 20 cm."""
 
+NOTICE_SIZE = 400, 160
+"""Width and height of a notice, pixels; chosen."""
+
 
 class Style(NamedTuple):
     """Appearance of the plates of a building.
@@ -116,7 +119,7 @@ def _darker(color: Color) -> Color:
     return color[0] * 2 // 3, color[1] * 2 // 3, color[2] * 2 // 3
 
 
-def notice(text: str, face: Color, ink: Color, size: tuple[int, int] = (400, 160)) -> UInt8:
+def notice(text: str, face: Color, ink: Color) -> UInt8:
     """Return a board with one line of text, such as an exit sign, an arrow or a date.
 
     Parameters
@@ -125,15 +128,13 @@ def notice(text: str, face: Color, ink: Color, size: tuple[int, int] = (400, 160
         The line.
     face, ink
         Colours of the board and its text.
-    size
-        Width and height, pixels.
     """
-    board = Image.new("RGB", size, face)
+    board = Image.new("RGB", NOTICE_SIZE, face)
     draw = ImageDraw.Draw(board)
-    letters = font("DejaVuSans-Bold", 0.5 * size[1])
-    scale = min(1.0, 0.86 * size[0] / draw.textlength(text, font=letters))
+    letters = font("DejaVuSans-Bold", 0.5 * NOTICE_SIZE[1])
+    scale = min(1.0, 0.86 * NOTICE_SIZE[0] / draw.textlength(text, font=letters))
     letters = letters.font_variant(size=int(letters.size * scale))
     left, top, right, bottom = draw.textbbox((0, 0), text, font=letters)
-    place = 0.5 * (size[0] - left - right), 0.5 * (size[1] - top - bottom)
+    place = 0.5 * (NOTICE_SIZE[0] - left - right), 0.5 * (NOTICE_SIZE[1] - top - bottom)
     draw.text(place, text, fill=ink, font=letters)
     return np.asarray(board).copy()

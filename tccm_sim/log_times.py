@@ -59,7 +59,7 @@ def without_resets(times_ns: Sequence[int]) -> list[int]:
     return times
 
 
-def increasing_stamps(times_ns: Sequence[int], step_ns: int = MIN_STEP_NS) -> list[int]:
+def increasing_stamps(times_ns: Sequence[int]) -> list[int]:
     """Return the increasing stamps nearest to some times by least squares.
 
     Pool-adjacent-violators on integers: exact, and times that already increase are unchanged.
@@ -68,17 +68,15 @@ def increasing_stamps(times_ns: Sequence[int], step_ns: int = MIN_STEP_NS) -> li
     ----------
     times_ns
         Times in the true order, ns.
-    step_ns
-        Minimum difference between two stamps, ns.
     """
     sums: list[int] = []
     counts: list[int] = []
     for k, time in enumerate(times_ns):
-        sums.append(time - k * step_ns)
+        sums.append(time - k * MIN_STEP_NS)
         counts.append(1)
         while len(sums) > 1 and sums[-2] * counts[-1] > sums[-1] * counts[-2]:
             total, count = sums.pop(), counts.pop()
             sums[-1] += total
             counts[-1] += count
     means = [total // count for total, count in zip(sums, counts) for _ in range(count)]
-    return [mean + k * step_ns for k, mean in enumerate(means)]
+    return [mean + k * MIN_STEP_NS for k, mean in enumerate(means)]

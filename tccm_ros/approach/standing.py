@@ -62,9 +62,9 @@ def standing_poses(
     footprint: Footprint,
     gap: float,
     staging: float,
-    max_distance: float = np.inf,
-    spot: Float64 | None = None,
-    side: float | None = None,
+    max_distance: float,
+    spot: Float64 | None,
+    side: float | None,
     base: Float64 | None = None,
 ) -> list[StandingPose]:
     """Return the free goal poses at a surface, the best first.

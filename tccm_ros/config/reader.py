@@ -23,9 +23,7 @@ REMOVED = {
 LOG = logging.getLogger(__name__)
 
 
-def read_config(
-    path: Path | str | None = None, settings: Sequence[str] = (), base: Config | None = None
-) -> Config:
+def read_config(path: Path | str | None = None, settings: Sequence[str] = ()) -> Config:
     """Read a configuration.
 
     Parameters
@@ -34,8 +32,6 @@ def read_config(
         A YAML file, nested by group or in ROS form (``/**: ros__parameters: ...``).
     settings
         ``group.key=value`` strings, which win over the file; values are YAML.
-    base
-        Configuration that the file and the settings change; the defaults if None.
 
     Raises
     ------
@@ -43,7 +39,7 @@ def read_config(
         For a file that cannot be read, an unknown key or a bad value; the message names the most
         similar key.
     """
-    tree: dict[str, Any] = (base or Config()).model_dump()
+    tree: dict[str, Any] = Config().model_dump()
     where = "configuration"
     if path is not None:
         where = str(path)

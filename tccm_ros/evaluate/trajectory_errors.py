@@ -19,6 +19,14 @@ SAME_STAMP_NS = 1_000_000
 """Maximum difference of equal stamps, ns: text files round stamps to microseconds or less, and no
 sensor measures at 1 kHz."""
 
+MAX_GAP_NS = 1_000_000_000
+"""Max time between the poses before and after a stamp at which poses are interpolated, ns;
+chosen."""
+
+NEAR_M, MIN_PATH_M = 3.0, 10.0
+"""Max distance of poses that meet, and min path length between them, m; chosen: a room, and the way
+around it."""
+
 
 class Order(StrEnum):
     """Order of factors in the error of a relation, see `relation_errors`."""
@@ -53,9 +61,7 @@ class Errors:
         return len(self.translation)
 
 
-def poses_at(
-    stamps_ns: Int64, poses: Float64, asked_ns: Int64, *, max_gap: float = 1.0
-) -> tuple[Float64, Bool]:
+def poses_at(stamps_ns: Int64, poses: Float64, asked_ns: Int64) -> tuple[Float64, Bool]:
     """Return the poses of a trajectory at given stamps.
 
     A pose within `SAME_STAMP_NS` is returned as it is; others are interpolated.
@@ -65,10 +71,8 @@ def poses_at(
     stamps_ns, poses
         int64 (N,), strictly ascending, and float64 (N, 4, 4).
     asked_ns
-        int64 (M,), stamps of the result.
-    max_gap
-        Maximum time between the poses before and after a stamp, s. Stamps in a larger gap, or
-        outside the trajectory, are unknown.
+        int64 (M,), stamps of the result. Those in a gap (`MAX_GAP_NS`), or outside of the
+        trajectory, are unknown.
 
     Returns
     -------
@@ -84,7 +88,7 @@ def poses_at(
     since = (asked_ns - stamps_ns[before]).astype(float)
     fraction = np.divide(since, gap, out=np.zeros_like(gap), where=gap > 0)
     is_within = (asked_ns >= stamps_ns[0]) & (asked_ns <= stamps_ns[-1])
-    known = is_same | (is_within & (gap <= max_gap * 1e9))
+    known = is_same | (is_within & (gap <= MAX_GAP_NS))
     fraction = np.clip(fraction, 0.0, 1.0)
     return interpolate_poses(poses[before], poses[after], fraction), known
 
@@ -161,17 +165,13 @@ def distance_errors(poses: Float64, truth: Float64, distance: float) -> Errors:
     return Errors.of(inverse(inverse(truth[starts]) @ truth[ends]) @ found)
 
 
-def pairs_that_meet(positions: Float64, *, near: float = 3.0, path: float = 10.0) -> Int64:
+def pairs_that_meet(positions: Float64) -> Int64:
     """Return pairs of nearby poses with a long path between them.
 
     Parameters
     ----------
     positions
         float64 (N, 3), m.
-    near
-        Maximum distance, m.
-    path
-        Minimum path length between them, m.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def pairs_that_meet(positions: Float64, *, near: float = 3.0, path: float = 10.0
     along = np.concatenate([[0.0], np.cumsum(steps)])
     pairs: list[Sequence[int]] = []
     for i in range(len(positions)):
-        close = np.linalg.norm(positions[i + 1 :] - positions[i], axis=1) < near
-        far = along[i + 1 :] - along[i] > path
+        close = np.linalg.norm(positions[i + 1 :] - positions[i], axis=1) < NEAR_M
+        far = along[i + 1 :] - along[i] > MIN_PATH_M
         pairs += [(i, i + 1 + int(j)) for j in np.flatnonzero(close & far)]
     return np.array(pairs, np.int64).reshape(-1, 2)

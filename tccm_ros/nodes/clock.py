@@ -80,7 +80,7 @@ class ClockWatch:
 
 
 def stamp_on_receipt(
-    node: Node, record: Any, time_span: Callable[[Any], tuple[int, int]] | None = None
+    node: Node, record: Any, time_span: Callable[[Any], tuple[int, int]] | None
 ) -> Any:
     """Return a record stamped with its arrival time, for drivers without a clock.
 

@@ -101,17 +101,13 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     return descriptor
 
 
-def declare_config(
-    node: Node, base: Config | None = None, groups: Collection[str] | None = None
-) -> Config:
+def declare_config(node: Node, groups: Collection[str] | None = None) -> Config:
     """Declare parameters on a node and return the resulting configuration.
 
     Parameters
     ----------
     node
         Node to declare them on; overrides come from its command line and parameter files.
-    base
-        Default values; those of `Config` if None.
     groups
         Groups to declare beside the parameters without a group; all if None.
 
@@ -120,7 +116,7 @@ def declare_config(
     ConfigError
         If a value has the wrong type or is out of range; the message gives the correct form.
     """
-    defaults = (base or Config()).model_dump()
+    defaults = Config().model_dump()
     values = {}
     for parameter in parameters():
         group = parameter.name.rpartition(".")[0].partition(".")[0]

@@ -13,10 +13,11 @@ from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.cuboids.linking import link
 from tccm_ros.kernels import kernel
 
+MIN_CUBOIDS = 4
+"""Min number of cuboids of a cluster with a label; chosen."""
 
-def label_horizontal(
-    cuboids: Cuboids, height_threshold: float = 0.010, min_cuboids: int = 4
-) -> Int32:
+
+def label_horizontal(cuboids: Cuboids, height_threshold: float = 0.010) -> Int32:
     """Return labels of the horizontal surfaces of a map.
 
     Parameters
@@ -27,27 +28,24 @@ def label_horizontal(
         Neighbours within twice the local sample spacing get one label if their tops or their mean
         heights differ by less, m: the mean is less noisy, the top is equal in an edge cell and its
         neighbours.
-    min_cuboids
-        Minimum size of a cluster with a label.
 
     Returns
     -------
     int32 (N,)
-        Label from 0, in the order of each cluster's first cuboid; -1 for none.
+        Label from 0, in the order of each cluster's first cuboid; -1 for clusters of fewer than
+        `MIN_CUBOIDS`.
     """
     if len(cuboids) == 0:
         return np.full(0, -1, np.int32)
     threshold = height_threshold * TICKS_PER_M
     c = cuboids
-    return _label(c.ix, c.iy, c.top, c.s, c.count, threshold, min_cuboids)
+    return _label(c.ix, c.iy, c.top, c.s, c.count, threshold)
 
 
 @kernel
-def _label(
-    ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float, min_cuboids: int
-) -> Int32:
+def _label(ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float) -> Int32:
     """Return labels (N,) of the sets that `linking.link` connects."""
-    return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], min_cuboids)
+    return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0])
 
 
 @kernel(error_model="numpy")
@@ -60,7 +58,7 @@ def _mean_heights(s: Float64, count: Float64) -> Int32:
 
 
 @kernel
-def _number(root: Int32, min_cuboids: int) -> Int32:
+def _number(root: Int32) -> Int32:
     """Return labels from 0 for set representatives (the smallest index of each set)."""
     n = len(root)
     size = np.zeros(n, np.int32)
@@ -71,8 +69,8 @@ def _number(root: Int32, min_cuboids: int) -> Int32:
     for i in range(n):
         r = root[i]
         if r == i:
-            labels[i] = used if size[i] >= min_cuboids else -1
-            used += size[i] >= min_cuboids
+            labels[i] = used if size[i] >= MIN_CUBOIDS else -1
+            used += size[i] >= MIN_CUBOIDS
         else:
             labels[i] = labels[r]
     return labels

@@ -326,7 +326,7 @@ def _real_time_factor(outcome: ReplayOutcome, clock: Stopwatch) -> float:
     return outcome.bag_duration / seconds if seconds else 0.0
 
 
-def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> Path:
+def report_of(target: Path | str, config: Config, bars: Bars | None) -> Path:
     """Return a folder with the report of a result folder, a saved map or a bag.
 
     A map or a bag is processed first, into a folder of the working directory named after it.

@@ -27,6 +27,9 @@ DPI = 200
 FONT_PT = 9.0
 """Font size, points; 12 pixels at README size."""
 
+LABEL_ZORDER = 20.0
+"""Drawing order of labels: above everything else."""
+
 OBSTACLE_STEP_PX = 6.0
 """Spacing of the points that represent a line as an obstacle for labels, pixels; chosen."""
 
@@ -115,7 +118,6 @@ def draw_labels(
     obstacles: Float64,
     *,
     size: float = FONT_PT,
-    zorder: float = 20.0,
 ) -> None:
     """Draw labels near their anchors without overlaps, with leader lines for moved labels.
 
@@ -127,8 +129,8 @@ def draw_labels(
         One each per label, the most important first; anchors float64 (N, 2) in data units.
     obstacles
         float64 (M, 2), pixels; see `place_labels`.
-    size, zorder
-        Font size in points, and drawing order.
+    size
+        Font size, points.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -137,7 +139,7 @@ def draw_labels(
     halo = [withStroke(linewidth=2.6, foreground="white", alpha=0.92)]
     written = [
         axes.text(x, y, text, ha="center", va="center", fontsize=size, linespacing=1.05,
-                  color="#15181c", zorder=zorder, path_effects=halo)
+                  color="#15181c", zorder=LABEL_ZORDER, path_effects=halo)
         for text, (x, y) in zip(texts, anchors, strict=True)
     ]  # fmt: skip
     requests = []
@@ -152,7 +154,7 @@ def draw_labels(
     for item, request, center, color in zip(written, requests, centers, colors, strict=True):
         item.set_position(tuple(to_pixels.inverted().transform(center)))
         if np.any(np.abs(center - request.anchor) > 0.5 * request.size):
-            _leader(axes, request, center, color, zorder - 1.0)
+            _leader(axes, request, center, color, LABEL_ZORDER - 1.0)
 
 
 def _leader(axes: Axes, request: LabelRequest, center: Float64, color: str, zorder: float) -> None:
@@ -162,5 +164,5 @@ def _leader(axes: Axes, request: LabelRequest, center: Float64, color: str, zord
     ends = np.stack([center + offset * min(to_edge, 1.0), request.anchor])
     x, y = axes.transData.inverted().transform(ends).T
     halo = [withStroke(linewidth=2.2, foreground="white")]
-    axes.plot(x, y, color=color, lw=1.1, zorder=zorder, path_effects=halo)
+    axes.plot(x, y, color=color, lw=1.1, zorder=LABEL_ZORDER, path_effects=halo)
     axes.plot(x[1:], y[1:], "o", color=color, ms=3.0, mec="white", mew=0.6, zorder=zorder)

@@ -42,15 +42,13 @@ LAYERS = MAP_LAYERS | {
 """Name on the page and initial visibility, by layer."""
 
 
-def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
+def write_report(folder: Path | str) -> Path:
     """Write report.html into a result folder and return its path.
 
     Parameters
     ----------
     folder
         Output folder of ``tccm replay --out``.
-    truth
-        A truth.json whose outlines are drawn dashed; None for the folder's own, if any.
 
     Raises
     ------
@@ -59,7 +57,7 @@ def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
     OutputError
         If the report cannot be written.
     """
-    results = load_results(folder, truth)
+    results = load_results(folder)
     return write_page(results, draw_pictures(results), folder)
 
 

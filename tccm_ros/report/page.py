@@ -35,8 +35,8 @@ def viewer_page(
     controls: str = "",
     cuboids: str = "",
     time: str = "",
-    sections: str = "",
-    scripts: str = "",
+    sections: str,
+    scripts: str,
 ) -> str:
     """Return the HTML of a page with the view.
 

@@ -125,15 +125,13 @@ class Results:
         return np.unique([view.stamp for s in self.surfaces for view in s.views])
 
 
-def load_results(folder: Path | str, truth: Path | str | None = None) -> Results:
+def load_results(folder: Path | str) -> Results:
     """Read a result folder.
 
     Parameters
     ----------
     folder
         Output folder of ``tccm replay --out``.
-    truth
-        A truth.json to draw with the map; None for the folder's own, if any.
 
     Raises
     ------
@@ -148,8 +146,7 @@ def load_results(folder: Path | str, truth: Path | str | None = None) -> Results
     objects = _read_optional(folder / "objects.json", ObjectsFile) or ObjectsFile()
     planes = _read_optional(folder / "planes.json", PlanesFile) or PlanesFile()
     cuboids, cycles = folder / "cuboids.npz", folder / "cycles.npz"
-    truth_path = folder / "truth.json" if truth is None else Path(truth)
-    true = (_read_optional if truth is None else read_json)(truth_path, TruthFile)
+    true = _read_optional(folder / "truth.json", TruthFile)
     return Results(
         folder,
         surfaces.floor_z,

@@ -142,7 +142,7 @@ def save_map(
         made.write_bytes(map_content(saved, solution, frame_id))
 
 
-def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map") -> bytes:
+def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> bytes:
     """Return the content of a map file.
 
     Parameters

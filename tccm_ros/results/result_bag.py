@@ -355,8 +355,8 @@ def write_result_bag(
     messages: CycleMessageStore,
     solution: SurfaceSolution,
     config: Config,
-    events: Iterable[tuple[int, Change]] = (),
-    grid: OccupancyGrid | None = None,
+    events: Iterable[tuple[int, Change]],
+    grid: OccupancyGrid | None,
 ) -> None:
     """Write result.mcap.
 

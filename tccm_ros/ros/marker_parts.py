@@ -117,7 +117,7 @@ def marker_points(types: MessageTypes, xyz: ArrayLike, chosen: ArrayLike | None 
     return types.rows("geometry_msgs/msg/Point", rows, chosen)
 
 
-def _color_message(types: MessageTypes, color: Color, alpha: float = 1.0) -> Any:
+def _color_message(types: MessageTypes, color: Color, alpha: float) -> Any:
     r, g, b = color
     return types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
 

@@ -47,7 +47,7 @@ def stream_for_topic(stream: Stream, topic: str) -> Stream:
     return stream
 
 
-def roles_of(processor: str, config: Config | None = None) -> frozenset[str]:
+def roles_of(processor: str, config: Config) -> frozenset[str]:
     """Return the roles of the streams of a processor (`Stream.processor`)."""
     return frozenset(
         stream.role for stream in default_streams(config) if stream.processor == processor

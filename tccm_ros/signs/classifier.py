@@ -75,7 +75,7 @@ def _scaled(boxes: Float64, scale: float) -> Float64:
     return np.hstack([middles - scale * halves, middles + scale * halves])
 
 
-def read_classifier(path: Path = WEIGHTS) -> SignClassifier:
-    """Return the classifier of a file that `tools/train_signs.py` wrote."""
-    with np.load(path, allow_pickle=False) as file:
+def read_classifier() -> SignClassifier:
+    """Return the classifier that `tools/train_signs.py` wrote."""
+    with np.load(WEIGHTS, allow_pickle=False) as file:
         return SignClassifier(file["weights"], float(file["bias"]), float(file["threshold"]))

@@ -79,11 +79,6 @@ def test_an_empty_file_changes_nothing(tmp_path):
     assert read_config(path) == Config()
 
 
-def test_settings_change_a_given_configuration():
-    base = read_config(None, ["map.cell_size=0.05"])
-    assert read_config(None, ["map.window_cycles=3"], base).map.cell_size == 0.05
-
-
 @pytest.mark.parametrize(
     ("setting", "message"),
     [

@@ -99,7 +99,7 @@ def surface_shape(surface: Surface, thickness: float = THICKNESS) -> Box | Mesh:
 
 
 def structure_shapes(
-    surfaces: Iterable[Surface], compartments: Sequence[Compartment] = ()
+    surfaces: Iterable[Surface], compartments: Sequence[Compartment]
 ) -> dict[str, Box | Mesh]:
     """Return the shapes of all surfaces except the floor, and of measured faces of racks, by name.
 

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import shapely
-from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError, MapError, one_line
 from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.tables import read_signs
+from tccm_ros.geometry import spatial
+from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.models import SurfacesFile, plan_polygon
@@ -52,9 +52,7 @@ class SurfaceFootprint:
 
     def moved(self, T: Float64) -> SurfaceFootprint:
         """Return it in another frame, where its map has the planar pose T, float64 (3,)."""
-        c, s = float(np.cos(T[2])), float(np.sin(T[2]))
-        xy = [c, -s, s, c, float(T[0]), float(T[1])]
-        return replace(self, polygon=affine_transform(self.polygon, xy))
+        return replace(self, polygon=transform_outline(spatial(T), self.polygon))
 
     def is_as_high_as(self, other: SurfaceFootprint) -> bool:
         """Return whether the heights allow both to be the same surface."""

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
-from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import inverse, pose, transform
+from tccm_ros.geometry import inverse, spatial, transform
+from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.racks.ceilings import MIN_FILLED, BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
 from tccm_ros.racks.faces import Face, SeenFace, look_at
@@ -157,10 +157,7 @@ def _have_common_front(
     a seat below it.
     """
     T = inverse(found.T_map_front)
-    (a, b), (c, d) = T[:2, :2]
-    bounds = np.array(
-        [affine_transform(part, [a, b, c, d, *T[:2, 3]]).bounds for part in (board, above)]
-    )
+    bounds = np.array([transform_outline(T, part).bounds for part in (board, above)])
     (front, low), high = bounds[:, :2].T, bounds[:, 3]
     common = (high.min() - low.max()) / (high.max() - low.min())
     return bool(common >= COMMON_FRONT and np.ptp(front) <= MAX_SETBACK)
@@ -170,12 +167,13 @@ def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[
     """Yield the ceilings over the parts of a board, in its frame."""
     T_board = inverse(_frame(board))
     above = [
-        BoardAbove(_in_frame(other, T_board), other.height - board.height, k)
+        BoardAbove(transform_outline(T_board, _outline(other)), other.height - board.height, k)
         for k, other in enumerate(stack)
         if other.height > board.height
     ]
     ends, origins = transform(T_board, hits.ends), transform(T_board, hits.origins)
-    yield from ceilings(_in_frame(board, T_board), above, ends, hits.half, origins)
+    own = transform_outline(T_board, _outline(board))
+    yield from ceilings(own, above, ends, hits.half, origins)
 
 
 def _frame(surface: Surface) -> Float64:
@@ -183,17 +181,7 @@ def _frame(surface: Surface) -> Float64:
     x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
     normal = surface.normal
     z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
-    return pose(_yaw(yaw), np.array([x, y, z]))
-
-
-def _yaw(yaw: float) -> Float64:
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _in_frame(surface: Surface, T_board: Float64) -> shapely.Geometry:
-    (a, b), (c, d) = T_board[:2, :2]
-    return affine_transform(_outline(surface), [a, b, c, d, *T_board[:2, 3]])
+    return spatial([x, y, yaw], z)
 
 
 def _compartment(
@@ -260,9 +248,7 @@ def _compartment(
 def _face(T_map_board: Float64, middle: Float64, half: Float64, height: float, k: int) -> Face:
     """Return the k-th face around a part of a board: counter-clockwise, 0 is towards x."""
     normal = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][k])
-    T = np.eye(4)
-    T[:3, :3] = _yaw(0.5 * math.pi * k)
-    T[:3, 3] = [*(middle + normal * half), FACE_MARGIN]
+    T = spatial([*(middle + normal * half), 0.5 * math.pi * k], FACE_MARGIN)
     return Face(T_map_board @ T, 2.0 * float(half[1 - k % 2]), height)
 
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 from shapely import Polygon
-from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import inverse, planar, transform
+from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.racks.compartment import Compartment, OpenPart
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.placements import Placement
@@ -130,8 +130,7 @@ class InsertionSpace:
     def _in_front(self, obstacle: Obstacle) -> Obstacle:
         """Return an obstacle in the frame of the front."""
         T = inverse(self.compartment.T_map_front)
-        (a, b), (c, d) = T[:2, :2]
-        footprint = affine_transform(obstacle.footprint, [a, b, c, d, *T[:2, 3]])
+        footprint = transform_outline(T, obstacle.footprint)
         return Obstacle(obstacle.id, footprint, obstacle.low + T[2, 3], obstacle.high + T[2, 3])
 
     def depths(self, height: float, without: int | None = None) -> Float64:

@@ -16,7 +16,7 @@ from scipy.ndimage import binary_opening
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.geometry import pose, transform
+from tccm_ros.geometry import spatial, transform
 from tccm_ros.racks.compartment import SeenView
 from tccm_ros.racks.compartments import NEAR_RACK
 from tccm_ros.racks.hits import HitsInMap
@@ -99,13 +99,11 @@ def _wide(seen: Bool) -> Bool:
 def _grid(surface: Surface, floor_z: float) -> tuple[Float64, Float64, Float64, Int64]:
     """Return frame, lowest corner, edges of cells and shape of the grid below a surface."""
     x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
-    c, s = np.cos(yaw), np.sin(yaw)
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     top = (surface.offset - surface.normal[:2] @ [x, y]) / surface.normal[2]
     size = np.array([length, width, max(top - floor_z, CELL)])
     shape = np.ceil(size / CELL).astype(np.int64)
     low = np.array([-0.5 * length, -0.5 * width, -size[2]])
-    return pose(R, np.array([x, y, top])), low, size / shape, shape
+    return spatial([x, y, yaw], top), low, size / shape, shape
 
 
 def boxes_of(cells: Bool) -> Iterator[tuple[Int64, Int64]]:

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform, translate
+from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Float64
+from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.surfaces.polygons import MIN_BOX_FILL, equal_sides
 
 BORDER = 0.03
@@ -73,16 +74,9 @@ def footprint_in_map(
     T = T_map_view
     x, y = (T[:2, :2] @ line_of_sight(mean, spacing)).tolist()
     z = float(T[2, :3] @ mean + T[2, 3])
-    placed = outline_in_map(outline, float(mean[2]), T)
+    placed = transform_outline(T, outline, float(mean[2]))
     # Rounding can make an outline that nearly touches itself self-intersecting.
     return HorizontalOutline(placed if placed.is_valid else shapely.make_valid(placed), z, (x, y))
-
-
-def outline_in_map(outline: BaseGeometry, z: float, T_map_view: Float64) -> BaseGeometry:
-    """Return an outline at height `z` of a view, m, in x and y of map."""
-    T = T_map_view
-    matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *(T[:2, 3] + T[:2, 2] * z)]
-    return affine_transform(outline, matrix)
 
 
 def line_of_sight(mean: Float64, length: float) -> Float64:

@@ -12,7 +12,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
-from tccm_ros.surfaces.displacement import outline_in_map
+from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch
 from tccm_ros.surfaces.merging.occluded_areas import is_occluded
 from tccm_ros.surfaces.merging.patch_planes import fit_plane, is_line, pool_moments
@@ -153,7 +153,8 @@ def is_sparse(members: Members, area: float) -> bool:
 def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> Polygon:
     """Return the union of the outlines of patches, with gaps of up to `distance`, m, closed."""
     parts = [
-        outline_in_map(m.patch.outline, float(m.patch.mean[2]), T_map_view[m.view]) for m in members
+        transform_outline(T_map_view[m.view], m.patch.outline, float(m.patch.mean[2]))
+        for m in members
     ]
     union = shapely.union_all(parts, grid_size=GRID)
     closed = close_gaps(union, 0.5 * max(distance, SHADOW_WIDTH))

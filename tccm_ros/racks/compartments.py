@@ -124,8 +124,7 @@ def _merged(board: Surface, other: Surface) -> Surface | None:
     area = board.area + other.area
     if area < MIN_FILLED * length * width:
         return None
-    z = (board.offset - hull @ board.normal[:2]) / board.normal[2]
-    return replace(board, boundary=np.column_stack([hull, z]), area=area)
+    return replace(board, boundary=np.column_stack([hull, board.height_at(hull)]), area=area)
 
 
 def _over(
@@ -179,9 +178,7 @@ def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[
 def _frame(surface: Surface) -> Float64:
     """Return the horizontal pose, float64 (4, 4), of a surface's minimum-area rectangle."""
     x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
-    normal = surface.normal
-    z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
-    return spatial([x, y, yaw], z)
+    return spatial([x, y, yaw], surface.height_at(np.array([x, y])))
 
 
 def _compartment(

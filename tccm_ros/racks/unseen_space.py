@@ -77,7 +77,7 @@ def unseen_spaces(
         middles = transform(T, cell_middles(low, shape, cell).reshape(-1, 3))
         unseen = ~seen & shapely.contains_xy(outlines[k], *middles[:, :2].T).reshape(shape)
         for lower, outline in zip(above[:k], outlines[:k]):
-            top = (lower.offset - middles[:, :2] @ lower.normal[:2]) / lower.normal[2]
+            top = lower.height_at(middles[:, :2])
             is_below = (middles[:, 2] < top) & shapely.contains_xy(outline, *middles[:, :2].T)
             unseen &= ~is_below.reshape(shape)
         for first, count in boxes_of(unseen):
@@ -99,7 +99,7 @@ def _wide(seen: Bool) -> Bool:
 def _grid(surface: Surface, floor_z: float) -> tuple[Float64, Float64, Float64, Int64]:
     """Return frame, lowest corner, edges of cells and shape of the grid below a surface."""
     x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
-    top = (surface.offset - surface.normal[:2] @ [x, y]) / surface.normal[2]
+    top = float(surface.height_at(np.array([x, y])))
     size = np.array([length, width, max(top - floor_z, CELL)])
     shape = np.ceil(size / CELL).astype(np.int64)
     low = np.array([-0.5 * length, -0.5 * width, -size[2]])

@@ -348,6 +348,10 @@ class Surface:
     previous_pose: PreviousPose | None = None
     cov_plane: Float64 = field(default_factory=lambda: np.full((3, 3), np.nan))
 
+    def height_at(self, at_xy: Float64) -> Float64:
+        """Return the heights of its plane at positions float64 (..., 2), m, float64 (...)."""
+        return np.asarray((self.offset - at_xy @ self.normal[:2]) / self.normal[2])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:

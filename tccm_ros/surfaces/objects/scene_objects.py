@@ -110,7 +110,7 @@ def scene_objects(
     for k, s in zip(which.tolist(), under.tolist()):
         track, surface = tracks[k], surfaces[s]
         bottom = float(track.center[2] - 0.5 * track.size[2])
-        distance = abs(float(_height_at(surface, track.center[:2])) - bottom)
+        distance = abs(float(surface.height_at(track.center[:2])) - bottom)
         if distance < MAX_HEIGHT_DIFFERENCE:
             nearest[k] = min(nearest.get(k, (np.inf, -1)), (distance, surface.id))
     found = [
@@ -146,7 +146,7 @@ def _is_part(
     is_thin = min(track.size[:2]) < PANEL
     on_floor = any(surface.id == under and surface.label == "floor" for surface in surfaces)
     for surface, outline in zip(surfaces, outlines):
-        above = float(_height_at(surface, track.center[:2])) - top
+        above = float(surface.height_at(track.center[:2])) - top
         if surface.id == under or above < -FLUSH or surface.label == "floor":
             continue
         if on_floor and is_thin and shapely.dwithin(outline, footprint.centroid, OUTLINE_MARGIN):
@@ -207,9 +207,4 @@ def outline_of(surface: Surface) -> shapely.Geometry:
 
 
 def _lifted(ring: Float64, surface: Surface) -> Float64:
-    return np.column_stack([ring, _height_at(surface, ring)])
-
-
-def _height_at(surface: Surface, at_xy: Float64) -> Float64:
-    """Return the heights of a surface at positions (..., 2), float64 (...), m."""
-    return np.asarray((surface.offset - at_xy @ surface.normal[:2]) / surface.normal[2])
+    return np.column_stack([ring, surface.height_at(ring)])

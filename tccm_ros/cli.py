@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tccm_ros import __version__
+from tccm_ros.blas import use_one_thread
 from tccm_ros.errors import ConfigError, MissingExtraError, OutputError, TccmError, one_line
 from tccm_ros.extras import FLEET, check_extra
 
@@ -534,6 +535,7 @@ def main() -> None:
     """Run the command and turn errors into one line and an exit status."""
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     debug = len(arguments) < len(sys.argv) - 1
+    use_one_thread()
     try:
         app(arguments)
     except TccmError as error:

@@ -8,12 +8,15 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from tccm_ros.blas import use_one_thread
+
 # Bytecode is kept also where the environment forbids it: tests start hundreds of interpreters.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("MPLBACKEND", "Agg")
+use_one_thread()
 os.environ.setdefault("TCCM_STRICT", "1")  # a stage that hangs on the map and fails is a fault
 
 # The same examples in every run, so that a commit is green or red for everyone alike. To look for

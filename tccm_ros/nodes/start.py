@@ -13,6 +13,7 @@ from functools import partial
 from importlib import import_module
 from types import FrameType
 
+from tccm_ros.blas import use_one_thread
 from tccm_ros.nodes.process.stopping import stopping_signals
 
 
@@ -20,6 +21,7 @@ def _start(module: str, main: str = "main", *, solves: bool = False) -> None:
     """Run the main function of a module; with `solves`, fork the solver process first."""
     leave_at_a_signal()
     find_wheels()
+    use_one_thread()
     if solves:
         import_module("tccm_ros.nodes.solver.forked").prepare()
     getattr(import_module(f"tccm_ros.nodes.{module}"), main)()

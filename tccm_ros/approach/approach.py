@@ -510,10 +510,10 @@ class Approach:
         if not is_new or self._cycles[-1].stamp_s <= self._stood_s:
             return self._wait_for_cycle(senses, self._stood_s)
         self._seen_cycles += 1
-        while self._cycles[0].stamp_s <= self._stood_s:
-            self._cycles.popleft()
-        if self._seen_cycles < VERIFIED:
+        if self._seen_cycles <= VERIFIED:  # the first may have begun before the stop
             return self._driver.stop(senses)
+        while len(self._cycles) > VERIFIED:
+            self._cycles.popleft()
         found = self._measure()
         if found is not None:
             self.edge, self._measured_at = found, senses.pose[:2]
@@ -526,6 +526,7 @@ class Approach:
         is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
             self._corrections += 1
+            self.target = self._locate() or self.target
             self.phase, self._misses = Phase.CLOSING, 0
             return self._driver.stop(senses)
         if abs(gap - self._goal.gap) > MAX_GAP_ERROR or abs(yaw_error) > MAX_YAW_ERROR:

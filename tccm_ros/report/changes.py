@@ -76,8 +76,9 @@ class MapDifference(Generic[Item]):
 def surface_changes(before: Results, after: Results) -> list[MapDifference[SurfaceEntry]]:
     """Match the surfaces of two maps in one frame, with heights above each map's own floor.
 
-    Surfaces with overlapping outlines are matched first, then the remaining ones of equal shape and
-    label by their shift.
+    Surfaces with overlapping outlines are matched first, by the intersection over union: a smaller
+    surface little above another is inside of it. Then the remaining ones of equal shape and label
+    are matched by their shift.
     """
     old = [(s, plan_polygon(s), s.height - before.ground) for s in before.above_floor]
     new = [(s, plan_polygon(s), s.height - after.ground) for s in after.above_floor]
@@ -87,8 +88,11 @@ def surface_changes(before: Results, after: Results) -> list[MapDifference[Surfa
         for j, (_, _, high) in enumerate(new)
         if abs(low - high) <= MAX_HEIGHT_DIFFERENCE_M
     ]
-    overlaps = [(1.0 - _overlap(old[i][1], new[j][1]), i, j) for i, j in same_height]
-    pairs = _best_pairs((cost, i, j) for cost, i, j in overlaps if 1.0 - cost >= MIN_OVERLAP)
+    pairs = _best_pairs(
+        (-_iou(old[i][1], new[j][1]), i, j)
+        for i, j in same_height
+        if _overlap(old[i][1], new[j][1]) >= MIN_OVERLAP
+    )
     free = [(i, j) for i, j in same_height if i not in pairs and j not in pairs.values()]
     moves = [(_shift(old[i][1], new[j][1]), i, j) for i, j in free]
     pairs |= _best_pairs(
@@ -137,8 +141,13 @@ def _shape_iou(a: shapely.Geometry, b: shapely.Geometry) -> float:
     """Return the intersection over union of two outlines moved to a common centroid."""
     if a.is_empty or b.is_empty:
         return 0.0
-    moved = translate(a, b.centroid.x - a.centroid.x, b.centroid.y - a.centroid.y)
-    return float(moved.intersection(b).area / moved.union(b).area)
+    return _iou(translate(a, b.centroid.x - a.centroid.x, b.centroid.y - a.centroid.y), b)
+
+
+def _iou(a: shapely.Geometry, b: shapely.Geometry) -> float:
+    """Return the intersection over union of two outlines; 0 of two without an area."""
+    union = float(a.union(b).area)
+    return float(a.intersection(b).area) / union if union > 0.0 else 0.0
 
 
 def _kind(a: shapely.Geometry, b: shapely.Geometry) -> Kind:

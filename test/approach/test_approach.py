@@ -84,13 +84,19 @@ class SlippingBase(SimulatedBase):
 
 
 def test_a_base_that_cannot_be_corrected_has_not_arrived():
-    flat = simple_flat()
-    base = SlippingBase(flat, np.random.default_rng(0))
-    outcome = run(Approach(ROBOT, a_goal(flat), surroundings(flat)), base)
-    assert outcome.reason == Reason.BLOCKED, outcome.message
-    assert "after 4 corrections" in outcome.message
-    assert base.true_figures()[0] > 0.07
-    assert base.contacts == 0
+    """It ends after corrections, with the true gap, or as the surface seems to move."""
+    corrected = 0
+    for seed in (0, 3):
+        flat = simple_flat()
+        base = SlippingBase(flat, np.random.default_rng(seed))
+        outcome = run(Approach(ROBOT, a_goal(flat), surroundings(flat)), base, 240.0)
+        assert outcome.reason in (Reason.BLOCKED, Reason.MOVED), outcome.message
+        assert base.contacts == 0
+        if "after 4 corrections" in outcome.message:
+            assert outcome.gap == pytest.approx(base.true_figures()[0], abs=0.01)
+            assert outcome.gap > 0.07
+            corrected += 1
+    assert corrected > 0
 
 
 def test_a_surface_that_is_gone_is_said():

@@ -1,6 +1,7 @@
 """Comparisons of two maps find the surfaces and walls that came, went and moved."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -78,6 +79,33 @@ def test_a_shelf_at_another_height_is_another_surface(flat, flat_copy):
     edit(flat_copy / "surfaces.json", lambda tree: shift(tree["surfaces"][5], 0, 0, 0.2))
     changes = [c.kind for c in compare(flat, flat_copy).surfaces]
     assert sorted(changes) == ["came"] + ["same"] * 9 + ["went"]
+
+
+def test_a_stove_little_above_a_counter_is_not_taken_for_it(flat, flat_copy):
+    """It is inside the counter's outline, which the counter of the other map fits less well."""
+
+    def stove(tree):
+        table = tree["surfaces"][8]
+        center = np.array(table["centroid"])
+        above = {**json.loads(json.dumps(table)), "id": 99, "merged_ids": []}
+        ring = center + 0.4 * (np.array(table["boundary"]) - center)
+        above["boundary"] = ring.tolist()
+        above["area"] = 0.16 * table["area"]
+        shift(above, 0, 0, 0.03)
+        tree["surfaces"].append(above)
+        return table
+
+    before, after = flat_copy.parent / "before", flat_copy.parent / "after"
+    shutil.copytree(flat_copy, before)
+    edit(before / "surfaces.json", stove)
+    edit(flat_copy / "surfaces.json", lambda tree: shift(stove(tree), 0.02, 0.01))
+    flat_copy.rename(after)
+    pairs = {
+        c.before.id: c.after.id for c in compare(before, after).surfaces if c.before and c.after
+    }
+    assert pairs[99] == 99
+    assert len(pairs) == 11
+    assert all(one == other for one, other in pairs.items())
 
 
 def test_heights_are_compared_over_the_floor_of_each_map(flat, flat_copy):

@@ -13,6 +13,7 @@ LAYERS = [
     "extras",
     "atomic",
     "config",
+    "blas",
     "progress",
     "stopwatch",
     "stages",

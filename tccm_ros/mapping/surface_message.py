@@ -16,7 +16,7 @@ from tccm_ros.cuboids.merging import owners
 from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.geometry import inverse, transform, transform_plan
 from tccm_ros.planes import PlaneFit, PlaneFits
-from tccm_ros.planes.front_tops import top_planes
+from tccm_ros.planes.front_tops import on_walls, top_planes
 from tccm_ros.planes.horizontal_strips import horizontal_strips
 from tccm_ros.planes.plane_noise import are_too_thick, range_noise
 from tccm_ros.records import (
@@ -151,9 +151,10 @@ def _horizontal_points(
     with_strips[rows] = horizontal_strips(
         points[rows], part.lines(rows), on_planes[rows], viewpoint
     )
+    map_cuboid = _map_cuboids(part, fits)[part.point_cuboids()]
     surface = _kept(points, in_line, with_strips, voxel)
+    surface[on_walls(points, map_cuboid, surface, fits)] = -1
     if seen:
-        map_cuboid = _map_cuboids(part, fits)[part.point_cuboids()]
         tops = top_planes(points, map_cuboid, labels, surface, in_line, seen, fits, viewpoint)
         surface = np.maximum(surface, _kept(points, in_line, tops, voxel))
     is_surface = surface >= 0

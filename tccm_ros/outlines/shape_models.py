@@ -204,7 +204,8 @@ def _models(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Iterato
         yield from _with_axes(samples, yaw)
         for polygon in simple:
             yield from _with_arms(samples, polygon, yaw)
-    yield from _round_models(outline)
+    if samples.seen.mean() >= MAJORITY:  # unseen parts of a round outline are no prior knowledge
+        yield from _round_models(outline)
     for polygon in simple:
         if 3 <= len(polygon.exterior.coords) - 1 <= MAX_CORNERS:
             yield _straight(polygon, samples)

@@ -21,6 +21,10 @@ ABOVE = 0.03
 """Maximum height of a front, and of a point's cuboid, above the top, m: a wall behind the top is
 higher. Chosen: the depth of a cuboid."""
 
+BEFORE = 0.3
+"""Max distance from a wall of the points of a board that reaches it, m; chosen: three distances of
+scan lines."""
+
 AROUND = (np.arange(-1, 2)[:, None] * (1 << 32) + np.arange(-1, 2)).ravel()
 """Offsets of the numbers of a cell and of its neighbours from the cell's number."""
 
@@ -90,6 +94,42 @@ def top_planes(
         is_before = _before_walls(top, walls, own, points, cells, labels, fits, viewpoint)
         of_this = np.concatenate([near[ends_here & ~is_wall], walls[is_before]])
         found[of_this] = np.maximum(found[of_this], top.index)
+    return found
+
+
+def on_walls(points: Float64, cuboids: Int64, surface: Int64, fits: PlaneFits) -> Bool:
+    """Return which points of horizontal planes and strips are those of a wall alone, bool (M,).
+
+    A wall has points at the height of a board beside it, whether the board reaches it or not. A
+    board that reaches it has points clear of the wall before these; both sides count, as the rail
+    of a chair is seen over its seat.
+
+    Parameters
+    ----------
+    points, cuboids, surface, fits
+        As in `top_planes`.
+    """
+    found = np.zeros(len(points), np.bool_)
+    cells, c = _cells(cuboids, fits), fits.cuboids
+    for k, wall in enumerate(fits):
+        if abs(wall.normal[2]) >= FITTED_AS_VERTICAL:
+            continue
+        is_near = np.abs(points @ wall.normal - wall.offset) <= GATE * wall.rms
+        own = np.flatnonzero(fits.labels == k)
+        steps = np.arange(1, int(BEFORE / c.cell_size) + 1)[:, None] * wall.normal[:2]
+        shifts = np.rint(np.concatenate([steps, -steps])).astype(np.int64)
+        for index in np.unique(surface[is_near & (surface >= 0)]).tolist():
+            rows = np.flatnonzero(is_near & (surface == index))
+            height = float(np.median(points[rows, 2]))
+            above = np.unique(_cells(own[c.top[own] / TICKS_PER_M > height + ABOVE], fits))
+            rows = rows[(_places_around(cells[rows], above) < len(above)).any(axis=1)]
+            is_level = (surface >= 0) & ~is_near & (np.abs(points[:, 2] - height) <= ABOVE)
+            clear = np.unique(cells[is_level])
+            is_board = np.zeros(len(rows), np.bool_)
+            for x, y in shifts.tolist():
+                before = _places_around(cells[rows] + (x << 32) + y, clear)
+                is_board |= (before < len(clear)).any(axis=1)
+            found[rows[~is_board]] = True
     return found
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.planes.front_tops import ABOVE, top_planes
+from tccm_ros.planes.front_tops import ABOVE, BEFORE, on_walls, top_planes
 from tccm_ros.robust import GATE
 
 CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
@@ -210,3 +210,53 @@ def test_boards_with_fronts_in_the_same_cells_have_their_own_points():
         points, np.arange(80), fits.labels, surface, dense, [fits[0], fits[3]], fits, BEFORE_FRONT
     )
     np.testing.assert_array_equal(planes, np.repeat([TOP, 3, -1, -1], 20))
+
+
+# -- points of walls at the height of a board ------------------------------------------------------
+
+
+def board_at_wall(wall_top=HEIGHT + 1.5, end=50):
+    """Return planes of a wall of 100 cells and of a board before its first `end` ones."""
+    wall = [(0, y) for y in range(100)]
+    board = [(x, y) for x in range(1, 20) for y in range(end)]
+    tops = [wall_top] * len(wall) + [HEIGHT] * len(board)
+    return fits_of(wall + board, tops, [FRONT] * len(wall) + [TOP] * len(board))
+
+
+def line_and_board(rng, end=50, count=3000):
+    """Return points of a line on the wall, of which each cell has three, and of the board."""
+    line = np.arange(300)
+    on_wall = np.column_stack([rng.uniform(0.0, RMS, 300), CELL * line / 3, np.full(300, HEIGHT)])
+    x, y = rng.integers(1, 20, count), rng.integers(0, end, count)
+    on_board = np.column_stack([CELL * (x + 0.5), CELL * (y + 0.5), np.full(count, HEIGHT)])
+    return np.concatenate([on_wall, on_board]), np.concatenate([line // 3, 100 + (x - 1) * end + y])
+
+
+@given(st.integers(0, 10_000), st.integers(20, 80))
+@settings(max_examples=20)
+def test_a_board_keeps_its_rear_and_loses_the_line_on_the_wall_beside_it(seed, end):
+    points, cuboids = line_and_board(np.random.default_rng(seed), end)
+    gone = on_walls(points, cuboids, np.zeros(len(points), np.int64), board_at_wall(end=end))
+    y = points[:, 1] / CELL
+    assert not gone[y < end - 1].any()
+    assert gone[(y > end + 2) & (points[:, 0] < CELL)].all()
+
+
+def test_points_of_another_height_or_far_from_the_wall_do_not_make_a_board():
+    rng = np.random.default_rng(0)
+    points, cuboids = line_and_board(rng)
+    is_line = points[:, 0] < CELL
+    for moved in (np.array([0.0, 0.0, 2.0 * ABOVE]), np.array([BEFORE + CELL, 0.0, 0.0])):
+        shifted = points + ~is_line[:, None] * moved
+        fits = board_at_wall()
+        if moved[0]:
+            fits.cuboids.ix[fits.labels == TOP] += round(moved[0] / CELL)
+        assert on_walls(shifted, cuboids, np.zeros(len(points), np.int64), fits)[is_line].all()
+
+
+def test_the_top_of_a_block_keeps_its_front_edge():
+    points, cuboids = line_and_board(np.random.default_rng(0))
+    fits = board_at_wall(HEIGHT + 0.5 * ABOVE)
+    assert not on_walls(points, cuboids, np.zeros(len(points), np.int64), fits).any()
+    none = np.full(len(points), -1)
+    assert not on_walls(points, cuboids, none, board_at_wall()).any()

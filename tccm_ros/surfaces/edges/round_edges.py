@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.outlines.edge_position import locate_edge
+from tccm_ros.outlines.edge_position import HALF_RANGE, locate_edge
 from tccm_ros.outlines.shape_models import RoundModel
 from tccm_ros.records import SurfaceShape
 from tccm_ros.surfaces.edges.edge_samples import MIN_PIECES, Edge, EdgeSampler
@@ -33,7 +33,7 @@ def refine_round(model: RoundModel, sampler: EdgeSampler) -> tuple[RoundModel, F
     Returns
     -------
     model : RoundModel
-        The given one if too few tangents have points.
+        The given one if too few tangents have points, or if these do not determine it.
     cov : float64 (K, K)
         Covariance of the corrections of `edge_jacobian`, m2; NaN if the model was not changed.
     """
@@ -63,7 +63,8 @@ def refine_round(model: RoundModel, sampler: EdgeSampler) -> tuple[RoundModel, F
     freedom = np.count_nonzero(information) - count
     cov = cov * max(1.0, float(information @ residuals**2) / freedom)
     radii = model.radii + correction[2:]
-    if radii.min() <= 0.0:
+    # Beyond the range in which edges are located, a correction is extrapolated.
+    if radii.min() <= 0.0 or np.abs(J @ correction).max() > HALF_RANGE:
         return model, np.full((count, count), np.nan)
     return replace(model, center=model.center + correction[:2], radii=radii), cov
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from room import Board, Room
+from shapely import box
 from surface_maps import build
 
 from tccm_ros.config import Config
@@ -172,7 +173,6 @@ def test_half_of_what_is_beyond_an_edge_must_have_been_looked_over(seed):
         place = edge.start * (1.0 - fraction) + edge.end * fraction + BEYOND[1] * edge.outward
         assert transform2(pose, ((place - pose[:2]) @ back)[None])[0] == pytest.approx(place)
         over += tuple(np.floor((place - pose[:2]) @ back / 0.1).astype(int).tolist()) in known
-    sampler._looked_into = lambda points: EdgeSampler._looked_into(sampler, points)
     assert EdgeSampler.looks_over(sampler, edge) == (over >= 0.5 * count)
 
 
@@ -227,3 +227,20 @@ def test_range_errors_of_one_sensor_do_not_average_out(yaws, expected):
     )
     found = EdgeSampler(surface, views, poses, Config()).shared_sigma(far_edge(2.0))
     assert found == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "goes_on"),
+    [
+        (0.05, 0.4, True),  # over objects on the surface
+        (1.0, 2.0, False),  # over a cabinet beside it
+        (-0.4, -0.05, False),  # below it
+        (-0.1, 0.4, False),  # through it
+    ],
+)
+def test_a_surface_may_go_on_where_views_looked_over_it_as_over_objects(low, high, goes_on):
+    free = SimpleNamespace(contains=lambda at, margin: (at[:, 2] > low) & (at[:, 2] < high))
+    surface = SimpleNamespace(height=0.0, lift=lambda xy: np.column_stack([xy, np.zeros(len(xy))]))
+    view = SimpleNamespace(free=free, max_range=10.0)
+    sampler = EdgeSampler(surface, [view], np.eye(4)[None], Config())
+    assert sampler.may_go_on(box(1.0, 0.0, 1.5, 0.5)) == goes_on

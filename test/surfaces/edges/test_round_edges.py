@@ -77,3 +77,13 @@ def test_a_top_of_which_no_edge_was_seen_stays():
     assert found is truth
     assert np.isnan(cov).all()
     assert cov.shape == (3, 3)
+
+
+def test_a_fit_that_is_extrapolated_beyond_where_edges_are_looked_for_is_not_taken():
+    """The ends of a sliver have no tangents of their own: its middle would move one of them far."""
+    guess = model(SurfaceShape.ELLIPSE, (0.0, 0.0), 0.0, (0.65, 0.07))
+    truth = model(SurfaceShape.ELLIPSE, (0.6, 0.0), 0.0, (1.3, 0.09))
+    sampler = sampler_of(truth, np.random.default_rng(6), lambda middle: abs(middle[0]) < 0.5)
+    found, cov = refine_round(guess, sampler)
+    assert found is guess
+    assert np.isnan(cov).all()

@@ -1,15 +1,17 @@
 """Joining of pieces over occluded areas, and pieces that must not be joined."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon, box
 from surface_maps import above_floor, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merging.joining import _coplanar
+from tccm_ros.surfaces.merging.joining import _coplanar, occluded_area_between
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.merging import NumberedPatch
 from tccm_ros.surfaces.surface_map import SurfaceMap
@@ -173,3 +175,13 @@ def test_heights_of_two_views_differ_by_what_their_poses_leave_open(step, view, 
     is_coplanar = _coplanar(poses, cov_z_roll_pitch, Config())
     one, other = level_piece(1.0, 0.7, 0), level_piece(1.4, 0.7 + step, view)
     assert is_coplanar(one, other, np.array([1.2, 0.0])) == is_one
+
+
+@pytest.mark.parametrize(("aside", "is_joined"), [(0.0, True), (0.3, True), (0.7, False)])
+def test_pieces_face_each_other_along_most_of_the_narrower_one(aside, is_joined):
+    """Two squares of 0.8 m, 0.3 m apart, which no view looked between."""
+    one, other = (level_piece(x, 0.7, 0) for x in (0.4, 1.5))
+    one = replace(one, polygon=box(0.0, 0.0, 0.8, 0.8))
+    other = replace(other, polygon=box(1.1, aside, 1.9, aside + 0.8))
+    area = occluded_area_between(one, other, [], np.zeros((0, 4, 4)), Config())
+    assert (area is not None) == is_joined

@@ -75,19 +75,12 @@ def top_planes(
     cells = _cells(cuboids, fits)
     index = np.array([top.index for top in tops])
     is_beside = _tops_beside(cells, surface, index, on_front)
-    rows, of_top = np.divmod(np.flatnonzero(is_beside), len(index))
-    rows = on_front[rows]
-    normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
-    distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
-    slack = GATE * np.array([top.rms for top in tops])[of_top]
-    bottom, end = (z[cuboids[rows]] / TICKS_PER_M for z in (fits.cuboids.bottom, fits.cuboids.top))
-    height = points[rows, 2] - distance
-    reaches_up = (bottom < height - slack) & (end <= height + ABOVE)
-    is_at_top = np.abs(distance) <= slack
     fronts = np.flatnonzero(is_front[fits.labels])
     for k, top in enumerate(tops):
-        at_top = is_at_top & (of_top == k)
-        near, ends_here = rows[at_top], (in_line[rows] | reaches_up)[at_top]
+        beside = on_front[is_beside[:, k]]
+        is_at_top, reaches_up = _at_top(top, points[beside], cuboids[beside], fits)
+        near = beside[is_at_top]
+        ends_here = in_line[near] | reaches_up[is_at_top]
         is_wall = _continues_above(top, cells[near], in_line[near], fronts, fits)
         own = np.flatnonzero(surface == top.index)
         walls = near[is_wall & ~in_line[near]]
@@ -156,6 +149,27 @@ def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Boo
     asked, of_row = np.unique(cells[rows], return_inverse=True)
     is_beside: Bool = np.any(has_point[_places_around(asked, known)], axis=1)
     return is_beside[of_row.ravel()]
+
+
+def _at_top(top: PlaneFit, points: Float64, cuboids: Int64, fits: PlaneFits) -> tuple[Bool, Bool]:
+    """Return which points are at the height of a top, and whose cuboids reach up to it from below.
+
+    Parameters
+    ----------
+    top
+        A horizontal plane.
+    points, cuboids
+        float64 (N, 3), m, and int64 (N,), the cuboid of each.
+
+    Returns
+    -------
+    bool (N,), bool (N,)
+    """
+    distance, slack = points @ top.normal - top.offset, GATE * top.rms
+    bottom, end = (z[cuboids] / TICKS_PER_M for z in (fits.cuboids.bottom, fits.cuboids.top))
+    height = points[:, 2] - distance
+    reaches_up = (bottom < height - slack) & (end <= height + ABOVE)
+    return np.abs(distance) <= slack, reaches_up
 
 
 def _continues_above(

@@ -19,17 +19,13 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
-from tccm_ros.robust import GATE, MAJORITY
+from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.occluded_areas import is_occluded, last_empty_view
 from tccm_ros.surfaces.merging.patch_planes import pool_moments
 from tccm_ros.surfaces.merging.surface_errors import SurfaceErrors, step_variance, surface_errors
-from tccm_ros.surfaces.polygons import GRID, OVERLAP, box_sides, close_gaps, polygons_of, union_over
+from tccm_ros.surfaces.polygons import GRID, OVERLAP, close_gaps, polygons_of, union_over
 from tccm_ros.surfaces.views.views import View
-
-MAX_FACING_WIDTH = 1.0
-"""Pieces that are joined face each other along most of the narrower one's width, or of this, m:
-floors of rooms meet in doorways; chosen. Else a sideboard of a random flat (208) is lost."""
 
 JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the area between two pieces of one surface, in x and y of map; None if they are not."""
@@ -201,22 +197,16 @@ def occluded_area_between(
     """
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * HIDDEN_WIDTH).difference(union))
-    side = int(a.is_line or b.is_line)  # the width of a line is noise: use the longer sides
-    width = min(box_sides(a.polygon)[side], box_sides(b.polygon)[side], MAX_FACING_WIDTH)
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
-        if part.area < PROBE**2 or _facing(part, a, b) < MAJORITY * width:
-            continue
+        if part.area < PROBE**2:
+            break
+        if not all(shapely.dwithin(part, piece.polygon, OVERLAP) for piece in (a, b)):
+            continue  # a notch of one piece
         middle = np.array(part.centroid.coords[0])
         height = 0.5 * (a.height_at(middle) + b.height_at(middle)) - depth
         if is_occluded(part, height, views, T_map_view, config):
             return part
     return None
-
-
-def _facing(part: Polygon, a: MergedSurface, b: MergedSurface) -> float:
-    """Return the length, m, along which both pieces touch an area between them."""
-    edge = part.boundary
-    return float(min(edge.intersection(s.polygon.buffer(OVERLAP)).length for s in (a, b)))
 
 
 def _joined(pieces: Sequence[MergedSurface], areas: Sequence[Polygon]) -> MergedSurface:

@@ -177,11 +177,14 @@ def test_heights_of_two_views_differ_by_what_their_poses_leave_open(step, view, 
     assert is_coplanar(one, other, np.array([1.2, 0.0])) == is_one
 
 
-@pytest.mark.parametrize(("aside", "is_joined"), [(0.0, True), (0.3, True), (0.7, False)])
-def test_pieces_face_each_other_along_most_of_the_narrower_one(aside, is_joined):
-    """Two squares of 0.8 m, 0.3 m apart, which no view looked between."""
+def test_an_area_between_pieces_touches_both():
+    """The larger notch of one piece joins nothing: the other piece would not be in the union."""
     one, other = (level_piece(x, 0.7, 0) for x in (0.4, 1.5))
-    one = replace(one, polygon=box(0.0, 0.0, 0.8, 0.8))
-    other = replace(other, polygon=box(1.1, aside, 1.9, aside + 0.8))
+    notch = box(0.2, -0.1, 0.6, 0.4)
+    one = replace(one, polygon=box(0.0, 0.0, 0.8, 0.8) - notch)
+    other = replace(other, polygon=box(0.9, 0.3, 1.7, 0.5))
     area = occluded_area_between(one, other, [], np.zeros((0, 4, 4)), Config())
-    assert (area is not None) == is_joined
+    assert area is not None
+    assert not area.intersects(notch.buffer(-0.01))
+    assert area.distance(one.polygon) < 1e-3
+    assert area.distance(other.polygon) < 1e-3

@@ -29,8 +29,6 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from tccm_ros.bags.reader import BagReader
-from tccm_ros.config import Config
-from tccm_ros.replay.replay import replay
 
 NODES = {"tccm": "tccm_node", "surface_slam": "slam_node"}
 EQUAL = (
@@ -162,7 +160,9 @@ def main() -> None:
         drive(arguments, live)
         if arguments.no_replay:
             return
-        replay(arguments.bag, offline, Config(), pictures=False, remap=arguments.remap)
+        remaps = [word for remap in arguments.remap for word in ("--remap", remap)]
+        command = ["tccm", "replay", str(arguments.bag), "--out", str(offline), "--no-pictures"]
+        subprocess.run([*command, "--quiet", *remaps], check=True)
         for name in EQUAL:
             is_equal = (live / name).read_bytes() == (offline / name).read_bytes()
             print(f"{name}: {'equal' if is_equal else 'DIFFERS'}")

@@ -21,9 +21,9 @@ from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.services.surface_services import SceneQueries
 from tccm_ros.records import Surface, SurfaceShape, SurfaceSighting
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
+from tccm_ros.scene.queries import SurfaceFilter
+from tccm_ros.scene.scene import KnownSurface, Scene
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.queries import SurfaceFilter
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene
 from tccm_ros.tabletop.placements import PlacementRequest
 
 ANSWERS = 20

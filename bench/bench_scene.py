@@ -38,7 +38,7 @@ from sensor_sight import Sight  # noqa: E402
 from tccm_ros.arrays import Float64  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.replay.run import run_bag  # noqa: E402
-from tccm_ros.surfaces.scene.planning_shapes import scene_shapes  # noqa: E402
+from tccm_ros.scene.planning_shapes import scene_shapes  # noqa: E402
 from tccm_sim.engine import Simulation  # noqa: E402
 from tccm_sim.options import Options  # noqa: E402
 from tccm_sim.recording import record  # noqa: E402

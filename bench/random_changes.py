@@ -19,7 +19,7 @@ from shapely import Polygon, box
 from shapely.affinity import rotate, translate
 
 from tccm_ros.geometry import transform
-from tccm_ros.surfaces.scene.changes import ChangeKind
+from tccm_ros.scene.changes import ChangeKind
 from tccm_sim.engine import Simulation
 from tccm_sim.flat import stop_and_scan
 from tccm_sim.motion import Waypoint, drive

@@ -38,6 +38,7 @@ LAYERS = [
     "rooms",
     "racks",
     "surfaces",
+    "scene",
     "approach",
     "ros",
     "bags",
@@ -125,11 +126,9 @@ SUBLAYERS = {
         "objects",
         "labels",
         "registration",
-        "scene",
         "saved_map",
         "surface_map",
         "surface_slam",
-        "session_changes",
     ],
 }
 """Order within layers that have layers of their own."""

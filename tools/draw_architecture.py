@@ -26,7 +26,7 @@ STRUCTURE = runpy.run_path(str(ROOT / "test" / "test_structure.py"))
 COLUMNS = {
     "from records to poses": ["robot", "sensors"],
     "the TCCM": ["cuboids", "outlines", "planes", "tabletop", "baselines", "mapping"],
-    "walls and surfaces": ["signs", "slam", "rooms", "racks", "surfaces", "approach"],
+    "walls and surfaces": ["signs", "slam", "rooms", "racks", "surfaces", "scene", "approach"],
     "messages and files": ["ros", "bags", "results"],
     "what is started": [
         "report",

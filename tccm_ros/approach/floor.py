@@ -13,8 +13,8 @@ from shapely import Polygon
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import transform2
+from tccm_ros.scene.base_poses import cells_within
 from tccm_ros.slam.occupancy import OccupancyGrid
-from tccm_ros.surfaces.scene.base_poses import cells_within
 
 LEGS_M = 0.10
 """Maximum distance of a table's legs outside its top, m. Chosen: two cells of the grid."""

@@ -34,9 +34,9 @@ from tccm_ros.records import (
     PoseGuess,
 )
 from tccm_ros.results.labels_file import MAP_FILE
+from tccm_ros.scene.live_objects import LiveObjects
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.slam.tracking import LocalisationState, SolvedMap, Tracker
-from tccm_ros.surfaces.scene.live_objects import LiveObjects
 
 
 class MapSession:

@@ -14,14 +14,14 @@ from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.records import Event
 from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.robot import Robot, Stream
+from tccm_ros.scene.changes import Change
+from tccm_ros.scene.session_changes import SessionChanges
 from tccm_ros.sensors.level_projection import LevelProjector
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.signs.processor import SignProcessor
 from tccm_ros.stages import OptionalStages
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
-from tccm_ros.surfaces.scene.changes import Change
-from tccm_ros.surfaces.session_changes import SessionChanges
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 OnCycle = Callable[[CycleResult, Cuboids], object]

@@ -31,7 +31,7 @@ from tccm_ros.results.numbers import json_text
 from tccm_ros.results.planning import scene_text
 from tccm_ros.results.ply import surface_ply
 from tccm_ros.results.trajectory import Trajectory
-from tccm_ros.surfaces.scene.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_ros.tabletop.placements import PlacementRequest
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tccm_ros.records import Surface
+from tccm_ros.scene.base_poses import cells_under
 from tccm_ros.slam.occupancy import RESOLUTION_M, OccupancyGrid
-from tccm_ros.surfaces.scene.base_poses import cells_under
 
 MAX_HEIGHT_M = 1.8
 """Maximum height over the floor of surfaces that obstruct a robot, m. Chosen: as for obstacles."""

@@ -11,8 +11,8 @@ from tccm_ros.racks.compartment import Compartment
 from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
+from tccm_ros.scene.planning_shapes import Box, scene_shapes
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.planning_shapes import Box, scene_shapes
 
 TITLE = "tccm_ros"
 """Name of the scene."""

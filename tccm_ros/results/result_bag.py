@@ -52,11 +52,11 @@ from tccm_ros.ros.topic_messages import (
     TopicMessage,
 )
 from tccm_ros.ros.writing import transform_message, transforms_message
+from tccm_ros.scene.changes import Change
+from tccm_ros.scene.planning_shapes import scene_shapes
+from tccm_ros.scene.scene import frames_of_surfaces
 from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.slam.se2 import rotate_covariance
-from tccm_ros.surfaces.scene.changes import Change
-from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
-from tccm_ros.surfaces.scene.scene import frames_of_surfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 TCCM = "/tccm/"

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
-from tccm_ros.surfaces.scene.planning_shapes import Box, Mesh
-from tccm_ros.surfaces.scene.published_scene import SceneChanges, Shapes
+from tccm_ros.scene.planning_shapes import Box, Mesh
+from tccm_ros.scene.published_scene import SceneChanges, Shapes
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 

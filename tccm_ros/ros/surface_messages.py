@@ -24,9 +24,9 @@ from tccm_ros.ros.types import (
     stamp_message,
     vector_message,
 )
+from tccm_ros.scene.changes import Change
+from tccm_ros.scene.scene import object_pose, surface_pose
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.changes import Change
-from tccm_ros.surfaces.scene.scene import object_pose, surface_pose
 
 if TYPE_CHECKING:  # tccm_node does not import the graph
     from tccm_ros.surfaces.surface_slam import SurfaceSolution

@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import Surface
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
-from tccm_ros.surfaces.scene.scene import surface_pose
+from tccm_ros.scene.scene import surface_pose
 from tccm_ros.tabletop.footprints import convex_hull
 
 TABLES = "object_recognition_msgs/msg/TableArray"

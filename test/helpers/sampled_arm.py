@@ -13,8 +13,8 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, transform
 from tccm_ros.records import Surface
+from tccm_ros.scene.planning_shapes import Box, Mesh
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.planning_shapes import Box, Mesh
 
 LINKS = (
     (coal.Box(0.14, 0.10, 0.06), 0.07),

@@ -12,7 +12,7 @@ from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records.building import pose_matrix
 from tccm_ros.ros.surface_messages import SURFACE_EVENT
-from tccm_ros.surfaces.scene.changes import Change, ChangeKind
+from tccm_ros.scene.changes import Change, ChangeKind
 
 pytestmark = [
     pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed"),

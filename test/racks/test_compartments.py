@@ -23,10 +23,10 @@ from slam_run import drive, new_slam
 from tccm_ros.geometry import transform
 from tccm_ros.racks.compartment import FaceState
 from tccm_ros.racks.compartments import _whole, find_compartments
+from tccm_ros.scene.planning_shapes import Box, structure_shapes
+from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.stages import OptionalStages
 from tccm_ros.surfaces import surface_slam
-from tccm_ros.surfaces.scene.planning_shapes import Box, structure_shapes
-from tccm_ros.surfaces.scene.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.surface_slam import seen_views
 from tccm_ros.tabletop.placements import ApproachDirection, PlacementRequest
 

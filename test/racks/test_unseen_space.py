@@ -11,7 +11,7 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.racks.compartment import SeenView
 from tccm_ros.racks.unseen_space import CELL, boxes_of, unseen_spaces
-from tccm_ros.surfaces.scene.planning_shapes import UNSEEN_PREFIX, scene_shapes
+from tccm_ros.scene.planning_shapes import UNSEEN_PREFIX, scene_shapes
 
 TABLE, COUNTER = (0.0, 0.0, 1.2, 0.8), (2.0, 0.0, 3.2, 0.6)
 EYE = np.array([0.6, -2.0, 0.4])

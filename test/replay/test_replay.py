@@ -25,7 +25,7 @@ from tccm_ros.geometry import planar, spatial
 from tccm_ros.replay.replay import replay
 from tccm_ros.results.result_bag import EVENTS_TOPIC
 from tccm_ros.results.trajectory import read_tum
-from tccm_ros.surfaces.scene.changes import ChangeKind
+from tccm_ros.scene.changes import ChangeKind
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 TYPES = TypestoreMessages()

@@ -20,8 +20,8 @@ from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.models import GraphFile
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.trajectory import Trajectory
+from tccm_ros.scene.planning_shapes import surface_box, surface_mesh
 from tccm_ros.slam.occupancy import occupancy_grid
-from tccm_ros.surfaces.scene.planning_shapes import surface_box, surface_mesh
 
 FILES = {
     "surfaces.json",

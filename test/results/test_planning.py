@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from shapely import Point, Polygon, affinity, box
 
 from tccm_ros.results.planning import scene_text
-from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.planning_shapes import (
+from tccm_ros.scene.planning_shapes import (
     Box,
     Mesh,
     surface_box,
     surface_mesh,
     surface_shape,
 )
+from tccm_ros.surfaces.objects.scene_objects import SceneObject
 
 SHAPES = {
     "table": box(0, 0, 1.4, 0.8),

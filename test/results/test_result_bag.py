@@ -25,10 +25,10 @@ from tccm_ros.records import (
     Wall,
 )
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
+from tccm_ros.scene.changes import Change, ChangeKind
 from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.changes import Change, ChangeKind
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 

@@ -19,9 +19,9 @@ from tccm_ros.ros.collision_messages import (
     planning_scene_message,
 )
 from tccm_ros.ros.table_messages import TABLES, tables_message
+from tccm_ros.scene.planning_shapes import scene_shapes
+from tccm_ros.scene.published_scene import ObjectState, PublishedScene
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
-from tccm_ros.surfaces.scene.published_scene import ObjectState, PublishedScene
 
 ADD, REMOVE, MOVE = 0, 1, 3
 """Operations of a moveit_msgs/CollisionObject."""

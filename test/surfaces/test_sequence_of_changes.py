@@ -18,12 +18,12 @@ from slam_inputs import slam_inputs
 from tccm_ros.config import Config
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.scene.changes import MapChanges
+from tccm_ros.scene.live_objects import LiveObjects
+from tccm_ros.scene.planning_shapes import scene_shapes
+from tccm_ros.scene.published_scene import PublishedScene
+from tccm_ros.scene.session_changes import scene_of
 from tccm_ros.slam.tracking import Tracker
-from tccm_ros.surfaces.scene.changes import MapChanges
-from tccm_ros.surfaces.scene.live_objects import LiveObjects
-from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
-from tccm_ros.surfaces.scene.published_scene import PublishedScene
-from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 OBJECTS_S = 50.0, 90.0

@@ -8,8 +8,8 @@ from room import Board, Room, Screen
 from surface_maps import TABLE, above_floor, build, overlap
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.scene.changes import ChangeKind, changes
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene
+from tccm_ros.scene.changes import ChangeKind, changes
+from tccm_ros.scene.scene import KnownSurface, Scene
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses
 
 

@@ -17,8 +17,8 @@ from tccm_ros.records import TransformSample
 from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import transform_message
+from tccm_ros.scene.scene import Scene, frames_of_surfaces
 from tccm_ros.slam.live_estimate import LivePose
-from tccm_ros.surfaces.scene.scene import Scene, frames_of_surfaces
 
 
 class LivePosePublisher:

@@ -21,7 +21,7 @@ from tccm_ros.nodes.services.surface_services import SceneQueries, SurfaceServic
 from tccm_ros.nodes.solver.channel import Solved
 from tccm_ros.nodes.solver.scene_channel import unpack_scene
 from tccm_ros.records import LabelCorrection
-from tccm_ros.surfaces.scene.scene import Scene
+from tccm_ros.scene.scene import Scene
 
 
 def offered(topics: Mapping[str, str]) -> dict[str, str]:

@@ -22,9 +22,9 @@ from tccm_ros.ros.collision_messages import (
     planning_scene_message,
 )
 from tccm_ros.ros.types import MessageTypes
-from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
-from tccm_ros.surfaces.scene.published_scene import ObjectState, PublishedScene, SceneChanges
-from tccm_ros.surfaces.scene.scene import Scene
+from tccm_ros.scene.planning_shapes import scene_shapes
+from tccm_ros.scene.published_scene import ObjectState, PublishedScene, SceneChanges
+from tccm_ros.scene.scene import Scene
 
 COLLISION_PROFILE = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """A late subscriber receives the newest 2000 messages in order. Each solution sends all shapes, so

@@ -17,7 +17,7 @@ from tccm_ros.nodes.ros_types import is_installed, message_class
 from tccm_ros.records import Surface
 from tccm_ros.results.keepout_mask import obstructing
 from tccm_ros.ros.types import MessageTypes, header_message
-from tccm_ros.surfaces.scene.scene import Scene
+from tccm_ros.scene.scene import Scene
 
 FILTER_INFO = "nav2_msgs/msg/CostmapFilterInfo"
 KEEPOUT_FILTER = 0

@@ -9,8 +9,8 @@ from tccm_ros.nodes.qos import EVENTS_DEPTH
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.surface_messages import SURFACE_EVENT, change_message
 from tccm_ros.ros.types import MessageTypes
-from tccm_ros.surfaces.scene.changes import Change, MapChanges
-from tccm_ros.surfaces.scene.scene import Scene
+from tccm_ros.scene.changes import Change, MapChanges
+from tccm_ros.scene.scene import Scene
 
 
 class SurfaceEvents:

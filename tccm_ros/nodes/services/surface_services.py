@@ -30,11 +30,11 @@ from tccm_ros.ros.surface_messages import (
     object_message,
 )
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
+from tccm_ros.scene.base_poses import BasePose
+from tccm_ros.scene.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
+from tccm_ros.scene.scene import Scene
 from tccm_ros.surfaces.labels.corrected_labels import label_to_give
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.base_poses import BasePose
-from tccm_ros.surfaces.scene.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
-from tccm_ros.surfaces.scene.scene import Scene
 from tccm_ros.tabletop.placements import ApproachDirection, Placement, PlacementRequest
 
 BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)

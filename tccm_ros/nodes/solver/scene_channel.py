@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
+from tccm_ros.scene.base_poses import FreeFloor
+from tccm_ros.scene.scene import Scene
+from tccm_ros.scene.session_changes import scene_of
 from tccm_ros.slam.occupancy import OccupancyGrid
-from tccm_ros.surfaces.scene.base_poses import FreeFloor
-from tccm_ros.surfaces.scene.scene import Scene
-from tccm_ros.surfaces.session_changes import scene_of
 
 if TYPE_CHECKING:  # the node that unpacks a scene does not import the graph
     from tccm_ros.surfaces.surface_slam import SurfaceSolution

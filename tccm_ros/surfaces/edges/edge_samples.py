@@ -30,7 +30,7 @@ from tccm_ros.surfaces.views.views import View
 FREE_MARGIN_M = 0.02
 """Min distance of a probe from the ends of its free interval, m. With `views.clear_margin` (0.03),
 edges of seats move, and .6 % of true boards are 15 mm outside of the scene in place of .5 %
-(`test/surfaces/test_planning_scene.py`)."""
+(`test/scene/test_planning_scene.py`)."""
 
 END_SIGMA = 0.005
 """Standard deviation of the end of samples at an edge, common to all views, m: mixed pixels. With

@@ -16,8 +16,8 @@ from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.services import client_api
 from tccm_ros.nodes.services.client_api import ClientApi, offered
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
+from tccm_ros.scene.scene import KnownSurface, Scene
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene
 
 TABLE = surface(box(0.0, 0.0, 1.2, 0.8), number=4)
 DESK = surface(box(2.0, 0.0, 3.0, 0.8), number=7)

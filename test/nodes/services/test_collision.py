@@ -14,8 +14,8 @@ from tccm_ros.nodes.ros_types import RosidlMessages, is_installed
 from tccm_ros.nodes.services import collision
 from tccm_ros.nodes.services.collision import CollisionObjects
 from tccm_ros.ros.collision_messages import PLANNING_SCENE
+from tccm_ros.scene.scene import KnownSurface, Scene
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene
 
 CollisionObject = pytest.importorskip("moveit_msgs.msg").CollisionObject
 

@@ -16,7 +16,7 @@ from tccm_interfaces.msg import SurfaceMap
 
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.services.keepout import VectorShapes
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene
+from tccm_ros.scene.scene import KnownSurface, Scene
 
 nav2 = pytest.importorskip("nav2_msgs.msg")
 services = pytest.importorskip("nav2_msgs.srv")

@@ -9,7 +9,7 @@ from live_robot import slam
 
 from tccm_ros.nodes.services.client_api import ClientApi
 from tccm_ros.nodes.solver.schedule import ViewParts
-from tccm_ros.surfaces.scene.scene import Scene
+from tccm_ros.scene.scene import Scene
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from outlined_surfaces import surface
 from shapely import affinity, box
 
+from tccm_ros.scene.base_poses import FreeFloor, cells_under
 from tccm_ros.slam.occupancy import OccupancyGrid
-from tccm_ros.surfaces.scene.base_poses import FreeFloor, cells_under
 
 ORIGIN = np.array([-2.0, -1.0])
 STEP = 0.05

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tccm_ros.surfaces.scene.base_poses import FreeFloor
-from tccm_ros.surfaces.scene.changes import Change, MapChanges
-from tccm_ros.surfaces.scene.scene import Scene, known_surface
+from tccm_ros.scene.base_poses import FreeFloor
+from tccm_ros.scene.changes import Change, MapChanges
+from tccm_ros.scene.scene import Scene, known_surface
 
 if TYPE_CHECKING:  # slam_node makes scenes from messages and does not load the graph
     from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution

@@ -14,9 +14,9 @@ from tccm_ros.geometry import pose, spatial
 from tccm_ros.racks.compartment import Compartment
 from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import PreviousPose, Surface, TransformSample
+from tccm_ros.scene.base_poses import FreeFloor
 from tccm_ros.surfaces.objects.object_tracks import NO_OBJECTS, TrackedObjects
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.base_poses import FreeFloor
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
 

@@ -7,7 +7,7 @@ from sampled_arm import clearances, mapped_solids, placed_shapes, placed_solids
 
 from tccm_ros.config import Config
 from tccm_ros.replay.run import run_bag
-from tccm_ros.surfaces.scene.planning_shapes import scene_shapes
+from tccm_ros.scene.planning_shapes import scene_shapes
 from tccm_sim.engine import Simulation
 from tccm_sim.options import Options
 from tccm_sim.truth import map_from_world

@@ -19,9 +19,9 @@ from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.racks.compartment import Compartment, FaceState
 from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
+from tccm_ros.scene.scene import object_pose
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.surfaces.polygons import MIN_BOX_FILL
-from tccm_ros.surfaces.scene.scene import object_pose
 
 SURFACE_PREFIX = "tccm_surface_"
 """Prefix of the names of collision objects, so that those of other programs are kept."""

@@ -15,10 +15,10 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, spatial
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
+from tccm_ros.scene.scene import Scene
 from tccm_ros.slam.base_attitude import interpolate
 from tccm_ros.surfaces.objects.object_tracks import NO_OBJECTS, track_objects
 from tccm_ros.surfaces.objects.scene_objects import scene_objects
-from tccm_ros.surfaces.scene.scene import Scene
 from tccm_ros.surfaces.views.views import View, empty_view, with_intervals, with_objects
 
 POSES = 500

@@ -10,9 +10,9 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.records import PreviousPose, Surface
+from tccm_ros.scene.scene import KnownSurface, Scene, object_pose, surface_pose
 from tccm_ros.surfaces.displacement import HorizontalOutline, is_displaced
 from tccm_ros.surfaces.objects.scene_objects import FLUSH, SceneObject
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene, object_pose, surface_pose
 
 SCENES = 4
 """Number of past scenes that are kept of each surface. Chosen: three views of a stop show that it

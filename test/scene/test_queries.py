@@ -8,8 +8,8 @@ import pytest
 
 from tccm_ros.racks.insertions import AccessState
 from tccm_ros.records import Hypothesis, Surface
+from tccm_ros.scene.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
 from tccm_ros.tabletop.placements import ApproachDirection, PlacementRequest
 
 UP = np.array([0.0, 0.0, 1.0])

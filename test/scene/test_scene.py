@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tccm_ros.surfaces.scene.scene import object_pose, surface_pose
+from tccm_ros.scene.scene import object_pose, surface_pose
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.1])

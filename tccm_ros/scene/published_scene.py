@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.errors import MessageError
-from tccm_ros.surfaces.scene.planning_shapes import OBJECT_PREFIX, Box, Mesh
+from tccm_ros.scene.planning_shapes import OBJECT_PREFIX, Box, Mesh
 
 MIN_CHANGE = 0.002
 """Maximum change of a shape that is not reported, m. Chosen: a fifth of the error of a shape."""

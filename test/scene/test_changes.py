@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from tccm_ros.records import PreviousPose, Surface
+from tccm_ros.scene.changes import Change, ChangeKind, MapChanges
+from tccm_ros.scene.scene import KnownSurface, Scene
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.scene.changes import Change, ChangeKind, MapChanges
-from tccm_ros.surfaces.scene.scene import KnownSurface, Scene
 
 UP = np.array([0.0, 0.0, 1.0])
 CORNERS = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])

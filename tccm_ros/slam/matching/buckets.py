@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
-from tccm_ros.kernels import kernel
 
 Near = Bool | slice
 
@@ -51,19 +50,12 @@ def extent_near_median(points: Float64, half: float) -> tuple[Near, Float64, Flo
     return near, *_extent(points[near])
 
 
-@kernel
-def _extent(points: Float64) -> tuple[Float64, Float64]:
-    low, high = points[0].copy(), points[0].copy()
-    for i in range(1, len(points)):
-        for k in range(2):
-            low[k] = min(low[k], points[i, k])
-            high[k] = max(high[k], points[i, k])
-    return low, high
+def _extent(points: Float64) -> Float64:
+    return np.array([(x.min(), x.max()) for x in points.T]).T
 
 
-@kernel
 def sort_into_buckets(points: Float64, origin: Float64, shape: Int64) -> tuple[Int64, Int32]:
-    """Sort points by bucket with a stable counting sort.
+    """Sort points by bucket; points of a bucket keep their order.
 
     Parameters
     ----------
@@ -78,21 +70,9 @@ def sort_into_buckets(points: Float64, origin: Float64, shape: Int64) -> tuple[I
     -------
     The new order of points int64 (N,), and ``Buckets.starts`` for this grid
     """
-    starts = np.zeros((shape[0], shape[1], 2), np.int32)
-    cells = np.empty((len(points), 2), np.int32)
-    for i in range(len(points)):
-        cells[i, 0] = int((points[i, 0] - origin[0]) / BUCKET)
-        cells[i, 1] = int((points[i, 1] - origin[1]) / BUCKET)
-        starts[cells[i, 0], cells[i, 1], 1] += 1
-    total = 0
-    for x in range(shape[0]):
-        for y in range(shape[1]):
-            n = starts[x, y, 1]
-            starts[x, y, 0] = starts[x, y, 1] = total
-            total += n
-    order = np.empty(len(points), np.int64)
-    for i in range(len(points)):
-        k = starts[cells[i, 0], cells[i, 1], 1]
-        order[k] = i
-        starts[cells[i, 0], cells[i, 1], 1] = k + 1
-    return order, starts
+    x, y = ((points - origin) / BUCKET).astype(np.int64).T
+    bucket = x * shape[1] + y
+    ends = np.cumsum(np.bincount(bucket, minlength=shape[0] * shape[1]))
+    starts = np.stack([np.append(0, ends[:-1]), ends], axis=1)
+    order = np.argsort(bucket, kind="stable")
+    return order, starts.reshape(*shape, 2).astype(np.int32)

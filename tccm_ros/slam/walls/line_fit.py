@@ -79,21 +79,11 @@ def group_by_segment(beams: Float64, labels: Int32, first: int) -> tuple[Float64
     first
         Beam at which the points begin; those before it come last.
     """
-    n, count = len(beams), 0
-    for i in range(n):
-        count = max(count, labels[i] + 1)
-    starts = np.zeros(count + 1, np.int64)
-    for i in range(n):
-        if labels[i] >= 0:
-            starts[labels[i] + 1] += 1
-    starts = np.cumsum(starts)
-    points, fill = np.empty((starts[count], 2)), starts[:-1].copy()
-    for i in range(n):
-        k = labels[(first + i) % n]
-        if k >= 0:
-            points[fill[k]] = beams[(first + i) % n]
-            fill[k] += 1
-    return points, starts
+    order = np.roll(np.arange(len(labels)), -first)
+    order = order[labels[order] >= 0]
+    order = order[np.argsort(labels[order], kind="mergesort")]
+    count = labels[order[-1]] + 1 if len(order) else 0
+    return beams[order], np.searchsorted(labels[order], np.arange(count + 1))
 
 
 @kernel

@@ -12,13 +12,14 @@ displace the keyframes. Results contain whole walls.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
-from tccm_ros.slam.walls.pooled import add_pooled, extend_pooled
+from tccm_ros.slam.walls.pooled import join_pooled
 
 MIN_OVERLAP = 0.15
 """Minimum common fraction of the shorter of two pieces. The halves of panels of 2.5 to 5 m that bow
@@ -32,15 +33,6 @@ MAX_DPHI = 0.35
 """Maximum angle (rad) between a line and its wall, and between pieces of one wall (chosen)."""
 
 
-class _Members(NamedTuple):
-    """The segments of each wall as linked lists: first and last of each wall, next of each."""
-
-    first: Int64
-    last: Int64
-    after: Int64
-
-
-@kernel
 def whole_walls(ends: Float64, wall: Int64, planes: Any, thickness: float) -> Int64:
     """Return the wall that each plane is a piece of, int64 (W,): the index of its longest piece.
 
@@ -57,91 +49,62 @@ def whole_walls(ends: Float64, wall: Int64, planes: Any, thickness: float) -> In
     thickness
         Maximum rms distance (m) between the lines of two pieces over their common stretch.
     """
-    count, pooled = len(planes), planes.copy()
-    whole = np.arange(count)
-    members = _Members(np.full(count, -1), np.full(count, -1), np.full(len(wall), -1))
-    for i in range(len(wall)):
-        if wall[i] >= 0:
-            _append(members, wall[i], i, i)
+    pooled, whole = planes.copy(), np.arange(len(planes))
+    segments = [ends[wall == w] for w in whole]
     order = np.argsort(-pooled["mass"])
-    for place in range(count):
-        a = order[place]
-        later = place + 1
-        while later < count and whole[a] == a:
-            b = order[later]
-            later += 1
-            if whole[b] == b and _are_one(a, b, ends, pooled, members, thickness):
-                add_pooled(pooled[a], pooled[b])
-                _append(members, a, members.first[b], members.last[b])
-                whole[whole == b] = a
-                pooled[a].low, pooled[a].high = np.inf, -np.inf
-                i = members.first[a]
-                while i >= 0:
-                    extend_pooled(pooled[a], ends[i])
-                    i = members.after[i]
-                later = place + 1
+    for place, a in enumerate(order):
+        later = order[place + 1 :] if whole[a] == a else order[:0]
+        while (b := _piece_of(a, later[whole[later] == later], pooled, segments, thickness)) >= 0:
+            segments[a] = np.concatenate([segments[a], segments[b]])
+            whole[whole == b] = a
+            join_pooled(pooled[a], pooled[b], segments[a])
     return whole
 
 
-@kernel
-def _append(members: _Members, wall: int, first: int, last: int) -> None:
-    if members.first[wall] < 0:
-        members.first[wall] = first
-    else:
-        members.after[members.last[wall]] = first
-    members.last[wall] = last
+def _piece_of(
+    a: int, others: Int64, pooled: Any, segments: Sequence[Float64], thickness: float
+) -> int:
+    """Return the first of other planes that is a piece of wall a; -1 for none."""
+    alike = np.cos(pooled["phi"][others] - pooled["phi"][a]) >= np.cos(MAX_DPHI)
+    for b in others[alike]:
+        if _are_one(pooled[a], pooled[b], segments[a], segments[b], thickness):
+            return int(b)
+    return -1
 
 
 @kernel
-def _are_one(
-    a: int, b: int, ends: Float64, pooled: Any, members: _Members, thickness: float
-) -> bool:
+def _are_one(one: Any, other: Any, ends: Float64, ends_other: Float64, thickness: float) -> bool:
     """Return whether two walls have a common stretch, and are close to each other there."""
-    dphi = pooled[b].phi - pooled[a].phi
-    if np.cos(dphi) < np.cos(MAX_DPHI):
-        return False
-    # Over the position t along the tangent of a, b is offset + slope t behind it.
-    offset, slope = pooled[b].rho / np.cos(dphi) - pooled[a].rho, -np.tan(dphi)
-    low, high = _extent(b, pooled[a].phi, ends, members)
-    start, stop = max(low, pooled[a].low), min(high, pooled[a].high)
+    dphi = other.phi - one.phi
+    # Over the position t along the tangent of the one, the other is offset + slope t behind it.
+    offset, slope = other.rho / np.cos(dphi) - one.rho, -np.tan(dphi)
+    along = _along(ends_other, one.phi)
+    low, high = along.min(), along.max()
+    start, stop = max(low, one.low), min(high, one.high)
     if stop <= start or abs(offset + slope * 0.5 * (start + stop)) > thickness:
         return False
-    first, last = min(low, pooled[a].low), max(high, pooled[a].high)
+    first, last = min(low, one.low), max(high, one.high)
     bins = int((last - first) / BIN) + 1
-    seen_a = _seen(a, pooled[a].phi, ends, members, first, bins)
-    seen_b = _seen(b, pooled[a].phi, ends, members, first, bins)
-    both, squares = 0, 0.0
-    for k in range(bins):
-        if seen_a[k] and seen_b[k]:
-            both += 1
-            squares += (offset + slope * (first + (k + 0.5) * BIN)) ** 2
-    if both <= MIN_OVERLAP * min(seen_a.sum(), seen_b.sum()):
+    seen = _seen(_along(ends, one.phi) - first, bins)
+    seen_other = _seen(along - first, bins)
+    both = np.flatnonzero(seen & seen_other)
+    if len(both) <= MIN_OVERLAP * min(seen.sum(), seen_other.sum()):
         return False
-    return bool(squares <= both * thickness * thickness)
+    distances = offset + slope * (first + (both + 0.5) * BIN)
+    return bool((distances**2).sum() <= len(both) * thickness * thickness)
 
 
 @kernel
-def _extent(wall: int, phi: float, ends: Float64, members: _Members) -> tuple[float, float]:
-    """Return the minimum and maximum position of a wall's segments along a tangent."""
-    nx, ny, low, high = np.cos(phi), np.sin(phi), np.inf, -np.inf
-    i = members.first[wall]
-    while i >= 0:
-        for e in range(2):
-            t = -ny * ends[i, e, 0] + nx * ends[i, e, 1]
-            low, high = min(low, t), max(high, t)
-        i = members.after[i]
-    return low, high
+def _along(ends: Float64, phi: float) -> Float64:
+    """Return the positions (N, 2) of the ends of segments along a tangent."""
+    return -np.sin(phi) * ends[:, :, 0] + np.cos(phi) * ends[:, :, 1]
 
 
 @kernel
-def _seen(wall: int, phi: float, ends: Float64, members: _Members, first: float, bins: int) -> Bool:
-    """Return the bins along a tangent, from `first` on, in which a wall has segments."""
-    nx, ny, seen = np.cos(phi), np.sin(phi), np.zeros(bins, np.bool_)
-    i = members.first[wall]
-    while i >= 0:
-        t0 = -ny * ends[i, 0, 0] + nx * ends[i, 0, 1] - first
-        t1 = -ny * ends[i, 1, 0] + nx * ends[i, 1, 1] - first
-        for k in range(int(min(t0, t1) / BIN), min(int(max(t0, t1) / BIN) + 1, bins)):
-            seen[k] = True
-        i = members.after[i]
+def _seen(along: Float64, bins: int) -> Bool:
+    """Return the bins along a tangent in which segments with ends at `along`, (N, 2), are."""
+    seen = np.zeros(bins, np.bool_)
+    for i in range(len(along)):
+        low, high = along[i].min(), along[i].max()
+        seen[int(low / BIN) : int(high / BIN) + 1] = True
     return seen

@@ -35,8 +35,8 @@ def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:
 
 
 @kernel
-def add_pooled(w: Any, other: Any) -> None:
-    """Add the segments of another wall, without their extent."""
+def join_pooled(w: Any, other: Any, ends: Float64) -> None:
+    """Add the segments of another wall; `ends` (N, 2, 2) are the segments of both."""
     w.mass += other.mass
     w.x += other.x
     w.y += other.y
@@ -46,6 +46,9 @@ def add_pooled(w: Any, other: Any) -> None:
     w.cos += other.cos
     w.sin += other.sin
     fit_pooled(w)
+    w.low, w.high = np.inf, -np.inf
+    for i in range(len(ends)):
+        extend_pooled(w, ends[i])
 
 
 @kernel

@@ -118,6 +118,11 @@ class SignMeasurement:
     plate: Float64
     focal_length: float
 
+    @property
+    def picture_key(self) -> tuple[int, bytes]:
+        """`SearchedPicture.key` of its picture."""
+        return picture_key(self.stamp_ns, self.T_base_camera)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchedPicture:

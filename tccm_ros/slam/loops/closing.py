@@ -437,14 +437,14 @@ class LoopCloser:
         found: list[tuple[Proposal, int]] = []
         session = self._chain.keyframes[k].session
         is_localised = self._root(k) == MAP
-        for window in self._signs.windows(k, self.poses):
-            if self._root(window.place.keyframe) != MAP:
+        for known, pose in self._signs.predictions(k, self.poses):
+            if self._root(known.keyframe) != MAP:
                 continue
-            if is_localised and not is_far(self.poses[k], window.pose):
+            if is_localised and not is_far(self.poses[k], pose):
                 continue
-            around = Window(window.pose, WINDOW_M, WINDOW_RAD)
+            around = Window(pose, WINDOW_M, WINDOW_RAD)
             near = self._search.match_around(k, around, self.poses, self.localised, self._lengths)
-            found += [(proposal, window.place.sign) for proposal in near]
+            found += [(proposal, known.sign) for proposal in near]
         if not found:
             return
         best, sign = max(found, key=lambda pair: pair[0].score)

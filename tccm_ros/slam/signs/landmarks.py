@@ -45,19 +45,13 @@ MIN_VIEWS_WITHOUT_WALL = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundSign:
-    """A sign before the optimisation of the graph.
+class FoundSign(SeenSign):
+    """A sign with its id and its wall.
 
     Attributes
     ----------
     id
         Id of the sign.
-    views
-        Views that agree with each other, in order.
-    position
-        float64 (3,), in map, from triangulation.
-    origins
-        float64 (N, 3), positions of the views' cameras in map.
     wall
         Index of its wall, -1 for none.
     refusal
@@ -65,16 +59,8 @@ class FoundSign:
     """
 
     id: int
-    views: tuple[SignView, ...]
-    position: Float64
-    origins: Float64
     wall: int
     refusal: str = ""
-
-    @property
-    def origin(self) -> Float64:
-        """Mean position of the cameras in map, float64 (3,)."""
-        return np.asarray(self.origins.mean(axis=0))
 
     @property
     def key(self) -> Key:
@@ -136,13 +122,13 @@ def find_signs(
     known: list[FoundSign] = []
     for i, sign in sorted(zip(ids, signs), key=lambda pair: pair[0]):
         found = _found(i, sign, views, rays, walls)
-        reason = found.refusal or _misplacement(found, views, cameras, walls)
+        reason = found.refusal or _misplacement(found, views, cameras)
         if reason:
             refused.append(_refused(found, reason))
         else:
             known.append(found)
     seen = seen_pictures(pictures, camera_poses(pictures, poses), views)
-    looks = [looks_at(_place(sign, walls), seen, walls) for sign in known]
+    looks = [looks_at(sign, seen, walls) for sign in known]
     reasons = [_absence(looks, k) for k in range(len(looks))]
     refused += [_refused(sign, reason) for sign, reason in zip(known, reasons) if reason]
     there = [sign for sign, reason in zip(known, reasons) if not reason]
@@ -157,34 +143,19 @@ def _absence(looks: Sequence[Looks], k: int) -> str:
     return "taken away" if is_taken_away(looks[k], probability) else ""
 
 
-def _misplacement(
-    sign: FoundSign, views: Sequence[SignView], cameras: Float64, walls: WallTable
-) -> str:
+def _misplacement(sign: FoundSign, views: Sequence[SignView], cameras: Float64) -> str:
     """Return why height, size or tilt exclude a sign; empty where they do not."""
     own = [i for i, view in enumerate(views) if any(view is v for v in sign.views)]
     corners = np.array([views[i].measurement.plate for i in own])
     corners = np.einsum("nij,nkj->nki", cameras[own, :3, :3], corners)
-    normal = _place(sign, walls).normal
-    return misplacement(
-        sign.position, plate_on_wall(sign.position, normal, cameras[own, :3, 3], corners)
-    )
+    plate = plate_on_wall(sign.position, sign.normal, cameras[own, :3, 3], corners)
+    return misplacement(sign.position, plate)
 
 
 def _refused(sign: FoundSign, reason: str) -> RefusedSign:
     seen = [view.measurement for view in sign.views]
     number, _ = vote([(m.number, m.confidence) for m in seen])
     return RefusedSign(number, sign.position, reason)
-
-
-def _place(sign: FoundSign, walls: WallTable) -> SeenSign:
-    """Return position and normal of a sign before the optimisation of the graph."""
-    if sign.wall >= 0:
-        phi = float(walls.phi[sign.wall])
-        normal = np.array([-np.cos(phi), -np.sin(phi), 0.0])
-    else:
-        away = (sign.origin - sign.position) * [1.0, 1.0, 0.0]
-        normal = away / max(float(np.linalg.norm(away)), 1e-12)
-    return SeenSign(sign.position, normal, sign.views, sign.origins)
 
 
 def _found(
@@ -203,12 +174,23 @@ def _found(
     reason = "" if kept else "its views contradict each other"
     kept = kept or members
     origins = rays.origins[kept]
+    origin = np.asarray(origins.mean(axis=0))
     if not reason and is_behind_wall(point, origins, walls):
         reason = "behind a wall: a reflection"
-    wall = wall_of_sign(point, origins.mean(axis=0), walls)
+    wall = wall_of_sign(point, origin, walls)
     if not reason and wall < 0 and len(kept) < MIN_VIEWS_WITHOUT_WALL:
         reason = "on no known wall, in few views"
-    return FoundSign(number, tuple(views[i] for i in kept), point, origins, wall, reason)
+    normal = _horizontal(origin - point)
+    if wall >= 0:
+        normal = np.array([-np.cos(walls.phi[wall]), -np.sin(walls.phi[wall]), 0.0])
+    seen = tuple(views[i] for i in kept)
+    return FoundSign(point, normal, seen, origins, number, wall, reason)
+
+
+def _horizontal(direction: Float64) -> Float64:
+    """Return the horizontal part of a direction (3,), a unit vector float64 (3,)."""
+    away = direction * [1.0, 1.0, 0.0]
+    return np.asarray(away / max(float(np.linalg.norm(away)), 1e-12))
 
 
 def sign_observations(signs: Sequence[FoundSign]) -> list[AnchoredObservation]:
@@ -266,15 +248,15 @@ def _record(sign: FoundSign, landmark: Landmark, solution: GraphSolution, whole:
     text, _ = vote([(m.text, m.confidence) for m in seen if m.number == number])
     wall = wall_key(sign.wall)
     is_held = sign.wall >= 0 and solution.values.exists(wall.symbol)
-    away = -solution.plane(wall)[:3] if is_held else sign.origin - landmark.position
-    normal = np.array([away[0], away[1], 0.0])
+    origin = np.asarray(sign.origins.mean(axis=0))
+    away = -solution.plane(wall)[:3] if is_held else origin - landmark.position
     return Sign(
         sign.id,
         text,
         number,
         confidence,
         landmark.position,
-        normal / max(float(np.linalg.norm(normal)), 1e-12),
+        _horizontal(away),
         landmark.covariance,
         int(whole[sign.wall]) if is_held else None,
         tuple(

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.signs.measurement import picture_key
 from tccm_ros.slam.signs.sightings import PASS_GAP_NS
 from tccm_ros.slam.signs.views import PictureView, SignView
 from tccm_ros.slam.signs.walls import is_hidden
@@ -134,7 +133,7 @@ def seen_pictures(
     bearings: dict[tuple[int, bytes], list[Float64]] = {}
     for sign in signs:
         m = sign.measurement
-        bearings.setdefault(picture_key(m.stamp_ns, m.T_base_camera), []).append(m.bearing)
+        bearings.setdefault(m.picture_key, []).append(m.bearing)
     max_read = max(map(len, bearings.values()), default=0)
     read = np.full((len(views), max_read, 3), np.nan)
     for row, view in zip(read, views):
@@ -145,16 +144,16 @@ def seen_pictures(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenSign:
-    """Pose, size and readings of a sign.
+    """Pose, size and readings of a sign, before the optimisation of the graph.
 
     Attributes
     ----------
     position
-        float64 (3,), in map.
+        float64 (3,), in map, from triangulation.
     normal
         float64 (3,), unit vector from the wall towards the reader.
     views
-        Its readings.
+        Its readings, which agree with each other, in order.
     origins
         float64 (N, 3), positions of the readings' cameras in map.
     """
@@ -186,27 +185,17 @@ def looks_at(place: SeenSign, pictures: SeenPictures, walls: WallTable) -> Looks
         Walls of the map.
     """
     searched = {view.picture.key for view in pictures.views}
-    own = [(v.measurement.stamp_ns, v.measurement.T_base_camera) for v in place.views]
-    focal = np.array([v.measurement.focal_length for v in place.views])
-    readings = Looks(
-        np.array([stamp for stamp, _ in own], np.int64),
-        _height_class(_seen_height(place, place.origins, focal)),
-        np.ones(len(own), bool),
-        np.array([picture_key(*k) in searched for k in own]),
-    )
-    misses = _misses(place, pictures, walls)
-    focal = np.array([pictures.views[k].picture.focal_lengths[0] for k in misses])
-    origins = pictures.T_map_camera[misses, :3, 3]
-    stamps = np.array([pictures.views[k].picture.stamp_ns for k in misses], np.int64)
-    stamps = np.concatenate([readings.stamps_ns, stamps])
+    read, misses = [v.measurement for v in place.views], _misses(place, pictures, walls)
+    missed = [pictures.views[k].picture for k in misses]
+    stamps = np.array([x.stamp_ns for x in (*read, *missed)], np.int64)
+    focal = np.array([*(m.focal_length for m in read), *(x.focal_lengths[0] for x in missed)])
+    away = np.concatenate([place.origins, pictures.T_map_camera[misses, :3, 3]]) - place.position
+    heights = place.height * focal * (away @ place.normal) / (away**2).sum(axis=1)
+    is_searched = np.array([x.picture_key in searched for x in read] + [True] * len(missed))
     order = np.argsort(stamps, kind="stable")
-    classes = _height_class(_seen_height(place, origins, focal))
-    none, known = np.zeros(len(misses), bool), np.ones(len(misses), bool)
+    is_read = order < len(read)
     return Looks(
-        stamps[order],
-        np.concatenate([readings.height_class, classes])[order],
-        np.concatenate([readings.is_read, none])[order],
-        np.concatenate([readings.is_searched, known])[order],
+        stamps[order], np.searchsorted(HEIGHTS, heights)[order], is_read, is_searched[order]
     )
 
 
@@ -237,16 +226,6 @@ def _misses(place: SeenSign, pictures: SeenPictures, walls: WallTable) -> Int64:
         if not kept or np.linalg.norm(T[k, :3, 3] - T[kept[-1], :3, 3]) > MIN_MOTION:
             kept.append(k)
     return np.array(kept, np.int64)
-
-
-def _seen_height(place: SeenSign, origins: Float64, focal: Float64) -> Float64:
-    """Return the heights (pixels) of a number, multiplied by the cosine of the viewing angle."""
-    away = origins - place.position
-    return np.asarray(place.height * focal * (away @ place.normal) / (away**2).sum(axis=1))
-
-
-def _height_class(heights: Float64) -> Int64:
-    return np.searchsorted(HEIGHTS, heights)
 
 
 def reading_probabilities(looks: Sequence[Looks], own: int) -> Float64:

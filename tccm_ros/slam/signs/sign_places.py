@@ -64,21 +64,6 @@ class PlanarSign(NamedTuple):
     sign: int
 
 
-class SignWindow(NamedTuple):
-    """The keyframe pose predicted by a sign.
-
-    Attributes
-    ----------
-    place
-        The earlier place of the sign.
-    pose
-        float64 (3,), pose of the keyframe in map.
-    """
-
-    place: PlanarSign
-    pose: Float64
-
-
 @dataclass(slots=True)
 class SignPlaces:
     """The signs observed so far; deterministic for a given order of keyframes.
@@ -118,8 +103,8 @@ class SignPlaces:
         self._recent += views
         self._seen = self._places_of(self._recent, poses)
 
-    def windows(self, k: int, poses: Float64) -> list[SignWindow]:
-        """Return the poses of keyframe `k` predicted by signs that were also seen before.
+    def predictions(self, k: int, poses: Float64) -> list[tuple[PlanarSign, Float64]]:
+        """Return the signs seen before, each with the pose (3,) in map of keyframe `k` by it.
 
         Parameters
         ----------
@@ -130,9 +115,7 @@ class SignPlaces:
         """
         session = self.keyframes[k].session
         return [
-            SignWindow(
-                old, compose_se2(compose_se2(poses[old.keyframe], old.pose), inverse_se2(own))
-            )
+            (old, compose_se2(compose_se2(poses[old.keyframe], old.pose), inverse_se2(own)))
             for new in self._seen
             if self.keyframes[new.keyframe].session == session
             if k - new.keyframe <= RECENT_KEYFRAMES

@@ -14,28 +14,31 @@ from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.signs.views import SignView
 
-SHAPES = {
-    "pixel": (2,), "bearing": (3,), "T_base_camera": (4, 4), "corners": (4, 2), "plate": (4, 3),
-}  # fmt: skip
-"""Shapes of the arrays of a measurement, without its patch."""
+NUMBERS: dict[str, tuple[type, tuple[int, ...]]] = {
+    "pixel": (float, (2,)),
+    "bearing": (float, (3,)),
+    "T_base_camera": (float, (4, 4)),
+    "corners": (float, (4, 2)),
+    "plate": (float, (4, 3)),
+    "stamp_ns": (np.int64, ()),
+    "confidence": (float, ()),
+    "focal_length": (float, ()),
+    "patch": (np.uint8, PATCH_SHAPE),
+}
+"""Type and shape of each field of a measurement but its texts."""
 
 
 def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
     """Return named arrays with a row per view."""
     seen = [v.measurement for v in views]
-    arrays = {
-        f"sign_{name}": np.array([getattr(m, name) for m in seen], float).reshape(-1, *shape)
-        for name, shape in SHAPES.items()
-    }
     texts = json.dumps([[m.text, m.number] for m in seen]).encode()
-    return arrays | {
+    return {
+        f"sign_{name}": np.array([getattr(m, name) for m in seen], dtype).reshape(-1, *shape)
+        for name, (dtype, shape) in NUMBERS.items()
+    } | {
         "sign_id": np.array([v.sign for v in views], np.int64),
-        "sign_stamp_ns": np.array([m.stamp_ns for m in seen], np.int64),
         **pack_anchored("sign", [v.anchored for v in views]),
         "sign_texts": np.frombuffer(texts, np.uint8),
-        "sign_confidence": np.array([m.confidence for m in seen], float),
-        "sign_focal_length": np.array([m.focal_length for m in seen], float),
-        "sign_patch": np.array([m.patch for m in seen], np.uint8).reshape(-1, *PATCH_SHAPE),
     }
 
 
@@ -80,26 +83,17 @@ def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView
         return []
     n = len(s["sign_id"])
     # Maps of earlier versions lack both: use a grey patch, and an unknown size.
-    patches = s.get("sign_patch", np.full((n, *PATCH_SHAPE), 128, np.uint8))
-    plates = s.get("sign_plate", np.full((n, *SHAPES["plate"]), np.nan))
+    known = {
+        "sign_patch": np.full((n, *PATCH_SHAPE), 128, np.uint8),
+        "sign_plate": np.full((n, 4, 3), np.nan),
+        **s,
+    }
+    columns = [known[f"sign_{name}"] for name in NUMBERS]
+    values = zip(*(x.tolist() if x.ndim == 1 else x for x in columns), strict=True)
     texts, anchored = json.loads(s["sign_texts"].tobytes()), unpack_anchored("sign", s, keyframes)
-    measurements = [
-        SignMeasurement(
-            stamp, pixel, bearing, T, text, number, confidence, patch, corners, plate, f
-        )
-        for stamp, pixel, bearing, T, (text, number), confidence, patch, corners, plate, f in zip(
-            s["sign_stamp_ns"].tolist(),
-            s["sign_pixel"],
-            s["sign_bearing"],
-            s["sign_T_base_camera"],
-            texts,
-            s["sign_confidence"].tolist(),
-            patches,
-            s["sign_corners"],
-            plates,
-            s["sign_focal_length"].tolist(),
-            strict=True,
+    return [
+        SignView(SignMeasurement(text=text, number=number, **dict(zip(NUMBERS, row))), pose, sign)
+        for (text, number), row, pose, sign in zip(
+            texts, values, anchored, s["sign_id"].tolist(), strict=True
         )
     ]
-    rows = zip(measurements, anchored, s["sign_id"].tolist(), strict=True)
-    return [SignView(*row) for row in rows]

@@ -100,7 +100,7 @@ class Growth:
         self._first_new, self._known_walls = len(keys), len(used.walls)
         self._new_rows = np.zeros(0, np.int64)
         self._new: dict[Hashable, Factor] = {}
-        walls = [wall_key(w) for w in range(len(used.walls) if config.walls.enabled else 0)]
+        walls = map(wall_key, range(len(used.walls)))
         covariances = {key: solution.covariance(key) for key in [keys[-1], *walls, *anchored]}
         self._graph = IncrementalGraph(RELINEARIZE, WILDFIRE, covariances)
         starts = {key: solution.pose(key) for key in [*keys, *anchored]}
@@ -134,8 +134,6 @@ class Growth:
 
     def _extend_walls(self) -> None:
         """Assign the lines of new keyframes."""
-        if not self._config.walls.enabled:
-            return
         lines, keys = self._lines, self._chain.keys
         self._known_walls = len(self._walls.table)
         self._new_rows = self._walls.add(self.poses, lines, self._first_new)

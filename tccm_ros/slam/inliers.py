@@ -58,10 +58,9 @@ class Inliers:
     signs: list[FoundSign]
     refused_signs: list[RefusedSign]
 
-    def sign_factors(self, config: Config) -> list[Factor]:
+    def sign_factors(self) -> list[Factor]:
         """Return the factors of door signs, and of their incidence with walls of the graph."""
-        walls = range(len(self.walls) if config.walls.enabled else 0)
-        return sign_factors(self.signs, self.scale, {wall_key(w) for w in walls})
+        return sign_factors(self.signs, self.scale, {*map(wall_key, range(len(self.walls)))})
 
 
 def select_inliers(

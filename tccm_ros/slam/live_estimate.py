@@ -209,7 +209,7 @@ class LiveEstimate:
         pose = compose_se2(before.pose, keyframe.delta)
         cov = moved_covariance(before.cov, before.pose, pose)
         estimate = _Estimate(pose, cov + rotate_covariance(keyframe.cov, float(pose[2])))
-        if not self._config.walls.enabled or not len(self._walls.phi):
+        if not len(self._walls.phi):
             return estimate
         for i in range(len(lines)):
             w = self._wall_of(lines, i, estimate.pose)

@@ -393,8 +393,7 @@ class WallSlam:
         self._between = factors or ()
         content = self._changing_content(used, used.poses, views)
         fixed_starts = self._closer.fixed_starts(used.loops, used.observations)
-        is_used = self.config.walls.enabled
-        lines = wall_factors(used.walls, self._lines, keys, self.config) if is_used else []
+        lines = wall_factors(used.walls, self._lines, keys, self.config)
         graph_factors = by_variables(self._chain.factors(fixed_starts))
         graph_factors |= content.anchors
         graph_factors |= {p: p.factor(keys) for p in used.loops}
@@ -485,7 +484,7 @@ class WallSlam:
             for f in self._between
             if not isinstance(f, BetweenViews) or {f.i, f.j} <= anchored.keys()
         ]
-        others = [*between_views, *used.sign_factors(self.config), *seen.factors]
+        others = [*between_views, *used.sign_factors(), *seen.factors]
         if uses_corners(self.config):
             others += corner_factors(used.corners, used.walls, keys, self.config)
         names = by_variables(anchors), by_variables(others, "beside")

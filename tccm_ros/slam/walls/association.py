@@ -69,6 +69,14 @@ class WallTable:
     def __len__(self) -> int:
         return len(self.phi)
 
+    @property
+    def endpoints(self) -> Float64:
+        """The ends of each wall in map, float64 (W, 2, 2), in the tangent's direction."""
+        normal = np.stack([np.cos(self.phi), np.sin(self.phi)], axis=1)
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        along = self.extent[:, :, None] * tangent[:, None]
+        return np.asarray((self.rho[:, None] * normal)[:, None] + along)
+
     def whole_numbers(self) -> Int64:
         """Return the index of each row's whole wall, (W,), in the order of their first pieces."""
         _, first, group = np.unique(self.whole, return_index=True, return_inverse=True)
@@ -88,12 +96,10 @@ class WallTable:
         largest roughness.
         """
         number, rows = self.whole_numbers(), np.array(self.main_pieces(), np.int64)
-        normal = np.stack([np.cos(self.phi), np.sin(self.phi)], axis=1)
-        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-        ends = (self.rho[:, None] * normal)[:, None] + self.extent[:, :, None] * tangent[:, None]
+        ends, phi = self.endpoints, self.phi
         extent, roughness = self.extent[rows], self.roughness[rows]
         for w, row in enumerate(rows):
-            along = ends[number == w] @ tangent[row]
+            along = ends[number == w] @ [-np.sin(phi[row]), np.cos(phi[row])]
             extent[w] = along.min(), along.max()
             roughness[w] = self.roughness[number == w].max()
         wall = np.where(self.wall >= 0, np.append(number, -1)[self.wall], -1)
@@ -160,13 +166,14 @@ class WallAssociation:
 
     def __init__(self, config: Config) -> None:
         limits = config.walls
+        self._is_enabled = limits.enabled
         self._gates = _Gates(limits.gate_distance, limits.gate_angle, limits.max_gap)
         self._pooled = np.zeros(0, POOLED)
         self._ends = np.zeros((0, 2, 2))
         self.keyframe, self.line, self.wall = np.zeros((3, 0), np.int64)
 
     def add(self, first: int, poses: Float64, lines: Sequence[Lines]) -> None:
-        """Assign the lines of the next keyframes.
+        """Assign the lines of the next keyframes; none with ``walls.enabled: false``.
 
         Parameters
         ----------
@@ -179,7 +186,7 @@ class WallAssociation:
         """
         counts = np.array([len(x) for x in lines], np.int64)
         keyframe = np.repeat(np.arange(len(lines)), counts)
-        if not len(keyframe):
+        if not self._is_enabled or not len(keyframe):
             return
         line = np.concatenate([np.arange(n) for n in counts])
         ends = np.concatenate(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -72,18 +73,14 @@ def wall_records(
         Walls with phi in (-pi, pi] and rho >= 0, in the order of `WallTable.whole_numbers`.
     """
     whole, main = table.whole_numbers(), table.main_pieces()
-    count = len(main)
-    counts = np.bincount(whole[table.wall[table.wall >= 0]], minlength=count)
-    planes = [solution.plane(wall_key(p)) for p in range(len(table))]
-    lines = np.array([(np.arctan2(n[1], n[0]), -n[3]) for n in planes]).reshape(-1, 2)
-    seen = np.array([_endpoints(table, p, *lines[p]) for p in range(len(table))]).reshape(-1, 2, 2)
-    phi, rho = lines[main].T.tolist() if count else ([], [])
-    ends = [_extended(seen[whole == w], phi[w], rho[w]) for w in range(count)]
+    optimised = _optimised(table, solution).joined()
+    counts = np.bincount(optimised.wall[optimised.wall >= 0], minlength=len(main))
+    phi, rho, ends = optimised.phi.tolist(), optimised.rho.tolist(), [*optimised.endpoints]
     joined = _join_ends(
         [c._replace(a=int(whole[c.a]), b=int(whole[c.b])) for c in corners], phi, rho, ends
     )
     walls = []
-    for w in range(count):
+    for w in range(len(main)):
         # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
         cov = solution.covariance(wall_key(main[w]))[np.ix_([0, 2], [0, 2])] * scale
         a, r, e = phi[w], rho[w], ends[w]
@@ -116,16 +113,10 @@ def _join_ends(
     return joined
 
 
-def _endpoints(table: WallTable, w: int, phi: float, rho: float) -> Float64:
-    """Return the endpoints (2, 2): the pooled extent projected to the optimised line."""
-    was = table.phi[w]
-    old = table.rho[w] * np.array([np.cos(was), np.sin(was)])
-    along = np.array([-np.sin(was), np.cos(was)])
-    return _extended(old + table.extent[w][:, None] * along, phi, rho)
-
-
-def _extended(points: Float64, phi: float, rho: float) -> Float64:
-    """Return the ends (2, 2) of points (..., 2) projected to a line, in its tangent's direction."""
-    normal, tangent = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
-    along = points @ tangent
-    return rho * normal + np.array([[along.min()], [along.max()]]) * tangent
+def _optimised(table: WallTable, solution: GraphSolution) -> WallTable:
+    """Return the table with the optimised lines; the pooled extents are projected to them."""
+    planes = np.array([solution.plane(wall_key(w)) for w in range(len(table))]).reshape(-1, 4)
+    phi = np.arctan2(planes[:, 1], planes[:, 0])
+    tangent = np.stack([-np.sin(phi), np.cos(phi)], axis=1)
+    along = np.einsum("wek,wk->we", table.endpoints, tangent)
+    return replace(table, phi=phi, rho=-planes[:, 3], extent=np.sort(along, axis=1))

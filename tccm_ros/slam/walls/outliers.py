@@ -65,20 +65,18 @@ def check_walls(
     poses
         float64 (K, 3), poses of the keyframes optimised without walls.
     graph
-        Graph with all factors except those of walls, which are added if ``walls.enabled``.
+        Graph with all factors except those of walls, which are added.
     keys, config
         As in `wall_factors`.
     """
-    walls = config.walls.enabled
-    table = _without_wrong_labels(table, lines, poses, config) if walls else table
-    used = np.flatnonzero(table.wall >= 0) if walls else np.zeros(0, np.int64)
+    table = _without_wrong_labels(table, lines, poses, config)
+    used = np.flatnonzero(table.wall >= 0)
     first, keyframes = len(graph), len(keys)
-    factors = wall_factors(table, lines, keys, config) if walls else []
-    if walls:
-        graph.add(factors)
+    factors = wall_factors(table, lines, keys, config)
+    graph.add(factors)
     solution = graph.optimise()
     chi2 = 2.0 * solution.errors_of(range(first, first + len(used)))
-    wall = np.full_like(table.wall, -1) if not walls else table.wall.copy()
+    wall = table.wall.copy()
     sums = np.bincount(wall[used], weights=chi2, minlength=len(table))
     counts = np.bincount(wall[used], minlength=len(table))
     crooked = sums > WALL_CHI2 * np.maximum(counts, 1)

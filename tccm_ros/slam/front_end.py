@@ -199,6 +199,11 @@ def _since(since_ns: int | None, scan: LevelScan, holds: bool) -> int | None:
     return (scan.stamp_ns if since_ns is None else since_ns) if holds else None
 
 
+def _known(pose: Float64, cov: Float64) -> Prior:
+    """Return a prior; odometry's covariance (3, 3) is diagonal, and isotropic in the plane."""
+    return Prior(pose, np.diag(1.0 / np.diag(cov)))
+
+
 class _StampedPose(NamedTuple):
     stamp_ns: int
     pose: Float64
@@ -316,7 +321,7 @@ class FrontEnd:
         assert self._last is not None
         before, keyframe = self.pose, self.keyframes[-1]
         predicted, prior, prior_cov = self._predict(scan)
-        self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
+        self.pose, cov, inliers = self._match(scan, predicted, _known(prior, prior_cov), prior_cov)
         self._check_standing(scan, prior, prior_cov)
         self._check_lost(scan, inliers)
         self._update_velocity(scan, before, prior_cov)
@@ -510,7 +515,8 @@ class FrontEnd:
         """Return whether matching alone deviates from odometry that has never reported a motion."""
         if self._information is None or self._moved:
             return False
-        free = self._align_near(scan, self.pose, prior, STEADY_COV, self._window(STEADY_COV))
+        loose = _known(prior, STEADY_COV)
+        free = self._align_near(scan, self.pose, loose, self._window(STEADY_COV))
         information = free.information / self.config.matching.correlated_beams
         total = np.linalg.inv(information + np.linalg.inv(prior_cov))
         deviation = between_se2(prior, free.pose)
@@ -520,21 +526,20 @@ class FrontEnd:
         return bool(deviation @ weight @ deviation > CONTRADICTION_CHI2)
 
     def _match(
-        self, scan: LevelScan, predicted: Float64, prior: Float64, prior_cov: Float64
+        self, scan: LevelScan, predicted: Float64, prior: Prior, prior_cov: Float64
     ) -> tuple[Float64, Float64, float]:
         """Return the pose, its covariance in its own frame and the inlier fraction."""
         self._information = None
         if self._map is None or not self.config.matching.enabled or len(scan.points) < MIN_POINTS:
             return predicted, prior_cov, 1.0
-        result = self._align_near(scan, predicted, prior, prior_cov, self._window(prior_cov))
-        known = Prior(prior, np.asarray(np.linalg.inv(prior_cov), np.float64))
+        result = self._align_near(scan, predicted, prior, self._window(prior_cov))
         if result.inliers < MIN_INLIERS and not self._stands(scan):
             wide = self._search_wide(scan, predicted, prior_cov, result)
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
                 result, prior_cov = wide, LOOSE_COV
                 self._anchor_odometry(scan, wide.pose, LOOSE_COV)
-        if result.inliers < MIN_USED_INLIERS or self._is_accidental(scan, result, known):
+        if result.inliers < MIN_USED_INLIERS or self._is_accidental(scan, result, prior):
             return predicted, UNUSED_INFLATION * prior_cov, result.inliers
         self._information = information = result.information / self.config.matching.correlated_beams
         cov = fuse(information, float(result.pose[2]), prior_cov)
@@ -551,26 +556,23 @@ class FrontEnd:
         self,
         scan: LevelScan,
         centre: Float64,
-        prior: Float64,
-        prior_cov: Float64,
+        prior: Prior,
         window: tuple[float, float],
     ) -> Alignment:
         assert self._map is not None
-        sigma_xy, sigma_yaw = float(prior_cov[0, 0] ** 0.5), float(prior_cov[2, 2] ** 0.5)
         step = max(MIN_ANGLE_STEP, window[1] / MAX_ANGLE_STEPS)
-        penalty = (SEARCH_WEIGHT / sigma_xy**2, SEARCH_WEIGHT / sigma_yaw**2)
+        weight = SEARCH_WEIGHT * np.diag(prior.information)
+        penalty = float(weight[0]), float(weight[2])
         start = correlate(
             self._map.grid, scan.search_points, centre, window, angle_step=step, penalty=penalty
         )
-        # Odometry's covariance is diagonal and isotropic in the plane.
-        known = Prior(prior, np.diag(1.0 / np.diag(prior_cov)))
         return align(
             self._map.lines,
             scan.points,
             scan.normals,
             start.pose if start.score > 0.0 else centre,
             self.config.matching.range_sigma,
-            known,
+            prior,
         )
 
     def _search_wide(
@@ -591,7 +593,7 @@ class FrontEnd:
             # Without odometry, this is the predicted pose.
             moved = decaying_motion(self._velocity, self._seconds_to(scan))
             centres.append(compose_se2(self.pose, moved))
-        found = [self._align_near(scan, c, c, LOOSE_COV, window) for c in centres]
+        found = [self._align_near(scan, c, _known(c, LOOSE_COV), window) for c in centres]
         min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         # No match is an alternative as well; its quality is 0.
         quality, gains = self._match_quality(scan, near), []

@@ -12,6 +12,7 @@ from tccm_ros.config.slam import OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
 from tccm_ros.robot.tracks import Track, bracket
 from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS
+from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance
 from tccm_ros.slam.se2 import between_se2, compose_se2
@@ -126,8 +127,8 @@ def poses_at_stamps(
     keyframes: Sequence[GraphKeyframe],
     odometry: OdometryTrack,
     model: OdometryConfig,
-) -> tuple[Int64, Float64, Float64]:
-    """Return the poses at stamps relative to keyframes, by neighbouring scans and odometry.
+) -> list[AnchoredPose]:
+    """Return the level poses at stamps relative to keyframes, by neighbouring scans and odometry.
 
     Parameters
     ----------
@@ -144,29 +145,26 @@ def poses_at_stamps(
 
     Returns
     -------
-    keyframes int64 (V,), poses float64 (V, 3) in them, and covariances float64 (V, 3, 3) of (x, y,
-    yaw) in the frames of the poses: the sum of the covariances of the previous scan, of the motion
-    since, and of the motion during the tilt cycle, which is zero for a base at rest.
+    list of AnchoredPose
+        Each covariance is the sum of those of the previous scan, of the motion since, and of the
+        motion during the tilt cycle, which is zero for a base at rest.
     """
-    index = np.zeros(len(stamps_ns), np.int64)
-    poses = np.zeros((len(stamps_ns), 3))
-    covs = np.zeros((len(stamps_ns), 3, 3))
-    for v, stamp in enumerate(stamps_ns):
+    anchored = []
+    for stamp in map(int, stamps_ns):
         i = max(bisect_right(tracked, stamp, key=lambda p: p.stamp_ns) - 1, 0)
         here = tracked[i]
-        start, now = odometry.at(here.stamp_ns), odometry.at(int(stamp))
-        index[v] = here.keyframe
+        start, now = odometry.at(here.stamp_ns), odometry.at(stamp)
         if start is not None and now is not None:
-            poses[v] = compose_se2(here.pose, between_se2(start, now))
+            pose = compose_se2(here.pose, between_se2(start, now))
         else:
             after = tracked[min(i + 1, len(tracked) - 1)]
-            poses[v] = _between_scans(here, after, keyframes, int(stamp))
-        covs[v] = here.cov + motion_covariance(between_se2(here.pose, poses[v]), model, SCAN_FLOOR)
-        for side in (-TILT_MOTION_NS, TILT_MOTION_NS):
-            end = odometry.at(int(stamp) + side)
+            pose = _between_scans(here, after, keyframes, stamp)
+        cov = here.cov + motion_covariance(between_se2(here.pose, pose), model, SCAN_FLOOR)
+        for end in map(odometry.at, (stamp - TILT_MOTION_NS, stamp + TILT_MOTION_NS)):
             if now is not None and end is not None:
-                covs[v] += motion_covariance(between_se2(now, end), model)
-    return index, poses, covs
+                cov += motion_covariance(between_se2(now, end), model)
+        anchored.append(AnchoredPose(here.keyframe, pose, cov))
+    return anchored
 
 
 def _between_scans(

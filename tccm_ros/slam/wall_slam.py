@@ -543,17 +543,10 @@ class WallSlam:
         return odometry_slam
 
     def _anchor(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
-        relative = poses_at_stamps(
-            stamps_ns,
-            self._front.tracked,
-            self._chain.keyframes,
-            self._odometry,
-            self.config.odometry,
-        )
-        rows = zip(*relative, self._attitudes.at(stamps_ns).tolist())
-        return [
-            AnchoredPose(int(k), pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows
-        ]
+        tracked, keyframes, model = self._front.tracked, self._chain.keyframes, self.config.odometry
+        level = poses_at_stamps(stamps_ns, tracked, keyframes, self._odometry, model)
+        attitudes = self._attitudes.at(stamps_ns).tolist()
+        return [replace(x, attitude=(z, a, b)) for x, (z, a, b) in zip(level, attitudes)]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
         """Return the anchored poses of views, including roll and pitch of the base by its IMU."""

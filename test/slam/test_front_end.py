@@ -189,9 +189,9 @@ def test_without_odometry_a_few_people_do_not_carry_the_robot_along(rate):
 def test_without_odometry_no_wide_search_is_repeated(monkeypatch):
     searches, align_near = [], FrontEnd._align_near
 
-    def recorded(front, scan, centre, prior, cov, window):
+    def recorded(front, scan, centre, prior, window):
         searches.append((scan.stamp_ns, window, *centre))
-        return align_near(front, scan, centre, prior, cov, window)
+        return align_near(front, scan, centre, prior, window)
 
     monkeypatch.setattr(FrontEnd, "_align_near", recorded)
     drive_in_the_room(5, seed=1, people=24)

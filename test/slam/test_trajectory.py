@@ -22,7 +22,7 @@ def covariance_of_a_view(speed, stamp_ns=5 * SECOND):
     scan = TrackedPose(
         stamp_ns, 0, np.array([speed * stamp_ns / SECOND, 0.0, 0.0]), np.zeros((3, 3))
     )
-    return poses_at_stamps([stamp_ns], [scan], [], odometry, MODEL)[2][0]
+    return poses_at_stamps([stamp_ns], [scan], [], odometry, MODEL)[0].cov
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.3, 1.0])

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +17,14 @@ from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.poses import BetweenKeyframes
 from tccm_ros.slam.loops.submaps import MergedScan, Submap
 from tccm_ros.slam.matching.alignment import Alignment, Prior, align
-from tccm_ros.slam.matching.correlation import SEARCH_WEIGHT, correlate, known_likelihood, support
-from tccm_ros.slam.matching.likelihood_grid import with_unknown
+from tccm_ros.slam.matching.correlation import (
+    SEARCH_WEIGHT,
+    Correlation,
+    correlate,
+    known_likelihood,
+    support,
+)
+from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 
 MATCH_FLOOR = (0.01, 0.003)
@@ -175,15 +182,8 @@ def propose(submap: Submap, merged: MergedScan, window: Window, config: Config) 
         None if no pose has a sufficient score; a proposal with a reason if it is rejected.
     """
     loops, expected = config.loops, Prior(window.centre, window.information)
-    found = correlate(
-        submap.grid,
-        merged.search_points,
-        window.centre,
-        window.span,
-        angle_step=window.angle_step,
-        penalty=window.penalty,
-        min_score=max(loops.min_score, window.min_score),
-    )
+    min_score = max(loops.min_score, window.min_score)
+    found = _search(submap.grid, merged, window, penalty=window.penalty, min_score=min_score)
     if found.score < 0.0:
         return None
     sigma = config.matching.range_sigma
@@ -206,16 +206,14 @@ def propose(submap: Submap, merged: MergedScan, window: Window, config: Config) 
         elif better:
             reason = LoopReason.BETTER_WHERE_KNOWN.format(better)
     cov = _covariance(result, config.matching.correlated_beams)
-    return Proposal(
-        submap.centre,
-        merged.centre,
-        result.pose,
-        cov,
-        near,
-        found.score,
-        window.half_width_m,
-        reason,
-    )
+    ends, half_width = (submap.centre, merged.centre), window.half_width_m
+    return Proposal(*ends, result.pose, cov, near, found.score, half_width, reason)
+
+
+def _search(grid: LikelihoodGrid, merged: MergedScan, window: Window, **limits: Any) -> Correlation:
+    """Search for a merged scan in a grid; `limits` are further arguments of `correlate`."""
+    points, step = merged.search_points, window.angle_step
+    return correlate(grid, points, window.centre, window.span, angle_step=step, **limits)
 
 
 def _covariance(result: Alignment, correlated_beams: float) -> Float64:
@@ -235,15 +233,8 @@ def _second_place(
     submap: Submap, merged: MergedScan, window: Window, best: Float64, score: float, ratio: float
 ) -> float:
     """Return the score of another place over the best, if it is at least `ratio`; else 0."""
-    other = correlate(
-        submap.grid,
-        merged.search_points,
-        window.centre,
-        window.span,
-        angle_step=window.angle_step,
-        min_score=ratio * score,
-        exclude=(best, SAME_PLACE_M, SAME_PLACE_RAD),
-    )
+    away = best, SAME_PLACE_M, SAME_PLACE_RAD
+    other = _search(submap.grid, merged, window, min_score=ratio * score, exclude=away)
     return other.score / score if other.score > 0.0 else 0.0
 
 
@@ -258,16 +249,8 @@ def _better_where_known(
     must pass the gates of a loop closure.
     """
     agreement = known_likelihood(submap.grid, merged.search_points, best)
-    other = correlate(
-        with_unknown(submap.grid, agreement),
-        merged.search_points,
-        window.centre,
-        window.span,
-        angle_step=window.angle_step,
-        penalty=window.penalty,
-        min_score=agreement,
-        exclude=(best, SAME_PLACE_M, SAME_PLACE_RAD),
-    )
+    grid, away = with_unknown(submap.grid, agreement), (best, SAME_PLACE_M, SAME_PLACE_RAD)
+    other = _search(grid, merged, window, penalty=window.penalty, min_score=agreement, exclude=away)
     if other.score < 0.0:
         return 0.0
     near, free = support(submap.grid, merged.points, other.pose)

@@ -10,6 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2
 from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.se2 import transform_points
@@ -72,16 +73,13 @@ def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> S
     half
         Number of keyframes on either side, of the same session.
     """
-    first, last = _range(keyframes, centre, half)
-    members = keyframes[first : last + 1]
-    poses = between2(keyframes[centre].pose, np.stack([k.pose for k in members]))
-    lines = make_line_map(poses, [k.scan for k in members])
-    origins = [transform_points(q, k.scan.origin[None]) for q, k in zip(poses, members)]
-    counts = [len(k.scan.points) for k in members]
-    ends = np.concatenate([transform_points(q, k.scan.points) for q, k in zip(poses, members)])
+    poses, scans = _members(keyframes, centre, half)
+    lines = make_line_map(poses, scans)
+    origins = [transform_points(q, scan.origin[None]) for q, scan in zip(poses, scans)]
+    ends = np.concatenate([transform_points(q, scan.points) for q, scan in zip(poses, scans)])
+    counts = [len(scan.points) for scan in scans]
     rays = np.repeat(np.concatenate(origins), counts, axis=0), ends
-    grid = make_likelihood_grid(lines.points, rays=rays)
-    return Submap(centre, lines, grid)
+    return Submap(centre, lines, make_likelihood_grid(lines.points, rays=rays))
 
 
 def merge_scans(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> MergedScan:
@@ -96,10 +94,7 @@ def merge_scans(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> M
     half
         Number of keyframes on either side, of the same session.
     """
-    first, last = _range(keyframes, centre, half)
-    order = sorted(range(first, last + 1), key=lambda k: (abs(k - centre), k))
-    poses = between2(keyframes[centre].pose, np.stack([keyframes[k].pose for k in order]))
-    lines = make_line_map(poses, [keyframes[k].scan for k in order])
+    lines = make_line_map(*_members(keyframes, centre, half, nearest_first=True))
     return MergedScan(
         centre,
         _evenly(lines.points, MERGED_POINTS),
@@ -108,8 +103,15 @@ def merge_scans(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> M
     )
 
 
-def _range(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> tuple[int, int]:
-    """Return the first and last keyframe within `half` of `centre` in its session."""
+def _members(
+    keyframes: Sequence[GraphKeyframe], centre: int, half: int, *, nearest_first: bool = False
+) -> tuple[Float64, list[LevelScan]]:
+    """Return the keyframes within `half` of `centre` in its session, without a gap.
+
+    Returns
+    -------
+    Poses float64 (K, 3) in the central keyframe, and the scans
+    """
     first = last = centre
     session = keyframes[centre].session
     while first > max(0, centre - half) and keyframes[first - 1].session == session:
@@ -117,7 +119,11 @@ def _range(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> tuple[
     end = min(len(keyframes) - 1, centre + half)
     while last < end and keyframes[last + 1].session == session:
         last += 1
-    return first, last
+    order = list(range(first, last + 1))
+    if nearest_first:
+        order.sort(key=lambda k: (abs(k - centre), k))
+    poses = between2(keyframes[centre].pose, np.stack([keyframes[k].pose for k in order]))
+    return poses, [keyframes[k].scan for k in order]
 
 
 def _evenly(rows: Float64, max_rows: int) -> Float64:

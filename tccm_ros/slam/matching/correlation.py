@@ -81,26 +81,21 @@ def correlate(
     if angle_step <= 0.0:
         far = float(np.sqrt((points * points).sum() / len(points)))
         angle_step = float(np.clip(CELL / max(far, MIN_RMS_DISTANCE), *ANGLE_STEPS))
-    cells = int(np.ceil(window[0] / CELL))
+    middle, cells = np.asarray(centre, float), int(np.ceil(window[0] / CELL))
+    depth = min(grid.levels.shape[0] - 1, max(0, int(np.log2(max(cells, 1))) - 1))
+    pose, distance, dyaw = exclude or (middle, -1.0, -1.0)
     search = _Search(
-        np.asarray(centre, float),
-        cells,
-        int(np.ceil(window[1] / angle_step)),
-        float(angle_step),
-        penalty[0],
-        penalty[1],
-        float(min_score),
-        min(grid.levels.shape[0] - 1, max(0, int(np.log2(max(cells, 1))) - 1)),
-    )
-    pose, distance, dyaw = exclude or (search.centre, -1.0, -1.0)
-    excluded = _Excluded(np.asarray(pose, float) - search.centre, float(distance), float(dyaw))
-    return Correlation(*_branch_and_bound(grid, np.ascontiguousarray(points), search, excluded))
+        middle, cells, int(np.ceil(window[1] / angle_step)), float(angle_step), *penalty,
+        float(min_score), depth, np.asarray(pose, float) - middle, float(distance), float(dyaw),
+    )  # fmt: skip
+    return Correlation(*_branch_and_bound(grid, np.ascontiguousarray(points), search))
 
 
 class _Search(NamedTuple):
     """A window of `half` cells and `yaws` yaw steps to either side of a pose.
 
-    The penalties are per m^2 and rad^2; `depth` is the coarsest level to search.
+    The penalties are per m^2 and rad^2; `depth` is the coarsest level to search. Poses within
+    `excluded_m` and `excluded_rad` of `excluded`, relative to the centre, give no result.
     """
 
     centre: Float64
@@ -111,14 +106,9 @@ class _Search(NamedTuple):
     yaw_penalty: float
     min_score: float
     depth: int
-
-
-class _Excluded(NamedTuple):
-    """Excluded poses, near a pose (3,) relative to the centre: distance, m, and angle, rad."""
-
-    pose: Float64
-    distance: float
-    dyaw: float
+    excluded: Float64
+    excluded_m: float
+    excluded_rad: float
 
 
 @kernel
@@ -243,7 +233,7 @@ def _rotate(points: Float64, origin: Float64, centre: Float64, angle: float, cel
 
 @kernel
 def _branch_and_bound(
-    grid: LikelihoodGrid, points: Float64, search: _Search, excluded: _Excluded
+    grid: LikelihoodGrid, points: Float64, search: _Search
 ) -> tuple[Float64, float]:
     """Search blocks of shifts depth-first, the best block first, for each yaw."""
     levels, outside = grid.levels, grid.outside
@@ -294,10 +284,10 @@ def _branch_and_bound(
             if bound <= best:
                 continue
             if h == 0:
-                away, limit = excluded.pose, excluded.distance * abs(excluded.distance)
+                away, limit = search.excluded, search.excluded_m * abs(search.excluded_m)
                 dx, dy, dt = x * CELL - away[0], y * CELL - away[1], dyaw - away[2]
                 dt = np.arctan2(np.sin(dt), np.cos(dt))
-                if dx * dx + dy * dy <= limit and abs(dt) <= excluded.dyaw:
+                if dx * dx + dy * dy <= limit and abs(dt) <= search.excluded_rad:
                     continue
                 best, found = bound, True
                 result[0], result[1], result[2] = x * CELL, y * CELL, dyaw

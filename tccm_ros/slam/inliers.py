@@ -9,13 +9,11 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.records import Loop, RefusedSign
 from tccm_ros.slam.chain import KeyframeChain
-from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import wall_key
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.loops.consistency import select_loops
 from tccm_ros.slam.loops.matching import LoopReason, Proposal
-from tccm_ros.slam.signs.landmarks import FoundSign, Passes, find_signs, sign_factors
+from tccm_ros.slam.signs.landmarks import FoundSign, find_signs
 from tccm_ros.slam.signs.views import PictureView, SignView
 from tccm_ros.slam.walls.association import WallTable, associate_walls, min_confirmations
 from tccm_ros.slam.walls.corners import Corner, find_corners
@@ -57,10 +55,6 @@ class Inliers:
     observations: list[AnchoredObservation]
     signs: list[FoundSign]
     refused_signs: list[RefusedSign]
-
-    def sign_factors(self) -> list[Factor]:
-        """Return the factors of door signs, and of their incidence with walls of the graph."""
-        return sign_factors(self.signs, self.scale, {*map(wall_key, range(len(self.walls)))})
 
 
 def select_inliers(
@@ -106,8 +100,8 @@ def select_inliers(
     signs: list[FoundSign] = []
     refused: list[RefusedSign] = []
     if sign_views:
-        passes = Passes(graph.optimise(), keys, [k.session for k in chain.keyframes])
-        signs, refused = find_signs(sign_views, pictures, passes, checked.table)
+        without = graph.optimise()
+        signs, refused = find_signs(sign_views, pictures, without, chain, checked.table)
     return Inliers(
         poses, loops, records, checked.table, corners, scale, observations, signs, refused
     )

@@ -44,7 +44,7 @@ from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.odometry_front_end import OdometryFrontEnd
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2
-from tccm_ros.slam.signs.landmarks import sign_observations, sign_records
+from tccm_ros.slam.signs.landmarks import sign_factors, sign_observations, sign_records
 from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
@@ -484,7 +484,7 @@ class WallSlam:
             for f in self._between
             if not isinstance(f, BetweenViews) or {f.i, f.j} <= anchored.keys()
         ]
-        others = [*between_views, *used.sign_factors(), *seen.factors]
+        others = [*between_views, *sign_factors(used.signs, used.scale), *seen.factors]
         if uses_corners(self.config):
             others += corner_factors(used.corners, used.walls, keys, self.config)
         names = by_variables(anchors), by_variables(others, "beside")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records import SIGN, Landmark, RefusedSign, Sign, SignSighting
 from tccm_ros.signs.texts import vote
+from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
@@ -68,28 +68,11 @@ class FoundSign(SeenSign):
         return Key(landmark_class(SIGN).letter, self.id)
 
 
-class Passes(NamedTuple):
-    """Keyframes to which views are anchored.
-
-    Attributes
-    ----------
-    solution
-        Solution of the graph without signs.
-    keys
-        Variables of all keyframes.
-    sessions
-        Session numbers of all keyframes.
-    """
-
-    solution: GraphSolution
-    keys: Sequence[Key]
-    sessions: Sequence[int]
-
-
 def find_signs(
     views: Sequence[SignView],
     pictures: Sequence[PictureView],
-    passes: Passes,
+    solution: GraphSolution,
+    chain: KeyframeChain,
     walls: WallTable,
 ) -> tuple[list[FoundSign], list[RefusedSign]]:
     """Return the signs with enough views and not too many misses, by id.
@@ -102,20 +85,22 @@ def find_signs(
         Views in the order of the pictures, those of earlier sessions first.
     pictures
         Pictures searched in this session, in stamp order.
-    passes
-        The keyframes of the views.
+    solution
+        Solution of the graph without signs.
+    chain
+        Keyframes of all sessions.
     walls
         Walls of the map, with at least one observation each.
     """
     if not views:
         return [], []
-    solution, keys = passes.solution, passes.keys
+    keys, sessions = chain.keys, [chain.keyframes[v.anchored.keyframe].session for v in views]
     poses = solution.planar_poses(keys)
     cameras = camera_poses(views, poses)
     rays = rays_of(views, poses)
-    sightings = find_sightings(views, rays, [passes.sessions[v.anchored.keyframe] for v in views])
     signs = associate_signs(
-        sightings, lambda a, b, p: solution.relative_covariance(keys[a], keys[b], p)
+        find_sightings(views, rays, sessions),
+        lambda a, b, p: solution.relative_covariance(keys[a], keys[b], p),
     )
     ids = number_signs(signs, [v.sign for v in views])
     refused: list[RefusedSign] = []
@@ -198,7 +183,7 @@ def sign_observations(signs: Sequence[FoundSign]) -> list[AnchoredObservation]:
     return [view.observation(sign.id) for sign in signs for view in sign.views]
 
 
-def sign_factors(signs: Sequence[FoundSign], scale: float, walls: Collection[Key]) -> list[Factor]:
+def sign_factors(signs: Sequence[FoundSign], scale: float) -> list[Factor]:
     """Return the factors with start values of signs, and those of signs on walls.
 
     Parameters
@@ -207,14 +192,12 @@ def sign_factors(signs: Sequence[FoundSign], scale: float, walls: Collection[Key
         All signs.
     scale
         Factor by which the covariances of the graph's other factors are too large.
-    walls
-        Variables of the walls in the graph.
     """
     factors: list[Factor] = [SignStart(sign.key, sign.position) for sign in signs]
     factors += [
         SignOnWall(sign.key, wall_key(sign.wall), WALL_SIGMA / np.sqrt(scale))
         for sign in signs
-        if wall_key(sign.wall) in walls
+        if sign.wall >= 0
     ]
     return factors
 
@@ -246,10 +229,9 @@ def _record(sign: FoundSign, landmark: Landmark, solution: GraphSolution, whole:
     seen = [view.measurement for view in sign.views]
     number, confidence = vote([(m.number, m.confidence) for m in seen])
     text, _ = vote([(m.text, m.confidence) for m in seen if m.number == number])
-    wall = wall_key(sign.wall)
-    is_held = sign.wall >= 0 and solution.values.exists(wall.symbol)
+    is_held = sign.wall >= 0
     origin = np.asarray(sign.origins.mean(axis=0))
-    away = -solution.plane(wall)[:3] if is_held else origin - landmark.position
+    away = -solution.plane(wall_key(sign.wall))[:3] if is_held else origin - landmark.position
     return Sign(
         sign.id,
         text,

@@ -343,53 +343,35 @@ def _keep_compatible(
     wall: Int64, lines: range, segments: _Segments, pooled: Any, gates: _Gates
 ) -> None:
     """Mark with -2 the lines that are inconsistent with a common pose correction."""
-    J, r = np.zeros(3), 0.0
     s_d, s_a = gates.distance / JOINT_GATE_SIGMAS, gates.angle / JOINT_GATE_SIGMAS
-    for _ in lines:
-        H, g, total, used = np.zeros((3, 3)), np.zeros(3), 0.0, 0
-        H[0, 0] = H[1, 1] = 1.0 / (s_d * s_d)
-        H[2, 2] = 1.0 / (s_a * s_a)
-        for i in lines:
-            if wall[i] < 0:
-                continue
-            used += 1
-            for row in range(2):
-                r = _residual(row, segments, i, pooled[wall[i]], J)
-                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + segments.v_phi[i])
-                total += w * r * r
-                for a in range(3):
-                    g[a] += w * J[a] * r
-                    for b in range(3):
-                        H[a, b] += w * J[a] * J[b]
-        x = np.linalg.solve(H, g)
-        joint = total - (g[0] * x[0] + g[1] * x[1] + g[2] * x[2])
-        if used == 0 or joint <= JOINT_CHI2_PER_LINE * used:
+    prior = np.diag(np.array([s_d, s_d, s_a]) ** -2.0)
+    while True:
+        used = np.array([i for i in lines if wall[i] >= 0])
+        # Offset and angle of each line, and their derivatives by the correction.
+        r, J, weights = (
+            np.zeros(2 * len(used)),
+            np.zeros((2 * len(used), 3)),
+            np.zeros(2 * len(used)),
+        )
+        for n, i in enumerate(used):
+            _residual(segments, i, pooled[wall[i]], r[2 * n : 2 * n + 2], J[2 * n : 2 * n + 2])
+            weights[2 * n], weights[2 * n + 1] = s_d**-2, 1.0 / (s_a * s_a + segments.v_phi[i])
+        W = np.ascontiguousarray((J * weights.reshape(-1, 1)).T)
+        g = W @ r
+        x = np.linalg.solve(prior + W @ J, g)
+        if (weights * r * r).sum() - g @ x <= JOINT_CHI2_PER_LINE * len(used):
             return
-        worst, where = -1.0, -1
-        for i in lines:
-            if wall[i] < 0:
-                continue
-            cost = 0.0
-            for row in range(2):
-                r = _residual(row, segments, i, pooled[wall[i]], J)
-                r -= J[0] * x[0] + J[1] * x[1] + J[2] * x[2]
-                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + segments.v_phi[i])
-                cost += w * r * r
-            if cost > worst:
-                worst, where = cost, i
-        wall[where] = -2
+        costs = (weights * (r - J @ x) ** 2).reshape(-1, 2).sum(axis=1)
+        wall[used[np.argmax(costs)]] = -2
 
 
 @kernel
-def _residual(row: int, segments: _Segments, i: int, w: Any, J: Float64) -> float:
-    """Return the residual of line i: offset (row 0) or angle (row 1); write its derivative J."""
+def _residual(segments: _Segments, i: int, w: Any, r: Float64, J: Float64) -> None:
+    """Write offset and angle of line i from a wall, (2,), and their derivatives, (2, 3)."""
     nx, ny = np.cos(w.phi), np.sin(w.phi)
-    if row == 1:
-        J[0], J[1], J[2] = 0.0, 0.0, 1.0
-        dphi = segments.phi[i] - w.phi
-        return np.arctan2(np.sin(dphi), np.cos(dphi))
     ends, centre = segments.ends[i], segments.centre[i]
     cx, cy = 0.5 * (ends[0, 0] + ends[1, 0]), 0.5 * (ends[0, 1] + ends[1, 1])
-    J[0], J[1] = nx, ny
-    J[2] = -nx * (cy - centre[1]) + ny * (cx - centre[0])
-    return nx * cx + ny * cy - w.rho
+    dphi = segments.phi[i] - w.phi
+    r[0], r[1] = nx * cx + ny * cy - w.rho, np.arctan2(np.sin(dphi), np.cos(dphi))
+    J[0, 0], J[0, 1] = nx, ny
+    J[0, 2], J[1, 2] = -nx * (cy - centre[1]) + ny * (cx - centre[0]), 1.0

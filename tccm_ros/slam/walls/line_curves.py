@@ -61,7 +61,8 @@ def curved_segments(beams: Float64, labels: Int32, max_gap: float, min_bend: flo
     for end in range(1, count + 1):
         costs[end] = np.inf
         for first in range(end - 1, max(end - 1 - MAX_RUN, -1), -1):
-            if first < end - 1 and _gap(points, starts[first + 1]) > max_gap:
+            next_start = starts[first + 1]
+            if first < end - 1 and _length(points[next_start - 1 : next_start + 1]) > max_gap:
                 break
             run = points[starts[first] : starts[end]]
             line, arc, curvature = _residuals(run)
@@ -101,13 +102,8 @@ def _variance(points: Float64, starts: Int64) -> float:
 
 
 @kernel
-def _gap(points: Float64, i: int) -> float:
-    """Return the distance of a point from the previous one."""
-    return np.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
-
-
-@kernel
 def _length(points: Float64) -> float:
+    """Return the distance of the last point from the first."""
     return np.hypot(points[-1, 0] - points[0, 0], points[-1, 1] - points[0, 1])
 
 

@@ -15,21 +15,15 @@ def line_covariance(lines: Lines, i: int, config: Config, roughness: float = 0.0
     Matching has used the same beams, so that the errors of both are correlated. Two estimates with
     unknown correlation are combined by covariance intersection with equal weights: the covariance
     of a line is doubled (``walls.discount``). The flatness of real walls is added: that of this
-    wall, `roughness` (m), or that of all (``walls.flatness``), whichever is larger.
-    """
-    discounted = lines.cov[i] * config.walls.discount
-    return discounted + _flatness_covariance(lines, i, max(config.walls.flatness, roughness) ** 2)
-
-
-def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:
-    """Return the covariance (2, 2) of (phi, rho) due to a wall's flatness of a `variance` (m2).
-
-    Over a segment of length L, a smooth deviation of one sigma shifts its centre by sigma and
-    rotates it by about sqrt(12) sigma / L.
+    wall, `roughness` (m), or that of all (``walls.flatness``), whichever is larger. Over a segment
+    of length L, a smooth deviation of one sigma shifts its centre by sigma and rotates it by about
+    sqrt(12) sigma / L.
     """
     a, b = lines.endpoints[i]
     length2 = float(np.sum((b - a) ** 2))
     tangent = np.array([-np.sin(lines.phi[i]), np.cos(lines.phi[i])])
     yc = float(tangent @ (0.5 * (a + b)))
+    variance = max(config.walls.flatness, roughness) ** 2
     v_phi = 12.0 * variance / max(length2, 1e-6)
-    return np.array([[v_phi, yc * v_phi], [yc * v_phi, variance + yc * yc * v_phi]])
+    flatness = np.array([[v_phi, yc * v_phi], [yc * v_phi, variance + yc * yc * v_phi]])
+    return lines.cov[i] * config.walls.discount + flatness

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tccm_ros.config import Config
 from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import PriorPose
@@ -10,7 +11,7 @@ from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.walls.association import WallTable
 from tccm_ros.slam.walls.landmarks import wall_records
-from tccm_ros.slam.walls.line_noise import _flatness_covariance
+from tccm_ros.slam.walls.line_noise import line_covariance
 from tccm_ros.slam.walls.lines import Lines
 
 
@@ -25,7 +26,7 @@ def line_of(ends):
 @pytest.mark.parametrize("length", [0.4, 2.0])
 def test_a_wall_that_is_not_flat_shifts_and_rotates_its_line(middle, length):
     """By one sigma, and by sqrt(12) sigma over the length; derivatives by moving the ends."""
-    sigma = 0.005
+    sigma = 0.02  # more than the flatness of all walls
     half = 0.5 * length * np.array([np.sin(0.4), -np.cos(0.4)])
     ends = np.array([middle - half, middle + half])
     phi, rho = line_of(ends)
@@ -36,7 +37,7 @@ def test_a_wall_that_is_not_flat_shifts_and_rotates_its_line(middle, length):
         step = 1e-6 * np.array(both)[:, None] * normal
         moves.append((line_of(ends + step) - line_of(ends - step)) / 2e-6)
     expected = sigma**2 * np.array(moves).T @ np.array(moves)
-    assert _flatness_covariance(lines, 0, sigma**2) == pytest.approx(expected, rel=1e-5)
+    assert line_covariance(lines, 0, Config(), sigma) == pytest.approx(expected, rel=1e-5)
 
 
 def test_pieces_are_landmarks_and_one_wall_in_the_result():

@@ -22,8 +22,7 @@ from tccm_ros.slam.base_attitude import LEVEL, Attitude, with_attitude
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.se2 import compose_se2, rotate_covariance
 from tccm_ros.slam.walls.association import GATE_CHI2, GATE_SIGMAS
-from tccm_ros.slam.walls.line_noise import line_covariance
-from tccm_ros.slam.walls.lines import Lines
+from tccm_ros.slam.walls.lines import Lines, line_covariance
 from tccm_ros.slam.walls.merging import MAX_DPHI
 
 INNOVATION_CHI2 = 13.8

@@ -15,8 +15,7 @@ import gtsam
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.factor import Factor, is_same
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.graph.assembly import add_factors, insert_poses
-from tccm_ros.slam.graph.pose_graph import GraphSolution, poses_of
+from tccm_ros.slam.graph.pose_graph import GraphSolution, add_factors, insert_poses, poses_of
 
 RELINEARIZE, WILDFIRE = 0.1, 1e-3
 """Thresholds of motion (m, rad) for relinearisation of a variable, and below which a change is not

@@ -6,7 +6,7 @@ function of its factors. The elimination ordering is GTSAM's default COLAMD, as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -16,11 +16,10 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from tccm_ros.arrays import Float64, Int64
-from tccm_ros.geometry import wrap_angle
+from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import PLANAR_ORDER, rotate_frame
-from tccm_ros.slam.graph.assembly import add_factors, insert_poses
 from tccm_ros.slam.graph.marginals import Information
 
 MAX_ITERATIONS = 50
@@ -223,3 +222,56 @@ def poses_of(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     R, t = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
     yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0]) - np.array([key.yaw_offset for key in keys])
     return np.column_stack([t[:, :2], wrap_angle(yaw)])
+
+
+def insert_poses(values: gtsam.Values, poses: Mapping[Key, Float64]) -> dict[Key, Float64]:
+    """Insert start values of poses; return them as T_map_frame float64 (4, 4).
+
+    Parameters
+    ----------
+    values
+        Values of a graph, without these variables.
+    poses
+        Poses in map, float64 (3,) of (x, y, yaw) or (4, 4).
+    """
+    starts = {key: spatial(pose) if np.ndim(pose) == 1 else pose for key, pose in poses.items()}
+    for key, T in starts.items():
+        values.insert(key.symbol, key.to_value(T))
+    return starts
+
+
+def add_factors(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    factors: Iterable[Factor],
+    pose_of: Callable[[Key], Float64],
+    is_known: Callable[[int], bool] = lambda symbol: False,
+) -> list[int]:
+    """Add factors; the first factor of a new landmark gives its start value.
+
+    Parameters
+    ----------
+    graph, values
+        Graph and start values to add to.
+    factors
+        New factors.
+    pose_of
+        Returns T_map_frame float64 (4, 4) of a pose variable.
+    is_known
+        Returns whether a variable, by its symbol, has a value outside `values`.
+
+    Returns
+    -------
+    list of int
+        The size of `graph` after each factor
+    """
+    ends = []
+    for factor in factors:
+        factor.add_to(graph)
+        ends.append(int(graph.size()))
+        landmark = factor.landmark
+        if landmark is None or values.exists(landmark.symbol) or is_known(landmark.symbol):
+            continue
+        for key, value in factor.initial(pose_of):
+            values.insert(key.symbol, value)
+    return ends

@@ -216,7 +216,7 @@ def _fit_sparse_normal(points: Float64, i: int, origin: Float64, normals: Float6
         # An edge of an occlusion, a mixed pixel and the background are in line with the laser.
         if abs((a[0] - origin[0]) * dy - (a[1] - origin[1]) * dx) < MIN_OFFSET * length:
             continue
-        _write_normal(points, i, origin, -dy / length, dx / length, normals)
+        write_normal(points, i, origin, -dy / length, dx / length, normals)
         return True
     return False
 
@@ -228,7 +228,7 @@ def _radius(spacing: float, times: int) -> float:
 
 
 @kernel
-def _write_normal(
+def write_normal(
     points: Float64, i: int, origin: Float64, nx: float, ny: float, normals: Float64
 ) -> None:
     """Write the unit normal of point i, oriented towards the laser."""
@@ -259,11 +259,23 @@ def _fit_normal(
             j += side
     if n < MIN_NEIGHBOURS:
         return False
+    thick, long, nx, ny = principal_axes(n, sx, sy, sxx, sxy, syy)
+    if thick > FLATNESS * FLATNESS * long:
+        return False
+    write_normal(points, i, origin, nx, ny, normals)
+    return True
+
+
+@kernel
+def principal_axes(
+    n: float, sx: float, sy: float, sxx: float, sxy: float, syy: float
+) -> tuple[float, float, float, float]:
+    """Return the variances across and along the line of n points, and its unit normal.
+
+    The arguments are the number of points, the sums of their coordinates, and those of products.
+    """
     sx, sy = sx / n, sy / n
     a, b, c = sxx / n - sx * sx, sxy / n - sx * sy, syy / n - sy * sy
-    mid, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
-    if mid - half > FLATNESS * FLATNESS * (mid + half):
-        return False
+    mid, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
     angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
-    _write_normal(points, i, origin, np.cos(angle), np.sin(angle), normals)
-    return True
+    return mid - half, mid + half, np.cos(angle), np.sin(angle)

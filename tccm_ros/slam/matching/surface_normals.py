@@ -14,7 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
 from tccm_ros.slam.matching.buckets import BUCKET, Buckets
-from tccm_ros.slam.matching.level_scan import FLATNESS
+from tccm_ros.slam.matching.level_scan import FLATNESS, principal_axes, write_normal
 
 RADIUS = 0.2
 """Radius of the neighbourhood, over all scans, for a missing normal, m (chosen)."""
@@ -119,8 +119,14 @@ def fit_missing_normals(
                         if dx * dx + dy * dy < RADIUS * RADIUS:
                             _count_in(moments[k], dx, dy)
     for k in range(len(points)):
-        if missing[k] and moments[k].n >= MIN_POINTS:
-            _fit(points[k], lasers[k], moments[k], normals[k], variances[k : k + 1])
+        m = moments[k]
+        if not missing[k] or m.n < MIN_POINTS:
+            continue
+        thick, long, nx, ny = principal_axes(m.n, m.x, m.y, m.xx, m.xy, m.yy)
+        if thick < long and thick <= FLATNESS * FLATNESS * long:
+            write_normal(points, k, lasers[k], nx, ny, normals)
+            # Variance of a line's direction: variance across over variance along.
+            variances[k] = max(thick, 0.0) / ((m.n - 2.0) * long)
 
 
 @kernel
@@ -132,25 +138,6 @@ def _count_in(m: Any, dx: float, dy: float) -> None:
     m.xx += dx * dx
     m.xy += dx * dy
     m.yy += dy * dy
-
-
-@kernel
-def _fit(point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64) -> None:
-    """Write the normal of flat moments, and its variance."""
-    n = m.n
-    sx, sy = m.x / n, m.y / n
-    a, b, c = m.xx / n - sx * sx, m.xy / n - sx * sy, m.yy / n - sy * sy
-    mid, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
-    thick, long = max(mid - half, 0.0), mid + half
-    if half == 0.0 or thick > FLATNESS * FLATNESS * long:
-        return
-    angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
-    nx, ny = np.cos(angle), np.sin(angle)
-    towards = nx * (laser[0] - point[0]) + ny * (laser[1] - point[1])
-    sign = 1.0 if towards > 0.0 else -1.0
-    normal[0], normal[1] = sign * nx, sign * ny
-    # Variance of a line's direction: variance across over variance along.
-    variance[0] = thick / ((n - 2.0) * long)
 
 
 @kernel

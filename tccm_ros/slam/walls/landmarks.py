@@ -16,8 +16,7 @@ from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.walls.association import WallTable
 from tccm_ros.slam.walls.corners import Corner, meeting_point
-from tccm_ros.slam.walls.line_noise import line_covariance
-from tccm_ros.slam.walls.lines import Lines
+from tccm_ros.slam.walls.lines import Lines, line_covariance
 
 MAX_SNAP = 0.3
 """Maximum distance (m) between the end of a wall and the corner that it is moved to (chosen)."""
@@ -118,5 +117,5 @@ def _optimised(table: WallTable, solution: GraphSolution) -> WallTable:
     planes = np.array([solution.plane(wall_key(w)) for w in range(len(table))]).reshape(-1, 4)
     phi = np.arctan2(planes[:, 1], planes[:, 0])
     tangent = np.stack([-np.sin(phi), np.cos(phi)], axis=1)
-    along = np.einsum("wek,wk->we", table.endpoints, tangent)
+    along = np.array([ends @ t for ends, t in zip(table.endpoints, tangent)]).reshape(-1, 2)
     return replace(table, phi=phi, rho=-planes[:, 3], extent=np.sort(along, axis=1))

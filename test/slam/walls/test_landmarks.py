@@ -11,8 +11,7 @@ from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.walls.association import WallTable
 from tccm_ros.slam.walls.landmarks import wall_records
-from tccm_ros.slam.walls.line_noise import line_covariance
-from tccm_ros.slam.walls.lines import Lines
+from tccm_ros.slam.walls.lines import Lines, line_covariance
 
 
 def line_of(ends):

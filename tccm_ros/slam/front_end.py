@@ -553,11 +553,7 @@ class FrontEnd:
         )
 
     def _align_near(
-        self,
-        scan: LevelScan,
-        centre: Float64,
-        prior: Prior,
-        window: tuple[float, float],
+        self, scan: LevelScan, centre: Float64, prior: Prior, window: tuple[float, float]
     ) -> Alignment:
         assert self._map is not None
         step = max(MIN_ANGLE_STEP, window[1] / MAX_ANGLE_STEPS)

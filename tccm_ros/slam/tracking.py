@@ -119,11 +119,7 @@ class Tracker:
     """
 
     def __init__(
-        self,
-        config: Config,
-        first_keyframe: tuple[int, int] = (0, 0),
-        *,
-        is_localised: bool = True,
+        self, config: Config, first_keyframe: tuple[int, int] = (0, 0), *, is_localised: bool = True
     ):
         self._config = config
         self._is_external = config.localisation.is_external

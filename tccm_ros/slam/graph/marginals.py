@@ -88,10 +88,7 @@ def _order(H: csc_matrix) -> Int64:
     """Return a fill-reducing elimination order, int64 (N,): minimum degree, by SuperLU."""
     try:
         factor = splu(
-            H,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            H, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
     except RuntimeError:
         raise RuntimeError("the graph does not determine all variables") from None

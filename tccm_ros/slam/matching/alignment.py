@@ -184,12 +184,7 @@ class _Equations(NamedTuple):
 
 @kernel
 def _align(
-    line_map: LineMap,
-    points: Float64,
-    normals: Float64,
-    start: Float64,
-    sigma: float,
-    prior: Prior,
+    line_map: LineMap, points: Float64, normals: Float64, start: Float64, sigma: float, prior: Prior
 ) -> tuple[Float64, Float64, float, float]:
     pose = start.copy()
     H, noise, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
@@ -337,14 +332,7 @@ def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:
 
 
 @kernel
-def _nearest(
-    line_map: LineMap,
-    x: float,
-    y: float,
-    nx: float,
-    ny: float,
-    radius: float,
-) -> int:
+def _nearest(line_map: LineMap, x: float, y: float, nx: float, ny: float, radius: float) -> int:
     """Return the nearest map point within `radius` on the same face of a wall, or -1."""
     origin, starts = line_map.buckets.origin, line_map.buckets.starts
     px, py = x - origin[0], y - origin[1]

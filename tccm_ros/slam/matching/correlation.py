@@ -126,12 +126,7 @@ def _score(level: UInt8, cells: Int32, dx: int, dy: int, outside: int) -> float:
 
 @kernel
 def _score_blocks(
-    level: UInt8,
-    cells: Int32,
-    half: int,
-    width: int,
-    outside: int,
-    totals: Int32,
+    level: UInt8, cells: Int32, half: int, width: int, outside: int, totals: Int32
 ) -> None:
     """Add the likelihoods of all points for all shifts -half + i width.
 

@@ -203,10 +203,7 @@ def sign_factors(signs: Sequence[FoundSign], scale: float) -> list[Factor]:
 
 
 def sign_records(
-    signs: Sequence[FoundSign],
-    landmarks: Sequence[Landmark],
-    solution: GraphSolution,
-    whole: Int64,
+    signs: Sequence[FoundSign], landmarks: Sequence[Landmark], solution: GraphSolution, whole: Int64
 ) -> tuple[Sign, ...]:
     """Return the optimised signs, by id.
 

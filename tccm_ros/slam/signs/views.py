@@ -57,8 +57,7 @@ class SignView:
         cov[3:, 3:] = self.bearing_sigma**2 * (np.eye(3) - np.outer(direction, direction))
         measured = np.concatenate([T[:3, 3], direction])
         return AnchoredObservation(
-            LandmarkObservation(self.measurement.stamp_ns, SIGN, sign, measured, cov),
-            self.anchored,
+            LandmarkObservation(self.measurement.stamp_ns, SIGN, sign, measured, cov), self.anchored
         )
 
 

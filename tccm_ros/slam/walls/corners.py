@@ -120,10 +120,7 @@ def uses_corners(config: Config) -> bool:
 
 
 def corner_factors(
-    corners: Sequence[Corner],
-    table: WallTable,
-    keys: Sequence[Key],
-    config: Config,
+    corners: Sequence[Corner], table: WallTable, keys: Sequence[Key], config: Config
 ) -> list[Factor]:
     """Return the factors that make each corner a common point of two walls.
 

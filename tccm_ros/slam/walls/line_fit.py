@@ -27,12 +27,7 @@ MIN_INCIDENCE = 0.15
 
 @kernel
 def fit_segments(
-    beams: Float64,
-    labels: Int32,
-    origin: Float64,
-    sigma: float,
-    min_points: int,
-    min_length: float,
+    beams: Float64, labels: Int32, origin: Float64, sigma: float, min_points: int, min_length: float
 ) -> Any:
     """Fit a segment to the points of each label, if it has enough points and length.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -281,11 +281,15 @@ class Simulation:
         bearings = laser.bearings
         center = np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], axis=-1)
         max_range = laser.range_max + 1.0
-        exact = self._distances(mount.frame, center, times, max_range)
-        rim = None
-        if laser.mixed > 0.0:
-            rays = rim_directions(bearings, laser.divergence, random)
-            rim = self._distances(mount.frame, rays, times, max_range)
+        scenes = self._scenes(mount.frame, times)
+        exact = _nearest(_cast(*scene, center, times, max_range) for scene in scenes)
+        if laser.mixed == 0.0:
+            return measure(laser, exact, None, random)
+        rays = rim_directions(bearings, laser.divergence, random)
+
+        def rim(beams: Int64) -> Float64:
+            return _nearest(_cast(*scene, rays, times, max_range, beams) for scene in scenes)
+
         return measure(laser, exact, rim, random)
 
     def _images(self, camera: DepthCamera, random: Generator) -> Iterator[Message]:
@@ -360,22 +364,25 @@ class Simulation:
         max_range
             Maximum range, m.
         """
-        casts = self._casts(frame, rays, times, max_range)
-        nearest: Float64 = np.minimum.reduce([cast.ranges for cast in casts])
-        return nearest
+        return _nearest(self._casts(frame, rays, times, max_range))
 
     def _casts(
         self, frame: str, rays: Float64, times: Float64, max_range: float
     ) -> Iterator[_Cast]:
         """Yield the rays cast into the world, and into each link of the robot that has a body."""
+        for scene in self._scenes(frame, times):
+            yield _cast(*scene, rays, times, max_range)
+
+    def _scenes(self, frame: str, times: Float64) -> list[tuple[FrozenScene, Float64]]:
+        """Return the world and each link of the robot that has a body, with T_scene_sensor."""
         T_base_sensor = self._link_poses(frame, times)
-        T_world_sensor = self.true_poses(times) @ T_base_sensor
-        yield _cast(self.scene, T_world_sensor, rays, times, max_range)
+        scenes = [(self.scene, self.true_poses(times) @ T_base_sensor)]
         for link, body in self._bodies.items():
             T_link_sensor = T_base_sensor
             if link != self.rig.base:
                 T_link_sensor = invert(self._link_poses(link, times)) @ T_base_sensor
-            yield _cast(body, T_link_sensor, rays, times, max_range)
+            scenes.append((body, T_link_sensor))
+        return scenes
 
 
 class _Cast(NamedTuple):
@@ -392,15 +399,27 @@ class _Cast(NamedTuple):
         return self.scene.cosines(self.origins, self.directions, self.ranges, self.codes)
 
 
+def _nearest(casts: Iterable[_Cast]) -> Float64:
+    """Return the distances to the nearest scene along the same rays, float64 (B,), m."""
+    nearest: Float64 = np.minimum.reduce([cast.ranges for cast in casts])
+    return nearest
+
+
 def _cast(
-    scene: FrozenScene, T_scene_sensor: Float64, rays: Float64, times: Float64, max_range: float
+    scene: FrozenScene,
+    T_scene_sensor: Float64,
+    rays: Float64,
+    times: Float64,
+    max_range: float,
+    chosen: Int64 | slice = slice(None),
 ) -> _Cast:
-    """Cast rays (B, 3) of a sensor's frame, as in `_distances`."""
-    by_pose = rays.reshape(len(times), -1, 3)
+    """Cast rays (B, 3) of a sensor's frame, as in `_distances`; those of the chosen times."""
+    interval, by_pose = (float(times[0]), float(times[-1])), rays.reshape(len(times), -1, 3)
+    T_scene_sensor, by_pose, times = T_scene_sensor[chosen], by_pose[chosen], times[chosen]
     directions = np.einsum("tij,tbj->tbi", T_scene_sensor[:, :3, :3], by_pose).reshape(-1, 3)
     repeats = by_pose.shape[1]
     origins = np.repeat(T_scene_sensor[:, :3, 3], repeats, axis=0)
-    hits = scene.cast(origins, directions, np.repeat(times, repeats), max_range)
+    hits = scene.cast(origins, directions, np.repeat(times, repeats), max_range, interval)
     return _Cast(scene, origins, directions, *hits)
 
 

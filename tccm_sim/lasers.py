@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
 
-from tccm_ros.arrays import Float32, Float64
+from tccm_ros.arrays import Float32, Float64, Int64
 
 EDGE = 0.05
 """Minimum difference of ranges at the beam's centre and rim on an edge, m. Chosen: lasers return
@@ -94,7 +95,9 @@ def rim_directions(bearings: Float64, divergence: float, random: Generator) -> F
     )
 
 
-def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator) -> Float32:
+def measure(
+    laser: Laser, exact: Float64, rim: Callable[[Int64], Float64] | None, random: Generator
+) -> Float32:
     """Return the ranges that a laser reports.
 
     Parameters
@@ -104,7 +107,8 @@ def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator
     exact
         float64 (B,), distance along the beam's centre, m; +inf without a hit.
     rim
-        float64 (B,), distance along a ray at the beam's rim; None without mixed pixels.
+        Returns the distance along a ray at the rim of each of some beams, by their indices, m;
+        None without mixed pixels.
     random
         Random generator of noise; the number of draws does not depend on the ranges.
 
@@ -118,10 +122,11 @@ def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator
     failure = random.random(count)
     ranges = exact.copy()
     if rim is not None:
-        both = np.isfinite(exact) & np.isfinite(rim)
-        difference = np.abs(np.where(both, exact, 0.0) - np.where(both, rim, 0.0))
-        on_edge = (difference > EDGE) & (chance < laser.mixed)
-        ranges[on_edge] = (blend * exact + (1.0 - blend) * rim)[on_edge]
+        mixed = np.flatnonzero((chance < laser.mixed) & np.isfinite(exact))
+        near, beyond = exact[mixed], rim(mixed)
+        on_edge = np.isfinite(beyond) & (np.abs(near - beyond) > EDGE)
+        mixed, near, beyond = mixed[on_edge], near[on_edge], beyond[on_edge]
+        ranges[mixed] = blend[mixed] * near + (1.0 - blend[mixed]) * beyond
     ranges += laser.sigma * noise
     if laser.quantum > 0.0:
         ranges = np.round(ranges / laser.quantum) * laser.quantum

@@ -79,68 +79,83 @@ class Grid(NamedTuple):
     everywhere: Int64
 
 
-@kernel
-def _hit_box(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
-    """Return (distance, face) at which a ray in the box's frame enters it; (-1, 0) if it misses."""
-    near, far, face = -np.inf, np.inf, 0
+@kernel(inline="always", error_model="numpy")
+def _hit_box(
+    R: Float64, half: Float64, i: int, x: float, y: float, z: float, u: float, v: float, w: float,
+    best: float,
+) -> tuple[float, int, float]:  # fmt: skip
+    """Return (distance, face, cosine) at which a ray enters box i; (-1, 0, 0) if not before best.
+
+    The ray is in the world's axes: its start (x, y, z) from the box's centre, and its direction
+    (u, v, w).
+    """
+    near, far, face, cosine = -np.inf, np.inf, 0, 0.0
     for k in range(3):
-        if abs(d[k]) < 1e-12:
-            if abs(o[k]) > half[k]:
-                return -1.0, 0
+        o = R[i, k, 0] * x + R[i, k, 1] * y + R[i, k, 2] * z
+        d = R[i, k, 0] * u + R[i, k, 1] * v + R[i, k, 2] * w
+        if abs(d) < 1e-12:
+            if abs(o) > half[i, k]:
+                near = np.inf
             continue
-        sign = 1.0 if d[k] > 0.0 else -1.0
-        first, last = (-sign * half[k] - o[k]) / d[k], (sign * half[k] - o[k]) / d[k]
+        sign = 1.0 if d > 0.0 else -1.0
+        first, last = (-sign * half[i, k] - o) / d, (sign * half[i, k] - o) / d
         if first > near:
-            near, face = first, 2 * k + (0 if sign > 0.0 else 1)
+            near, face, cosine = first, 2 * k + (0 if sign > 0.0 else 1), abs(d)
         far = min(far, last)
-        if near > far:
-            return -1.0, 0
-    return near, face
+        if near > far or near >= best or far < 0.0:
+            break
+    if near > far or near >= best:
+        return -1.0, 0, 0.0
+    return near, face, cosine
 
 
-@kernel
-def _hit_cylinder(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
-    """Return (distance, face) at which a ray enters the cylinder, in its frame; (-1, 0) if not."""
-    radius, height = half[0], half[2]
-    if abs(d[2]) > 1e-12:
-        sign = 1.0 if d[2] > 0.0 else -1.0
-        t = (-sign * height - o[2]) / d[2]
-        x, y = o[0] + t * d[0], o[1] + t * d[1]
-        if t > 0.0 and x * x + y * y <= radius * radius:
-            return t, 4 if sign > 0.0 else 5
-    a = d[0] * d[0] + d[1] * d[1]
-    b = o[0] * d[0] + o[1] * d[1]
-    c = o[0] * o[0] + o[1] * o[1] - radius * radius
+@kernel(inline="always", error_model="numpy")
+def _hit_cylinder(
+    R: Float64, half: Float64, i: int, x: float, y: float, z: float, u: float, v: float, w: float
+) -> tuple[float, int, float]:  # fmt: skip
+    """Return (distance, face, cosine) at which a ray enters cylinder i, as `_hit_box`."""
+    radius, height = half[i, 0], half[i, 2]
+    ox = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * z
+    oy = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * z
+    oz = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * z
+    dx = R[i, 0, 0] * u + R[i, 0, 1] * v + R[i, 0, 2] * w
+    dy = R[i, 1, 0] * u + R[i, 1, 1] * v + R[i, 1, 2] * w
+    dz = R[i, 2, 0] * u + R[i, 2, 1] * v + R[i, 2, 2] * w
+    if abs(dz) > 1e-12:
+        sign = 1.0 if dz > 0.0 else -1.0
+        t = (-sign * height - oz) / dz
+        at_x, at_y = ox + t * dx, oy + t * dy
+        if t > 0.0 and at_x * at_x + at_y * at_y <= radius * radius:
+            return t, 4 if sign > 0.0 else 5, abs(dz)
+    a = dx * dx + dy * dy
+    b = ox * dx + oy * dy
+    c = ox * ox + oy * oy - radius * radius
     root = b * b - a * c
     if a < 1e-18 or root <= 0.0:
-        return -1.0, 0
+        return -1.0, 0, 0.0
     t = (-b - np.sqrt(root)) / a
-    if abs(o[2] + t * d[2]) > height:
-        return -1.0, 0
-    return t, 0
+    if abs(oz + t * dz) > height:
+        return -1.0, 0, 0.0
+    return t, 0, abs(dx)
 
 
-@kernel(inline="always")
+@kernel(inline="always", error_model="numpy")
 def _try_solids(
-    items: Int64,
-    solids: Solids,
-    origin: Float64,
-    direction: Float64,
-    time: float,
-    best: float,
-    code: int,
-    scratch: Float64,
-) -> tuple[float, int]:
-    """Return the nearest (distance, code) of a ray's hits on some solids and the nearest so far."""
-    o, d, offset = scratch[0], scratch[1], scratch[2]
-    for i in items:
-        if solids.kind[i] == ABSENT:
+    items: Int64, start: int, end: int, solids: Solids, tested: Int64, b: int, x: float, y: float,
+    z: float, u: float, v: float, w: float, time: float, best: float, code: int,
+) -> tuple[float, int]:  # fmt: skip
+    """Return the nearest (distance, code) of the hits of ray b on some solids and the nearest so
+    far; a solid that this ray was tested for is in `tested`."""
+    for k in range(start, end):
+        i = items[k]
+        if solids.kind[i] == ABSENT or tested[i] == b:
             continue
-        along, square = 0.0, 0.0
-        for m in range(3):
-            offset[m] = origin[m] - solids.center[i, m] - time * solids.velocity[i, m]
-            along -= offset[m] * direction[m]
-            square += offset[m] * offset[m]
+        tested[i] = b
+        x0 = x - solids.center[i, 0] - time * solids.velocity[i, 0]
+        y0 = y - solids.center[i, 1] - time * solids.velocity[i, 1]
+        z0 = z - solids.center[i, 2] - time * solids.velocity[i, 2]
+        along = -x0 * u - y0 * v - z0 * w
+        square = x0 * x0 + y0 * y0 + z0 * z0
         radius = solids.radius[i]
         if (
             square - along * along > radius * radius
@@ -148,75 +163,22 @@ def _try_solids(
             or along - radius > best
         ):
             continue  # the ray misses the bounding sphere
-        for k in range(3):
-            o[k], d[k] = 0.0, 0.0
-            for m in range(3):
-                o[k] += solids.R_solid_world[i, k, m] * offset[m]
-                d[k] += solids.R_solid_world[i, k, m] * direction[m]
         if solids.kind[i] == BOX:
-            t, face = _hit_box(o, d, solids.half[i])
+            t, face, cosine = _hit_box(
+                solids.R_solid_world, solids.half, i, x0, y0, z0, u, v, w, best
+            )
         else:
-            t, face = _hit_cylinder(o, d, solids.half[i])
-        if solids.glass[i] and abs(d[face // 2]) < GLASS_COSINE:
+            t, face, cosine = _hit_cylinder(
+                solids.R_solid_world, solids.half, i, x0, y0, z0, u, v, w
+            )
+        if solids.glass[i] and cosine < GLASS_COSINE:
             continue
         if NEAREST < t < best:
             best, code = t, i * FACES + face
     return best, code
 
 
-@kernel(inline="always")
-def _walk(
-    solids: Solids,
-    grid: Grid,
-    origin: Float64,
-    direction: Float64,
-    time: float,
-    best: float,
-    code: int,
-    scratch: Float64,
-) -> tuple[float, int]:
-    """Test the solids of the cells along a ray until no nearer hit is possible."""
-    size = (grid.nx, grid.ny)
-    enter, leave = 0.0, best
-    for k in range(2):  # clip the ray to the grid
-        o, d = origin[k] - grid.origin[k], direction[k]
-        width = size[k] * grid.cell
-        if abs(d) < 1e-12:
-            if o < 0.0 or o > width:
-                return best, code
-            continue
-        t0, t1 = -o / d, (width - o) / d
-        enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
-    if enter > leave:
-        return best, code
-    i = min(
-        max(int((origin[0] + enter * direction[0] - grid.origin[0]) / grid.cell), 0), grid.nx - 1
-    )
-    j = min(
-        max(int((origin[1] + enter * direction[1] - grid.origin[1]) / grid.cell), 0), grid.ny - 1
-    )
-    while 0 <= i < grid.nx and 0 <= j < grid.ny and enter <= best:
-        c = i * grid.ny + j
-        items = grid.items[grid.start[c] : grid.start[c + 1]]
-        best, code = _try_solids(items, solids, origin, direction, time, best, code, scratch)
-        tx = ty = np.inf
-        if abs(direction[0]) >= 1e-12:
-            edge = grid.origin[0] + (i + (1 if direction[0] > 0.0 else 0)) * grid.cell
-            tx = (edge - origin[0]) / direction[0]
-        if abs(direction[1]) >= 1e-12:
-            edge = grid.origin[1] + (j + (1 if direction[1] > 0.0 else 0)) * grid.cell
-            ty = (edge - origin[1]) / direction[1]
-        if tx == np.inf and ty == np.inf:
-            break
-        enter = min(tx, ty)
-        if tx <= ty:
-            i += 1 if direction[0] > 0.0 else -1
-        else:
-            j += 1 if direction[1] > 0.0 else -1
-    return best, code
-
-
-@kernel
+@kernel(error_model="numpy")
 def cast(
     solids: Solids,
     grid: Grid,
@@ -246,11 +208,49 @@ def cast(
         int64 (B,): FACES * solid + face, or -1.
     """
     ranges, codes = np.empty(len(origins)), np.empty(len(origins), np.int64)
-    scratch = np.empty((3, 3))
+    tested = np.full(len(solids.kind), -1)
+    everywhere, n_everywhere = grid.everywhere, len(grid.everywhere)
     for b in range(len(origins)):
-        o, d, time = origins[b], directions[b], times[b]
-        best, code = _try_solids(grid.everywhere, solids, o, d, time, max_range, -1, scratch)
-        best, code = _walk(solids, grid, o, d, time, best, code, scratch)
+        x, y, z = origins[b, 0], origins[b, 1], origins[b, 2]
+        u, v, w = directions[b, 0], directions[b, 1], directions[b, 2]
+        best, code = _try_solids(
+            everywhere, 0, n_everywhere, solids, tested, b, x, y, z, u, v, w, times[b], max_range,
+            -1,
+        )  # fmt: skip
+        enter, leave = 0.0, best if len(grid.items) else -1.0
+        for k in range(2):  # clip the ray to the grid
+            o, d = (x, u) if k == 0 else (y, v)
+            o -= grid.origin[k]
+            width = (grid.nx if k == 0 else grid.ny) * grid.cell
+            if abs(d) < 1e-12:
+                if o < 0.0 or o > width:
+                    leave = -1.0
+                continue
+            t0, t1 = -o / d, (width - o) / d
+            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+        if enter <= leave:
+            i = min(max(int((x + enter * u - grid.origin[0]) / grid.cell), 0), grid.nx - 1)
+            j = min(max(int((y + enter * v - grid.origin[1]) / grid.cell), 0), grid.ny - 1)
+            while 0 <= i < grid.nx and 0 <= j < grid.ny and enter <= best:
+                c = i * grid.ny + j
+                best, code = _try_solids(
+                    grid.items, grid.start[c], grid.start[c + 1], solids, tested, b, x, y, z, u, v,
+                    w, times[b], best, code,
+                )  # fmt: skip
+                tx = ty = np.inf
+                if abs(u) >= 1e-12:
+                    edge = grid.origin[0] + (i + (1 if u > 0.0 else 0)) * grid.cell
+                    tx = (edge - x) / u
+                if abs(v) >= 1e-12:
+                    edge = grid.origin[1] + (j + (1 if v > 0.0 else 0)) * grid.cell
+                    ty = (edge - y) / v
+                if tx == np.inf and ty == np.inf:
+                    break
+                enter = min(tx, ty)
+                if tx <= ty:
+                    i += 1 if u > 0.0 else -1
+                else:
+                    j += 1 if v > 0.0 else -1
         ranges[b] = best if code >= 0 else np.inf
         codes[b] = code
     return ranges, codes

@@ -356,10 +356,9 @@ class FrozenScene:
         directions: Float64,
         times: Float64,
         max_range: float = 100.0,
+        interval: tuple[float, float] | None = None,
     ) -> tuple[Float64, Int64]:
         """Return exact ranges and codes of rays, each at its own time.
-
-        Solids move in straight lines from the first to the last of the times.
 
         Parameters
         ----------
@@ -369,14 +368,17 @@ class FrozenScene:
             float64 (B,), s in the world's time.
         max_range
             Maximum range, m.
+        interval
+            Times between which solids move in straight lines, s; by default the first and the last
+            of the rays.
 
         Returns
         -------
         ranges, codes
             As in `raycast.cast`.
         """
-        start = float(times[0])
-        self._move_solids(start, float(times[-1]))
+        start, end = interval or (float(times[0]), float(times[-1]))
+        self._move_solids(start, end)
         return raycast.cast(self._arrays, self._grid, origins, directions, times - start, max_range)
 
     def cosines(self, origins: Float64, directions: Float64, ranges: Float64, codes: Int64) -> (

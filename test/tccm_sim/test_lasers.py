@@ -37,10 +37,10 @@ def test_ranges_beyond_the_limits_and_failures_are_marked():
 def test_mixed_pixels_are_between_both_ranges():
     laser = replace(BARE, sigma=0.0, mixed=0.5)
     near, far = np.full(MANY, 1.0), np.full(MANY, 2.0)
-    ranges = measure(laser, near, far, random())
+    ranges = measure(laser, near, far.__getitem__, random())
     between = (ranges > 1.001) & (ranges < 1.999)
     assert between.mean() == pytest.approx(0.5, abs=0.02)
-    assert measure(laser, near, near + 0.01, random()) == pytest.approx(1.0)
+    assert measure(laser, near, (near + 0.01).__getitem__, random()) == pytest.approx(1.0)
 
 
 def test_rim_directions_are_at_the_divergence_from_the_beam():

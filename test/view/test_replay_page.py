@@ -20,6 +20,9 @@ BAG = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
 LOOK_S = 1.0
 """Period of the check that the replay still runs."""
 
+OFFER_NS = 2_000_000_000
+"""Time of the recording between two maps, ns: some before each gate."""
+
 
 class Gate:
     """A watcher that holds a replay at given times of its recording until they are passed."""
@@ -77,6 +80,7 @@ class Replay:
 @pytest.fixture(autouse=True)
 def _maps_at_once(monkeypatch):
     """A map whenever it is offered: a replay that is held offers none when its pause is over."""
+    monkeypatch.setattr("tccm_ros.replay.run.PROGRESS_STEP_NS", OFFER_NS)
     monkeypatch.setattr("tccm_ros.replay.unfinished_maps.MIN_PERIOD_S", 0.0)
     monkeypatch.setattr("tccm_ros.replay.unfinished_maps.MAX_FRACTION", 1.0)
 

@@ -231,26 +231,26 @@ def cast(
         if enter <= leave:
             i = min(max(int((x + enter * u - grid.origin[0]) / grid.cell), 0), grid.nx - 1)
             j = min(max(int((y + enter * v - grid.origin[1]) / grid.cell), 0), grid.ny - 1)
+            tx, ty = np.inf, np.inf
+            if abs(u) >= 1e-12:
+                tx = (grid.origin[0] + (i + (1 if u > 0.0 else 0)) * grid.cell - x) / u
+            if abs(v) >= 1e-12:
+                ty = (grid.origin[1] + (j + (1 if v > 0.0 else 0)) * grid.cell - y) / v
             while 0 <= i < grid.nx and 0 <= j < grid.ny and enter <= best:
                 c = i * grid.ny + j
                 best, code = _try_solids(
                     grid.items, grid.start[c], grid.start[c + 1], solids, tested, b, x, y, z, u, v,
                     w, times[b], best, code,
                 )  # fmt: skip
-                tx = ty = np.inf
-                if abs(u) >= 1e-12:
-                    edge = grid.origin[0] + (i + (1 if u > 0.0 else 0)) * grid.cell
-                    tx = (edge - x) / u
-                if abs(v) >= 1e-12:
-                    edge = grid.origin[1] + (j + (1 if v > 0.0 else 0)) * grid.cell
-                    ty = (edge - y) / v
-                if tx == np.inf and ty == np.inf:
-                    break
                 enter = min(tx, ty)
+                if enter == np.inf:
+                    break
                 if tx <= ty:
                     i += 1 if u > 0.0 else -1
+                    tx = (grid.origin[0] + (i + (1 if u > 0.0 else 0)) * grid.cell - x) / u
                 else:
                     j += 1 if v > 0.0 else -1
+                    ty = (grid.origin[1] + (j + (1 if v > 0.0 else 0)) * grid.cell - y) / v
         ranges[b] = best if code >= 0 else np.inf
         codes[b] = code
     return ranges, codes

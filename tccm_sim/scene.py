@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal, TypedDict, Unpack
 
@@ -38,9 +40,14 @@ class Motion:
     times: Float64
     offsets: Float64
 
+    @cached_property
+    def turns(self) -> bool:
+        """Whether it has a yaw."""
+        return bool(self.offsets[:, 3].any())
+
     def at(self, time: float) -> Float64:
         """Return the offset (x, y, z, yaw) at a time, float64 (4,), constant outside the keys."""
-        k = int(np.searchsorted(self.times, time, "right"))
+        k = bisect_right(self.times, time)
         if k == 0 or k == len(self.times):
             return self.offsets[max(k - 1, 0)]
         slope = (self.offsets[k] - self.offsets[k - 1]) / (self.times[k] - self.times[k - 1])
@@ -349,6 +356,7 @@ class FrozenScene:
             np.array([s.glass for s in solids]),
         )
         self._grid = _grid(solids)
+        self._interval = np.nan, np.nan
 
     def cast(
         self,
@@ -419,6 +427,9 @@ class FrozenScene:
 
     def _move_solids(self, start: float, end: float) -> None:
         """Write the poses of moving solids at `start`, and their velocities until `end`."""
+        if (start, end) == self._interval:
+            return
+        self._interval = start, end
         for i in self._moving:
             solid = self.solids[i]
             is_there = solid.span[0] <= start < solid.span[1]
@@ -430,8 +441,9 @@ class FrozenScene:
             later = solid.motion.at(end) if end > start else now
             self._arrays.center[i] = solid.T_world_solid[:3, 3] + now[:3]
             self._arrays.velocity[i] = (later[:3] - now[:3]) / max(end - start, 1e-9)
-            R_world_solid = rotation_rpy(0.0, 0.0, now[3]) @ solid.T_world_solid[:3, :3]
-            self._arrays.R_solid_world[i] = R_world_solid.T
+            if solid.motion.turns:
+                R_world_solid = rotation_rpy(0.0, 0.0, now[3]) @ solid.T_world_solid[:3, :3]
+                self._arrays.R_solid_world[i] = R_world_solid.T
 
 
 def _grid(solids: tuple[Solid, ...]) -> Grid:

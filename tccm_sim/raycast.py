@@ -144,8 +144,10 @@ def _try_solids(
     items: Int64, start: int, end: int, solids: Solids, tested: Int64, b: int, x: float, y: float,
     z: float, u: float, v: float, w: float, time: float, best: float, code: int,
 ) -> tuple[float, int]:  # fmt: skip
-    """Return the nearest (distance, code) of the hits of ray b on some solids and the nearest so
-    far; a solid that this ray was tested for is in `tested`."""
+    """Return the nearest (distance, code) of ray b's hits on some solids and the nearest so far.
+
+    Solids in several cells are tested once: `tested` has the last ray tested for each.
+    """
     for k in range(start, end):
         i = items[k]
         if solids.kind[i] == ABSENT or tested[i] == b:

@@ -221,26 +221,50 @@ def _displacement(target: Target, motion: Float64) -> float:
 def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> Float64:
     """Return the motion (3,) of the fit: edge points on the outline, no point outside it."""
     polygon = target.polygon
-    line = polygon.boundary
+    shapely.prepare(polygon)
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(polygon.boundary)]
+    sides = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     middle = np.asarray(polygon.centroid.coords)[0]
+    seen = np.concatenate([edge, points]) - middle
     # Rotation about the centroid, so that rotation and translation are independent.
     x0 = np.array([*(transform2(start, middle[None])[0] - middle), start[2]])
 
-    def back(x: Float64, seen: Float64) -> Float64:
+    def offsets(x: Float64) -> Float64:
+        """Return the vectors (N, 2) from the outline; 0 for points inside it, but the edge's."""
         c, s = np.cos(x[2]), np.sin(x[2])
-        R = np.array([[c, -s], [s, c]])
-        return np.asarray((seen - middle - x[:2]) @ R + middle)
+        back = (seen - x[:2]) @ np.array([[c, -s], [s, c]]) + middle
+        found = back - _nearest(sides, back)
+        found[len(edge) :][shapely.contains_xy(polygon, *back[len(edge) :].T)] = 0.0
+        return np.asarray(found)
 
     def residuals(x: Float64) -> Float64:
-        on = shapely.distance(line, shapely.points(back(x, edge)))
-        out = shapely.distance(polygon, shapely.points(back(x, points)))
-        return np.concatenate([on, out, LOOSE * x])
+        return np.concatenate([np.hypot(*offsets(x).T), LOOSE * x])
+
+    def jacobian(x: Float64) -> Float64:
+        vectors = offsets(x)
+        c, s = np.cos(x[2]), np.sin(x[2])
+        units = vectors / np.maximum(np.hypot(*vectors.T), 1e-12)[:, None]
+        by_yaw = (seen - x[:2]) @ np.array([[-s, -c], [c, -s]])
+        by_shift = -units @ np.array([[c, s], [-s, c]])
+        rows = np.column_stack([by_shift, np.einsum("ij,ij->i", units, by_yaw)])
+        return np.concatenate([rows, LOOSE * np.eye(3)])
 
     yaw_scale = 1e-6 if target.is_round else 1.0
     found = least_squares(
-        residuals, x0, loss="soft_l1", f_scale=0.02, x_scale=[1.0, 1.0, yaw_scale], max_nfev=40
-    )
+        residuals, x0, jacobian, loss="soft_l1", f_scale=0.02, x_scale=[1.0, 1.0, yaw_scale],
+        max_nfev=40,
+    )  # fmt: skip
     shift, yaw = found.x[:2], float(found.x[2])
     c, s = np.cos(yaw), np.sin(yaw)
     t = middle + shift - np.array([c * middle[0] - s * middle[1], s * middle[0] + c * middle[1]])
     return np.array([*t, yaw])
+
+
+def _nearest(sides: Float64, points: Float64) -> Float64:
+    """Return the nearest point (N, 2) to each of some points on segments (S, 2, 2)."""
+    starts, along = sides[:, 0], sides[:, 1] - sides[:, 0]
+    squares = np.maximum(np.einsum("si,si->s", along, along), 1e-24)
+    fractions = np.einsum("nsi,si->ns", points[:, None] - starts, along) / squares
+    feet = starts + np.clip(fractions, 0.0, 1.0)[..., None] * along
+    nearest = np.square(points[:, None] - feet).sum(axis=2).argmin(axis=1)
+    return np.asarray(feet[np.arange(len(points)), nearest])

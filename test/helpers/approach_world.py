@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -93,6 +94,22 @@ def circle(radius: float) -> Polygon:
     return Polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
+@cache
+def _cells(room: Polygon, legs: tuple[Polygon, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cells of a room's occupancy grid and its corner."""
+    low = np.floor(np.array(room.bounds[:2]) / CELL_M) * CELL_M - 0.5
+    high = np.array(room.bounds[2:]) + 0.5
+    width, height = np.ceil((high - low) / CELL_M).astype(int)
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    x, y = x * CELL_M + low[0], y * CELL_M + low[1]
+    cells = np.where(shapely.contains_xy(room, x, y), 0, -1).astype(np.int8)
+    points = shapely.points(x, y)
+    cells[shapely.distance(room.exterior, points) < 0.6 * CELL_M] = 100
+    for leg in legs:
+        cells[shapely.distance(leg, points) < 0.5 * CELL_M] = 100
+    return cells, low
+
+
 @dataclass
 class Flat:
     """A room with furniture, and its state when it was mapped.
@@ -138,17 +155,9 @@ class Flat:
 
     def grid(self) -> OccupancyGrid:
         """Return the occupancy grid of the level laser when the flat was mapped."""
-        low = np.floor(np.array(self.room.bounds[:2]) / CELL_M) * CELL_M - 0.5
-        high = np.array(self.room.bounds[2:]) + 0.5
-        width, height = np.ceil((high - low) / CELL_M).astype(int)
-        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        x, y = x * CELL_M + low[0], y * CELL_M + low[1]
-        cells = np.where(shapely.contains_xy(self.room, x, y), 0, -1).astype(np.int8)
-        points = shapely.points(x, y)
-        cells[shapely.distance(self.room.exterior, points) < 0.6 * CELL_M] = 100
-        for leg in (leg for p in [self.mapped, *self.mapped_others] for leg in p.legs):
-            cells[shapely.distance(leg, points) < 0.5 * CELL_M] = 100
-        return OccupancyGrid(cells, CELL_M, low)
+        legs = tuple(leg for p in [self.mapped, *self.mapped_others] for leg in p.legs)
+        cells, low = _cells(self.room, legs)
+        return OccupancyGrid(cells.copy(), CELL_M, low.copy())
 
     def solids(self, t: float) -> list[Polygon]:
         """Return the obstacles that the base must not touch, tops included: the robot is higher."""

@@ -69,11 +69,10 @@ def test_what_live_nodes_save_equals_the_files_of_a_replay(
     ros, session_files, tmp_path, bag, remap, config
 ):
     """With a robot for both nodes: in the walkthrough with detections, below."""
-    settings = read_config(config).model_copy(update={"sync_timeout": SYNC_S})
-    offline = session_files.once(
-        f"offline_{bag}_{config.stem if config else 'default'}",
-        lambda out: replay(BAGS / bag, out, settings, pictures=False, remap=remap),
-    )
+    offline = session_files.replayed(bag) if config is None else session_files.once(
+        f"offline_{bag}_{config.stem}",
+        lambda out: replay(BAGS / bag, out, read_config(config), pictures=False),
+    )  # fmt: skip
     words = [word for rule in remap for word in ("-r", rule)]
     words += [] if config is None else ["--params-file", str(config)]
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared=False, words=words)

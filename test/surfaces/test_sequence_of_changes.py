@@ -1,5 +1,8 @@
 """Two simulated rooms that change: each true event is told once, with its id, and no other."""
 
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from changing_rooms import (
@@ -22,6 +25,7 @@ from tccm_ros.scene.changes import MapChanges
 from tccm_ros.scene.live_objects import LiveObjects
 from tccm_ros.scene.planning_shapes import scene_shapes
 from tccm_ros.scene.published_scene import PublishedScene
+from tccm_ros.scene.scene import Scene
 from tccm_ros.scene.session_changes import scene_of
 from tccm_ros.slam.tracking import Tracker
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -41,10 +45,27 @@ def inputs(request, session_files):
     return slam_inputs(session_files.simulated(WORLD, seed=request.param))
 
 
+class Session(NamedTuple):
+    """The scenes after each tilt cycle, before a map is saved and after that, and the saved map."""
+
+    before: list[Scene]
+    after: list[Scene]
+    saved: Path
+
+
 @pytest.fixture(scope="module")
-def scenes(inputs):
+def session(inputs, tmp_path_factory):
+    half, slam = index_at(inputs, RESTART_S), SurfaceSlam(Config())
+    before = list(solved(inputs[:half], slam))
+    solution, saved = slam.solve(), tmp_path_factory.mktemp("saved") / "map.mcap"
+    save_map(saved, slam.saved(solution), solution, "map")
+    return Session(before, list(solved(inputs[half:], slam)), saved)
+
+
+@pytest.fixture
+def scenes(session):
     """The scenes after each tilt cycle."""
-    return list(solved(inputs, SurfaceSlam(Config())))
+    return [*session.before, *session.after]
 
 
 def test_every_true_event_is_told_once_and_no_other(scenes):
@@ -53,16 +74,12 @@ def test_every_true_event_is_told_once_and_no_other(scenes):
     assert_one_id_an_item(found)
 
 
-def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
-    half = index_at(inputs, RESTART_S)
-    slam = SurfaceSlam(Config())
-    found = told(solved(inputs[:half], slam), MapChanges())
-    solution = slam.solve()
-    save_map(tmp_path / "map.mcap", slam.saved(solution), solution, "map")
-    loaded = SurfaceSlam.from_saved(Config(), load_map(tmp_path / "map.mcap"))
+def test_the_same_events_are_told_after_save_restart_and_load(inputs, session):
+    found = told(session.before, MapChanges())
+    loaded = SurfaceSlam.from_saved(Config(), load_map(session.saved))
     changes = MapChanges(is_map_loaded=True)
     assert changes.note(scene_of(loaded.solve(), "map"), loaded.config.objects.agreeing_views) == []
-    found += told(solved(inputs[half:], loaded), changes)
+    found += told(solved(inputs[index_at(inputs, RESTART_S) :], loaded), changes)
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)
 

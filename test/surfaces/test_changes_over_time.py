@@ -22,12 +22,21 @@ PERSON = Screen(0.7, -0.9, 0.9, -0.2, 1.8)
 PLACES = [(0, 0, 0), (-0.4, 0.2, 0.0), (0.1, -0.5, 0.2), (-0.2, 0.6, -0.2), (0, 0, 0), (0.3, 0, 0)]
 
 
+@cache
+def view_of(boards, screens, k):
+    """Return the view of a room from one of the places, which depends on no other view."""
+    surface_map = SurfaceMap(Config())
+    for record in Room(boards, screens).look(PLACES[k], 10 * k + 10):
+        surface_map.add(record)
+    (view,) = surface_map.views
+    return view
+
+
 def look_at(rooms, *, saved_after=None):
     """Map a room that changes, from several poses; save and load after a view if asked."""
     surface_map = SurfaceMap(Config())
-    for k, (room, place) in enumerate(zip(rooms, PLACES, strict=False)):
-        for record in room.look(place, 10 * k + 10):
-            surface_map.add(record)
+    for k, room in enumerate(rooms):
+        surface_map.add_view(view_of(tuple(room.boards), tuple(room.screens), k))
         if k == saved_after:
             packed = pack_views(surface_map.views)
             surface_map = SurfaceMap(Config())

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.mapping.surface_message import HITS_CUBE
 from tccm_ros.racks.compartment import FaceState
-from tccm_ros.racks.faces import LOWEST
+from tccm_ros.racks.faces import lower_end
 from tccm_ros.tabletop.free_places import polygon_parts
 
 MIN_HEIGHT = 0.10
@@ -52,6 +53,10 @@ LEVELS = 4
 
 MIN_FRONT_CELLS = 3
 """Minimum number of hit cubes along the front of a board; chosen: fewer may be mixed pixels."""
+
+
+GRID = 1e-4
+"""Grid of outlines that nearly coincide, m: a numerical tolerance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,8 +127,8 @@ def ceilings(
     for board in sorted(boards, key=lambda b: (b.top, b.index)):
         part = _widest(left.intersection(board.outline))
         if _is_rectangular(part):
+            height, state = _lower_side(part, board, ends, half, origins)
             low, high = np.reshape(part.bounds, (2, 2))
-            height, state = _lower_side(low, high, board.top, ends, half, origins)
             if MIN_HEIGHT <= height <= MAX_HEIGHT:
                 yield Ceiling(low, high, height, state, board.index)
         if not part.is_empty:
@@ -135,9 +140,11 @@ def ceilings(
 
 def _widest(area: shapely.Geometry) -> shapely.Geometry:
     """Return the largest polygon of an area after an opening by `MIN_EXTENT`; empty without one."""
+    area = MultiPolygon(polygon_parts(area))
     opened = area.buffer(-0.5 * MIN_EXTENT, join_style="mitre")
     largest = max(polygon_parts(opened), key=lambda part: part.area, default=Polygon())
-    return largest.buffer(0.5 * MIN_EXTENT, join_style="mitre").intersection(area)
+    whole = largest.buffer(0.5 * MIN_EXTENT, join_style="mitre")
+    return shapely.intersection(whole, area, grid_size=GRID)
 
 
 def _is_rectangular(area: shapely.Geometry) -> bool:
@@ -146,12 +153,14 @@ def _is_rectangular(area: shapely.Geometry) -> bool:
 
 
 def _lower_side(
-    low: Float64, high: Float64, top: float, ends: Float64, half: Float64, origins: Float64
+    part: shapely.Geometry, board: BoardAbove, ends: Float64, half: Float64, origins: Float64
 ) -> tuple[float, FaceState]:
-    """Return height, m, and state of the underside of a board above.
+    """Return height, m, and state of the underside of a board over a part of the lower one.
 
-    It is measured by hits from below, else by the lower edge of the board's fronts, else unknown.
+    It is measured by hits from below, else by the lower end of its widest front, else unknown.
+    Beams pass below a front, which distinguishes it from a side or a back.
     """
+    (low, high), top = np.reshape(part.bounds, (2, 2)), board.top
     is_from_below = origins[:, 2] < ends[:, 2]
     inner = ((ends[:, :2] > low + INNER) & (ends[:, :2] < high - INNER)).all(axis=1)
     z = ends[:, 2]
@@ -159,20 +168,21 @@ def _lower_side(
     seen = z[inner & below & is_from_below & (half <= 0.5 * FLAT)]
     if len(seen) >= MIN_FRONT_CELLS**2:
         return float(np.median(seen)), FaceState.MEASURED
-    outer = ((ends[:, :2] > low - EDGE) & (ends[:, :2] < high + EDGE)).all(axis=1)
     fronts = []
-    for axis in range(2):
-        for edge in (low[axis], high[axis]):
-            on = outer & below & (np.abs(ends[:, axis] - edge) <= EDGE)
-            if not on.any():
-                continue
-            cells = np.floor(ends[on, 1 - axis] / HITS_CUBE).astype(np.int64)
-            of, which = np.unique(cells, return_inverse=True)
-            lowest = np.full(len(of), np.inf)
-            np.minimum.at(lowest, which, (z - half)[on])
-            lowest = lowest[lowest > top - 1.5 * MAX_BOARD]
-            if len(lowest) >= MIN_FRONT_CELLS:
-                fronts.append((len(lowest), float(np.quantile(lowest, LOWEST))))
+    for axis, edges in product(range(2), (low, high)):
+        middle, half_width = (0.5 * (low + high))[1 - axis], 0.5 * (high - low)[1 - axis] - INNER
+        shift = edges[axis], middle, 0.0
+        a, b = (p[:, [axis, 1 - axis, 2]] - shift for p in (origins, ends))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = a[:, 2] - a[:, 0] * (b[:, 2] - a[:, 2]) / (b[:, 0] - a[:, 0])
+        on = below & (np.abs(b[:, 0]) <= EDGE) & (np.abs(b[:, 1]) < half_width) & (crossing < top)
+        width = len(np.unique(np.floor(b[on, 1] / HITS_CUBE)))
+        if width < MIN_FRONT_CELLS:
+            continue
+        offset = float(np.median(b[on, 0]))
+        height = lower_end(on, b, a, half, offset, half_width, top - MAX_BOARD)
+        if height is not None:
+            fronts.append((width, height))
     if fronts:
         return max(fronts)[1], FaceState.MEASURED
     return top - MAX_BOARD, FaceState.UNKNOWN

@@ -5,40 +5,38 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import inverse, spatial, transform
 from tccm_ros.outlines.transformation import transform_outline
-from tccm_ros.racks.ceilings import MIN_FILLED, BoardAbove, Ceiling, ceilings
+from tccm_ros.racks.boards import (
+    NEAR_RACK,
+    board_frame,
+    board_outline,
+    completed_boards,
+    front_edge,
+    whole_boards,
+    with_seen_sides,
+)
+from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
 from tccm_ros.racks.faces import Face, SeenFace, look_at
 from tccm_ros.racks.hits import Hits, HitsInMap
 from tccm_ros.racks.open_parts import open_parts
 from tccm_ros.racks.seen_space import seen_space
 from tccm_ros.records import Surface
-from tccm_ros.tabletop.footprints import convex_hull, rectangle
-
-NEAR_RACK = 0.5
-"""Maximum distance of hits that are used for a rack, m; chosen: more than the space grid extends
-before the front."""
 
 MIN_FRONT = 0.3
 """Minimum fraction of a front that beams passed; chosen: a door may cover half of it."""
 
 FACE_MARGIN = 0.04
 """Faces are evaluated up to this distance from the boards, m: one cube of hits."""
-
-SAME_HEIGHT = 0.015
-"""Maximum difference in height of pieces of one board, m; chosen: boards of a rack differ by more.
-"""
 
 COMMON_FRONT = 0.8
 """Minimum common fraction of the extents of two boards along the front of a rack. Chosen: boards on
@@ -63,11 +61,14 @@ def find_compartments(
     boards = [surface for surface in surfaces if surface.label != "floor"]
     if not boards or not views:
         return ()
-    outlines = np.array([_outline(board) for board in boards], dtype=object)
+    outlines = np.array([board_outline(board) for board in boards], dtype=object)
     hits, every, found = HitsInMap(views), shapely.union_all(outlines), []
     for stack in _stacks(outlines):
         around = shapely.union_all(outlines[stack])
-        own, near = _whole([boards[k] for k in stack]), hits.near(around, NEAR_RACK)
+        own, near = (
+            completed_boards(whole_boards([boards[k] for k in stack])),
+            hits.near(around, NEAR_RACK),
+        )
         if not any(True for board in own for _ in _ceilings(board, own, near)):
             continue  # nothing is above, as with tables
         near = near.still_there()
@@ -81,10 +82,6 @@ def find_compartments(
     return tuple(sorted(found, key=lambda c: (c.rack, float(c.T_map_front[2, 3]), c.board)))
 
 
-def _outline(surface: Surface) -> shapely.Geometry:
-    return shapely.make_valid(Polygon(surface.boundary[:, :2]))
-
-
 def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
     """Return the sets of boards that are connected by overlaps seen from above, as indices."""
     n = len(outlines)
@@ -96,50 +93,21 @@ def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _whole(boards: Sequence[Surface]) -> list[Surface]:
-    """Return the boards with pieces of one board merged, under the id of the largest piece.
-
-    Pieces have equal heights and fill their bounding rectangle. Two merged pieces
-    may fill it together with a third one that neither of them does alone.
-    """
-    found = sorted(boards, key=lambda b: (-b.area, b.id))
-    while True:
-        for k, j in combinations(range(len(found)), 2):
-            merged = _merged(found[k], found[j])
-            if merged is not None:
-                found[k] = merged
-                del found[j]
-                break
-        else:
-            return found
-
-
-def _merged(board: Surface, other: Surface) -> Surface | None:
-    """Return two pieces as one board with the id of the first; None if they are two boards."""
-    if abs(board.height - other.height) > SAME_HEIGHT:
-        return None
-    both = np.concatenate([board.boundary, other.boundary])
-    hull = convex_hull(np.ascontiguousarray(both[:, :2]))
-    _, _, length, width, _ = rectangle(hull)
-    area = board.area + other.area
-    if area < MIN_FILLED * length * width:
-        return None
-    return replace(board, boundary=np.column_stack([hull, board.height_at(hull)]), area=area)
-
-
 def _over(
     board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
 ) -> Iterator[Compartment]:
     """Yield the compartments over a board; of those below no board the lowest."""
-    T_map_board, below_none = _frame(board), []
+    T_map_board, below_none = board_frame(board, stack), []
     for ceiling in _ceilings(board, stack, hits):
-        other = None if ceiling.above < 0 else stack[ceiling.above].id
+        above = [] if ceiling.above < 0 else [stack[ceiling.above]]
+        other = above[0].id if above else None
+        ceiling = with_seen_sides(ceiling, [board, *above], T_map_board)
         found = _compartment(board.id, other, T_map_board, ceiling, hits, views)
         if found is None:
             continue
-        upper = found.outline if other is None else _outline(stack[ceiling.above])
+        upper = None if other is None else stack[ceiling.above]
         walls = found.left, found.right, found.back
-        if FaceState.MEASURED in walls or _have_common_front(_outline(board), upper, found):
+        if FaceState.MEASURED in walls or _have_common_front(board, upper, found):
             if other is None:
                 below_none.append(found)
             else:
@@ -147,38 +115,31 @@ def _over(
     yield from sorted(below_none, key=lambda c: c.height)[:1]
 
 
-def _have_common_front(
-    board: shapely.Geometry, above: shapely.Geometry, found: Compartment
-) -> bool:
-    """Return whether a board and its ceiling, seen from above in map, have a common front edge.
+def _have_common_front(board: Surface, above: Surface | None, found: Compartment) -> bool:
+    """Return whether a board and its ceiling have a common front edge.
 
     Without a wall between them this distinguishes the boards of a rack on posts from a table with
     a seat below it.
     """
     T = inverse(found.T_map_front)
-    bounds = np.array([transform_outline(T, part).bounds for part in (board, above)])
-    (front, low), high = bounds[:, :2].T, bounds[:, 3]
+    outlines = board_outline(board), found.outline if above is None else board_outline(above)
+    low, high = np.array([transform_outline(T, part).bounds for part in outlines])[:, [1, 3]].T
     common = (high.min() - low.max()) / (high.max() - low.min())
-    return bool(common >= COMMON_FRONT and np.ptp(front) <= MAX_SETBACK)
+    fronts = [0.0 if one is None else front_edge(one, T) for one in (board, above)]
+    return bool(common >= COMMON_FRONT and np.ptp(fronts) <= MAX_SETBACK)
 
 
 def _ceilings(board: Surface, stack: Sequence[Surface], hits: Hits) -> Iterator[Ceiling]:
     """Yield the ceilings over the parts of a board, in its frame."""
-    T_board = inverse(_frame(board))
+    T_board = inverse(board_frame(board, stack))
     above = [
-        BoardAbove(transform_outline(T_board, _outline(other)), other.height - board.height, k)
+        BoardAbove(transform_outline(T_board, board_outline(other)), other.height - board.height, k)
         for k, other in enumerate(stack)
         if other.height > board.height
     ]
     ends, origins = transform(T_board, hits.ends), transform(T_board, hits.origins)
-    own = transform_outline(T_board, _outline(board))
+    own = transform_outline(T_board, board_outline(board))
     yield from ceilings(own, above, ends, hits.half, origins)
-
-
-def _frame(surface: Surface) -> Float64:
-    """Return the horizontal pose, float64 (4, 4), of a surface's minimum-area rectangle."""
-    x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
-    return spatial([x, y, yaw], surface.height_at(np.array([x, y])))
 
 
 def _compartment(

@@ -26,10 +26,6 @@ PASSED = 0.06
 STATE_FRACTION = 0.5
 """Minimum fraction of a face that is measured, or passed, for its state; chosen: most of it."""
 
-LOWEST = 0.1
-"""Quantile of the lower ends of hits that gives the lower end of a front: the last scan line on
-each part of it is at another height above it. Chosen: one in ten may be a mixed pixel."""
-
 MIN_COSINE = 0.3
 """Minimum cosine between a beam and a face's normal; chosen: 17 degrees of grazing angle."""
 
@@ -126,9 +122,66 @@ def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     if row is not None:
         columns, rows = np.floor((ends[inside, 1:] - corner) / size).astype(np.int64).T
         in_bar = (rows >= row) & (rows < row + 2) & ~measured[columns, row - 1]
-        bar = float(np.quantile((ends[:, 2] - hits.half)[inside][in_bar], LOWEST))
+        on[inside] = in_bar
+        end = lower_end(
+            on & inside, ends, origins, hits.half, offset, 0.5 * face.width, (row - 1) * size[1]
+        )
+        bar = np.inf if end is None else end
     below = measured[:, :row], passed[:, :row]
     return SeenFace(float(below[0].mean()), float(below[1].mean()), offset, bar)
+
+
+def lower_end(
+    on: Bool,
+    ends: Float64,
+    origins: Float64,
+    half: Float64,
+    offset: float,
+    half_width: float,
+    min_height: float,
+) -> float | None:
+    """Return the height of the lower end of a front: the one that the fewest beams contradict.
+
+    Beams that ended on the front contradict a lower end above them, beams that passed it one below
+    them. Errors of ranges are along the beams, so that heights are those at which beams cross the
+    front. Only an end of a beam from below may be on the lower side instead, and has its own.
+
+    Parameters
+    ----------
+    on
+        bool (M,), hits on the front; at least one.
+    ends, origins, half
+        Hits, float64 (M, 3), (M, 3) and (M,), in a frame whose x axis is the front's normal, and z
+        is up.
+    offset, half_width
+        x of the front, and its extent along y to either side of the origin, m.
+    min_height
+        Minimum height of a lower end where no beam is near it, m.
+
+    Returns
+    -------
+    Middle between the nearest beams, m; None if no beam passed below the front.
+    """
+    away = ends[:, 0] - offset
+    passed = (np.abs(away) > PASSED) & (away * (origins[:, 0] - offset) < 0.0)
+    chosen = on | passed
+    a, b, is_on = origins[chosen], ends[chosen], on[chosen]
+    z = b[:, 2] + np.where(is_on, -1.0, 1.0) * half[chosen]
+    part = (offset - a[:, 0]) / (b[:, 0] - a[:, 0])
+    is_crossing = ~is_on | (b[:, 2] < a[:, 2])
+    z = np.where(is_crossing, a[:, 2] + part * (z - a[:, 2]), z)
+    y = a[:, 1] + part * (b[:, 1] - a[:, 1])
+    middle = np.median(z[is_on])
+    lower = np.flatnonzero((z < middle) & (np.abs(y) < half_width))
+    lower = lower[np.argsort(z[lower], kind="stable")]
+    if is_on[lower].all():
+        return None
+    steps = np.where(is_on[lower], 1, -1)
+    contradicting = np.cumsum(np.append(0, steps))
+    best = np.flatnonzero(contradicting == contradicting.min())
+    heights = np.append(z[lower], middle)
+    high = float(heights[best[-1]])
+    return 0.5 * (max(float(heights[best[0] - 1]), min(high, min_height)) + high)
 
 
 def _bar(measured: Bool, passed: Bool) -> int | None:

@@ -17,8 +17,8 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import spatial, transform
+from tccm_ros.racks.boards import NEAR_RACK
 from tccm_ros.racks.compartment import SeenView
-from tccm_ros.racks.compartments import NEAR_RACK
 from tccm_ros.racks.hits import HitsInMap
 from tccm_ros.racks.seen_space import cell_middles, seen_cells
 from tccm_ros.records import Surface

@@ -239,12 +239,13 @@ class Doors(NamedTuple):
 
 DOOR_MIDDLE = 0.05
 """Maximum distance of the middle of a part from that of a door, m: only a part of it is before the
-compartment."""
+compartment. A part that is further from each leaf is none."""
 
 
 def open_doors(rack, compartments, T_map_world):
     """Return the counts of open doors: those whose middles are before the front."""
-    doors = [T_map_world @ s.T_world_solid for s in rack.world.scene.solids if s.name == "door"]
+    solids = [s for s in rack.world.scene.solids if s.name == "door"]
+    doors = [T_map_world @ s.T_world_solid for s in solids]
     found = true = false = 0
     for space in compartments:
         T = inverse(space.T_map_front)
@@ -253,12 +254,14 @@ def open_doors(rack, compartments, T_map_world):
             (x, y) for x, y, z in places
             if x < 0.0 and abs(y) < 0.5 * space.width and 0.0 < z < space.height
         ]  # fmt: skip
-        parts = [(T @ part.T_map_part)[:2, 3] for part in space.open_parts]
+        middles = np.array([part.T_map_part[:3, 3] for part in space.open_parts]).reshape(-1, 3)
+        parts = transform(T, middles)[:, :2]
         near = np.array([[np.hypot(*(a - b)) < DOOR_MIDDLE for b in before] for a in parts])
         near = near.reshape(len(parts), len(before))
         found += int(near.any(axis=0).sum())
         true += len(before)
-        false += int((~near.any(axis=1)).sum())
+        in_world = transform(inverse(T_map_world), middles)
+        false += int((~inside(solids, in_world, grown=DOOR_MIDDLE)).sum())
     return Doors(found, true, false)
 
 

@@ -23,10 +23,15 @@ def lower_side(z, x=(-0.5, 0.5), y=(-0.2, 0.2)):
 
 
 def front(top, thickness):
-    """Return hits of beams from above on the front of a board, one for each cube along it."""
+    """Return hits of beams from above on the front of a board, one for each cube along it, and of
+    as many beams that passed just below it."""
     x = np.arange(-0.48, 0.5, 0.04)
     ends = np.column_stack([x, np.full(len(x), -0.2), np.full(len(x), top - 0.5 * thickness)])
-    return ends, np.full(len(x), 0.5 * thickness), seen_from(0.0, -1.5, 1.2, len(x))
+    origins = seen_from(0.0, -1.5, 1.2, len(x))
+    passed = ends - [0.0, 0.0, 0.5 * thickness]
+    behind = origins + 1.2 * (passed - origins)
+    half = np.repeat([0.5 * thickness, 0.0], len(x))
+    return np.concatenate([ends, behind]), half, np.concatenate([origins, origins])
 
 
 def test_the_front_of_a_board_above_tells_its_lower_side():

@@ -1,11 +1,9 @@
 """Racks at random, mapped from a recording: their compartments against the solids."""
 
 from dataclasses import replace
-from itertools import permutations
 
 import numpy as np
 import pytest
-from outlined_surfaces import surface
 from random_racks import (
     cupboard_over_counter,
     cuts,
@@ -17,12 +15,11 @@ from random_racks import (
     seat_below_table,
     set_back_shelf,
 )
-from shapely import box
 from slam_run import drive, new_slam
 
 from tccm_ros.geometry import transform
 from tccm_ros.racks.compartment import FaceState
-from tccm_ros.racks.compartments import _whole, find_compartments
+from tccm_ros.racks.compartments import find_compartments
 from tccm_ros.scene.planning_shapes import Box, structure_shapes
 from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.stages import OptionalStages
@@ -80,34 +77,15 @@ def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
     solution = outcome.solution
     views = seen_views(outcome.slam.map.views, solution.view_poses.T_map_view)
     lowest = min(c.board for c in solution.compartments if c.board == c.rack)
-    cut = [p for s in solution.surfaces for p in ([s] if s.id == lowest else pieces(s))]
-    assert len(cut) > len(solution.surfaces)
-    found = find_compartments(cut, views)
-    assert len(found) == len(solution.compartments)
-    for one, other in zip(found, solution.compartments):
+    boards = [replace(s, edges=()) for s in solution.surfaces]
+    cut = [p for s in boards for p in ([s] if s.id == lowest else pieces(s))]
+    assert len(cut) > len(boards)
+    found, whole = find_compartments(cut, views), find_compartments(boards, views)
+    assert len(found) == len(whole) == len(solution.compartments)
+    for one, other in zip(found, whole):
         assert one.back == other.back
         assert abs(one.height - other.height) < 1e-6
         assert abs(one.width - other.width) < 1e-6
-
-
-def test_a_board_that_was_seen_in_three_pieces_is_one_in_any_order():
-    """The middle piece is the smallest: the outer ones fill too little of a board without it."""
-    spans = (0.0, 0.5), (0.85, 1.25), (0.5, 0.85)
-    cut = [surface(box(a, 0.0, b, 0.3), number=k) for k, (a, b) in enumerate(spans)]
-    for order in permutations(cut):
-        (whole,) = _whole(order)
-        assert whole.id == 0
-        assert whole.area == pytest.approx(1.25 * 0.3)
-        assert whole.boundary[:, 0].max() == pytest.approx(1.25)
-
-
-def test_boards_that_are_far_from_each_other_or_at_two_heights_stay_two():
-    whole, other = surface(box(0.0, 0.0, 0.5, 0.3), number=0), box(0.5, 0.0, 0.9, 0.3)
-    for board in (
-        surface(other, height=0.77, number=1),
-        surface(box(0.9, 0.0, 1.3, 0.3), number=1),
-    ):
-        assert _whole([board, whole]) == [whole, board]
 
 
 @pytest.mark.parametrize("seed", [5, 11, 18, 36])

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import spatial
 from tccm_ros.racks.compartment import FaceState, SeenView
-from tccm_ros.racks.faces import Face, look_at
+from tccm_ros.racks.faces import Face, look_at, lower_end
 from tccm_ros.racks.hits import HitsInMap
 from tccm_ros.records import ViewIntervals
 
@@ -67,7 +69,7 @@ def test_a_board_across_an_open_face_is_a_bar_with_its_lower_end():
     is_board = (GRID[:, 1] > 0.31) & (GRID[:, 1] < 0.36)
     face = seen(np.where(is_board, 2.0, 2.4))
     assert face.state == FaceState.OPEN
-    assert face.bar == pytest.approx(0.33)  # the lowest beam that ends on it
+    assert face.bar == pytest.approx(0.315)  # between the beams that end on it and pass below it
 
 
 def test_a_bar_is_found_although_nothing_above_it_is_in_view():
@@ -77,7 +79,7 @@ def test_a_bar_is_found_although_nothing_above_it_is_in_view():
     ends[GRID[:, 1] > 0.26] = np.inf
     face = seen(ends)
     assert face.state == FaceState.OPEN
-    assert face.bar == pytest.approx(0.24)  # the lowest beam that ends on it
+    assert face.bar == pytest.approx(0.225)  # between the beams that end on it and pass below it
     assert face.passed > 0.9
 
 
@@ -106,3 +108,35 @@ def test_free_columns_before_and_behind_a_face_on_the_way_of_a_beam_tell_that_it
     assert seen(nothing, ViewIntervals(1, "base", rows)).state == FaceState.OPEN
     before = rows[rows[:, 0] < 2.0]
     assert seen(nothing, ViewIntervals(1, "base", before)).state == FaceState.UNKNOWN
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 0.5))
+def test_the_lower_end_of_a_front_is_between_beams_that_end_on_it_and_pass_below_it(seed, height):
+    """Ranges have errors along the beams, and a tenth of the beams end on mixed pixels."""
+    rng = np.random.default_rng(seed)
+    crossing = np.column_stack(
+        [np.zeros(400), rng.uniform(-0.4, 0.4, 400), height + rng.uniform(-0.08, 0.03, 400)]
+    )
+    origins = np.array([1.2, 0.0, 1.4]) + rng.normal(0.0, 0.05, (400, 3))
+    on = crossing[:, 2] > height
+    ranges = np.where(on, 1.0 + rng.normal(0.0, 0.008, 400), rng.uniform(1.1, 1.3, 400))
+    mixed = ~on & (rng.random(400) < 0.1)
+    ranges[mixed], on[mixed] = 1.01, True
+    ends = origins + (crossing - origins) * ranges[:, None]
+    found = lower_end(on, ends, origins, np.zeros(400), 0.0, 0.5, height - 0.04)
+    assert abs(found - height) < 0.005
+
+
+def test_a_face_that_no_beam_passed_below_has_no_lower_end():
+    ends = np.column_stack([np.zeros(50), np.zeros(50), np.linspace(0.3, 0.4, 50)])
+    origins = np.repeat([[1.2, 0.0, 1.4]], 50, axis=0)
+    assert lower_end(np.ones(50, bool), ends, origins, np.zeros(50), 0.0, 0.5, 0.26) is None
+
+
+def test_an_end_of_a_beam_from_below_may_be_on_the_lower_side():
+    """Behind the front, it has the height of the lower side; its beam passed below the front."""
+    x, y = np.repeat([0.0, -0.03, -0.3], 20), np.tile(np.linspace(-0.3, 0.3, 20), 3)
+    ends = np.column_stack([x, y, np.repeat([0.305, 0.3, 0.3], 20)])
+    origins = np.repeat([[1.2, 0.0, -0.5]], 60, axis=0)
+    assert lower_end(x > -0.05, ends, origins, np.zeros(60), 0.0, 0.5, 0.29) == pytest.approx(0.295)

@@ -33,6 +33,9 @@ PARALLEL = 0.17
 """Maximum angle between edges of the boards of a rack, rad. Chosen: 10 degrees, more than a
 rectangle turns of which one short side was seen."""
 
+LONG = 10.0
+"""Longer than any board, m."""
+
 EDGE_SIGMAS = 3.0
 """Edges of boards nearer to each other than this multiple of their standard deviation are one side.
 Chosen: rejects 0.3 % of Gaussian errors."""
@@ -74,7 +77,7 @@ def completed_boards(boards: Sequence[Surface]) -> list[Surface]:
         for hidden in (edge for edge in board.edges if edge.state != EdgeState.SEEN):
             for other, edge in seen:
                 if _normal(edge) @ _normal(hidden) > math.cos(PARALLEL):
-                    area = _beside(hidden, NEAR_RACK).intersection(_beside(edge, -NEAR_RACK))
+                    area = _beside(hidden, NEAR_RACK).intersection(_beside(edge, -LONG))
                     more += polygon_parts(other.intersection(area))
         if more:
             whole = polygon_parts(shapely.union_all([outline, *more], grid_size=GRID))[0]

@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from outlined_surfaces import surface
-from shapely import Polygon, affinity, box
+from shapely import Point, Polygon, affinity, box
 
 from tccm_ros.racks.boards import board_frame, completed_boards, whole_boards, with_seen_sides
 from tccm_ros.racks.ceilings import Ceiling
@@ -69,6 +69,20 @@ def test_a_board_continues_beyond_a_hidden_edge_to_the_seen_edge_of_another_boar
     unseen = board_of(box(0.0, 0.0, 0.9, 0.34), 1, 0, 1, 2, 3)
     whole, _ = completed_boards([board_of(lower, 0, right, back), unseen])
     np.testing.assert_allclose(whole.boundary[:, :2].max(axis=0), (0.7, 0.30), atol=1e-3)
+
+
+def test_the_shadow_of_an_object_on_a_long_board_is_a_part_of_it():
+    """Its sides are further from the ends of the board than a board continues, and its lower edge is
+    the foot of the object, which was seen."""
+    upper = board_of(box(0.0, 0.0, 1.8, 0.34), 1)
+    shadow = box(0.3, 0.2, 0.5, 0.34)
+    lower = Polygon(box(0.0, 0.0, 1.8, 0.34) - shadow)
+    board = surface(lower, number=0)
+    inner = [k for k, p in enumerate(board.boundary) if shadow.buffer(0.01).contains(Point(p[:2]))]
+    hidden = [k for k in inner if (k + 1) % len(board.boundary) in inner and sides(board)[k] != 1]
+    whole, _ = completed_boards([board_of(lower, 0, *hidden), upper])
+    assert len(hidden) == 2
+    assert Polygon(whole.boundary[:, :2]).area == pytest.approx(1.8 * 0.34, abs=1e-3)
 
 
 def test_a_board_does_not_continue_past_the_seen_edge_to_what_stands_out_there():

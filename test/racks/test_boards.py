@@ -72,7 +72,7 @@ def test_a_board_continues_beyond_a_hidden_edge_to_the_seen_edge_of_another_boar
 
 
 def test_the_shadow_of_an_object_on_a_long_board_is_a_part_of_it():
-    """Its sides are further from the ends than a board continues; its edge at the object was seen."""
+    """Its sides are further from the ends than a board continues; its end there was seen."""
     upper = board_of(box(0.0, 0.0, 1.8, 0.34), 1)
     shadow = box(0.8, 0.2, 1.0, 0.34)
     lower = Polygon(box(0.0, 0.0, 1.8, 0.34) - shadow)

@@ -222,7 +222,7 @@ class FrontEnd:
     Attributes
     ----------
     config
-        Groups ``matching``, ``odometry`` and ``graph``.
+        Groups ``matching``, ``odometry``, ``graph`` and ``sensors``.
     first_id
         Id of the first keyframe of this session.
     session
@@ -552,6 +552,15 @@ class FrontEnd:
             max(matching.search_angle, min(MAX_WINDOW[1], WINDOW_SIGMAS * sigmas[2])),
         )
 
+    @property
+    def _weight_of_priors(self) -> float:
+        """Factor on priors in an alignment, which counts all beams of a scan as independent.
+
+        So are the ranges of a laser; the depths of an image have errors in common.
+        """
+        is_depth = self.config.sensors.level_from == "depth"
+        return self.config.matching.correlated_beams if is_depth else 1.0
+
     def _align_near(
         self, scan: LevelScan, centre: Float64, prior: Prior, window: tuple[float, float]
     ) -> Alignment:
@@ -568,7 +577,7 @@ class FrontEnd:
             scan.normals,
             start.pose if start.score > 0.0 else centre,
             self.config.matching.range_sigma,
-            prior,
+            Prior(prior.pose, self._weight_of_priors * prior.information),
         )
 
     def _search_wide(

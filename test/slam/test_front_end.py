@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.slam.front_end import FrontEnd, decayed, decaying_motion
+from tccm_ros.slam.matching.alignment import align
 from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.odometry_model import odometry_covariance
 
@@ -49,6 +50,27 @@ def test_a_robot_that_stands_before_a_pole_keeps_its_heading(seed):
     _, poses = follow(run)
     assert np.hypot(*poses.T[:2]).max() < 0.010
     assert np.abs(poses[:, 2]).max() < np.radians(0.2)
+
+
+@pytest.mark.parametrize(("source", "independent"), [("none", True), ("depth", False)])
+def test_depths_count_in_the_pose_for_what_they_count_in_its_covariance(source, independent):
+    """At the pose, the pulls of the match and of odometry, which errs by 3 cm, are equal."""
+    config = Config()
+    config.sensors.level_from = source
+    ends = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]])
+    room, exact = plan.box(-4.0, -3.0, 4.0, 3.0), {"drift": 0.0, "noise": (0.0, 0.0)}
+    run = plan.drive(room, ends, scale=1.15, beams=91, mount=(0, 0, 0), **exact)
+    front = FrontEnd(config)
+    for posed in run.scans:
+        scan = make_level_scan(posed, config)
+        front.add(scan)
+    prior, sigma = planar(run.scans[1].T_odom_base[0]), config.matching.range_sigma
+    match = align(front._map.lines, scan.points, scan.normals, front.pose, sigma)
+    used = config.matching.correlated_beams if independent else 1.0
+    pull = used * front._information @ (front.pose - match.pose)
+    by_odometry = np.linalg.solve(odometry_covariance(prior, config.odometry), prior - front.pose)
+    # Beams that choose other neighbours make the equations nonlinear; a wrong weight is fourfold.
+    assert pull[0] == pytest.approx(by_odometry[0], rel=0.25)
 
 
 @pytest.mark.parametrize("seed", [1, 3])

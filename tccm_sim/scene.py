@@ -19,7 +19,7 @@ from tccm_sim.rigid import rigid, rotation_rpy
 
 Vector = tuple[float, float, float]
 
-CELL = 0.5  # m, of the grid over x, y (chosen)
+CELL = 3.0  # m, of the grid over x, y (chosen: half the time of 0.5 m, as steps cost most)
 FEW = 32  # solids; below this number a grid does not pay (chosen)
 LARGE = 0.25  # fraction of the cells; larger solids are tested for every ray (chosen)
 

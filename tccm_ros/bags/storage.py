@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from io import BufferedReader, FileIO
 from pathlib import Path, PosixPath
 from typing import Any, BinaryIO, NamedTuple
@@ -176,6 +176,10 @@ def _text(stream: BinaryIO) -> str:
     return storage_mcap.read_bytes(stream).decode(errors="replace")
 
 
+KEPT_PROFILES = 256
+"""Number of texts of QoS profiles that are parsed once: topics share few, of 2 ms each (chosen)."""
+
+
 def _or_default(function: Callable[[Any], Any], default: Any) -> Callable[[Any], Any]:
     """Return a function that returns a default value if the given one raises."""
 
@@ -187,11 +191,11 @@ def _or_default(function: Callable[[Any], Any], default: Any) -> Callable[[Any],
     return tolerant
 
 
-_offered_qos = _or_default(parse_qos, [])
+_offered_qos = _or_default(lru_cache(KEPT_PROFILES)(parse_qos), [])
 
 vars(storage_mcap).update(  # the originals raise for schemas and profiles of other kinds
     read_string=_text,
-    get_qos=_or_default(storage_mcap.get_qos, []),
+    get_qos=_or_default(lru_cache(KEPT_PROFILES)(storage_mcap.get_qos), []),
     get_msgdef=_or_default(
         storage_mcap.get_msgdef, MessageDefinition(MessageDefinitionFormat.NONE, "")
     ),

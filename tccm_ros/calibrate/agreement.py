@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tccm_ros.calibrate.estimate import Estimate
 from tccm_ros.calibrate.observability import UNITS, columns
@@ -49,7 +49,7 @@ class ComparedQuantity:
     @property
     def probability(self) -> float:
         """Probability of at least this disagreement between recordings of one rig."""
-        return float(chi2.sf(self.chi_square, len(self.values) - 1))
+        return float(chdtrc(len(self.values) - 1, self.chi_square))
 
     def text(self) -> str:
         """Return a line with the smallest and the largest value, and their bags."""

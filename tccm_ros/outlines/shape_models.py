@@ -9,7 +9,8 @@ the gain in likelihood exceeds its cost.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -102,17 +103,21 @@ class StraightModel:
         float64 (E,), m.
     has_axes
         Whether all edges are parallel to two axes at a right angle.
+    along_wall
+        Whether one of these axes is parallel to a wall, so that it is no parameter.
     """
 
     shape: SurfaceShape
     normals: Float64
     offsets: Float64
     has_axes: bool
+    along_wall: bool = False
 
     @property
     def parameters(self) -> int:
-        """Number of parameters: an offset for each edge, and one or all directions."""
-        return len(self.offsets) + (1 if self.has_axes else len(self.offsets))
+        """Number of parameters: an offset for each edge, and the directions that are unknown."""
+        directions = 1 if self.has_axes else len(self.offsets)
+        return len(self.offsets) + (0 if self.along_wall else directions)
 
     def corners(self) -> Float64:
         """Return the corners (E, 2), corner k at the start of edge k; NaN if edges are parallel."""
@@ -170,7 +175,9 @@ class RoundModel:
 Model = StraightModel | RoundModel
 
 
-def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Model | None:
+def choose_model(
+    samples: OutlineSamples, outline: Polygon, yaws: Float64, wall_yaws: Float64
+) -> Model | None:
     """Return the model with the smallest criterion; None: the free outline.
 
     Parameters
@@ -180,12 +187,15 @@ def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Mo
     outline
         Area that the views cover, without its holes.
     yaws
-        float64 (Y,), candidate directions of edges, rad: of the outline itself, and of walls.
+        float64 (Y,), candidate directions of edges, rad.
+    wall_yaws
+        float64 (W,), directions of walls near the outline, rad: further candidates, which need no
+        estimation.
     """
     n = max(outline.exterior.length / CORRELATION, 2.0)
     free = len(outline.exterior.coords) - 1
     best, lowest = None, 2.0 * free * np.log(n)
-    for model in _models(samples, outline, yaws):
+    for model in _models(samples, outline, yaws, wall_yaws):
         polygon = model.polygon()
         if polygon is None:
             continue
@@ -196,14 +206,16 @@ def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Mo
     return best
 
 
-def _models(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Iterator[Model]:
+def _models(
+    samples: OutlineSamples, outline: Polygon, yaws: Float64, wall_yaws: Float64
+) -> Iterator[Model]:
     sigma = float(np.median(samples.sigma))
     whole = _from_far_corner(outline)
     simple = [whole.simplify(factor * sigma) for factor in (1.0, 2.0, 3.0)]
-    for yaw in yaws.tolist():
-        yield from _with_axes(samples, yaw)
-        for polygon in simple:
-            yield from _with_arms(samples, polygon, yaw)
+    for yaw in (*wall_yaws.tolist(), *yaws.tolist()):
+        found = [_with_axes(samples, yaw), *(_with_arms(samples, p, yaw) for p in simple)]
+        for model in chain.from_iterable(found):
+            yield replace(model, along_wall=yaw in wall_yaws)
     if samples.seen.mean() >= MAJORITY:  # unseen parts of a round outline are no prior knowledge
         yield from _round_models(outline)
     for polygon in simple:
@@ -227,23 +239,22 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
 def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
     """Yield the rectangles and the four Ls with axes at a yaw, rad.
 
-    An object may occlude more of an edge at one place than at another. So there are two rectangles:
-    an occluded edge is where most of its samples end, or at the last of them.
+    An object may occlude more of an edge at one place than at another, and oblique scan lines may
+    end at no sample that faces as the edge does. So there are two rectangles: an edge that was not
+    seen is where most of its samples end, or at the last sample of all.
     """
     angle = yaw + 0.5 * np.pi * np.arange(4)
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outer, inner, upper, last = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    for k, normal in enumerate(normals):
-        of_edge = samples.outward @ normal > FACING
-        if not of_edge.any():
-            return
-        across, seen = samples.points[of_edge] @ normal, samples.seen[of_edge]
-        outer[k] = _level(across, seen)
-        inner[k], upper[k] = _two_levels(across)
-        last[k] = outer[k] if seen.mean() >= MAJORITY else across.max()
+    across, of_edge = samples.points @ normals.T, samples.outward @ normals.T > FACING
+    last = across.max(axis=0)
+    outer, inner, upper = last.copy(), np.zeros(4), np.zeros(4)
+    for k in np.flatnonzero(of_edge.any(axis=0)).tolist():
+        own, seen = across[of_edge[:, k], k], samples.seen[of_edge[:, k]]
+        outer[k] = _level(own, seen)
+        inner[k], upper[k] = _two_levels(own)
+        last[k] = outer[k] if seen.mean() >= MAJORITY else last[k]
     yield StraightModel(SurfaceShape.RECTANGLE, normals, outer, True)
-    if (last > outer).any():
-        yield StraightModel(SurfaceShape.RECTANGLE, normals, last, True)
+    yield StraightModel(SurfaceShape.RECTANGLE, normals, last, True)
     for k in range(4):
         # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
         a, b, c, d = (np.arange(4) + k) % 4

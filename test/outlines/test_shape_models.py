@@ -40,7 +40,7 @@ def sampled(outline, sigma=0.012, hidden=None, rng=None):
 def chosen(outline, yaw=0.0, **kwargs):
     samples = sampled(outline, **kwargs)
     ragged = Polygon(samples.points)
-    return choose_model(samples, ragged, np.array([yaw]))
+    return choose_model(samples, ragged, np.array([yaw]), np.zeros(0))
 
 
 @settings(max_examples=20, deadline=None)
@@ -100,8 +100,28 @@ def test_a_model_does_not_cover_what_a_view_looked_through():
     samples = sampled(outline, hidden=NOTCH.buffer(0.02))
     x, y = np.meshgrid(np.arange(0.6, 1.2, 0.06), np.arange(0.4, 0.6, 0.06))
     through = samples._replace(through=np.column_stack([x.ravel(), y.ravel()]))
-    model = choose_model(through, outline, np.array([0.0]))
+    model = choose_model(through, outline, np.array([0.0]), np.zeros(0))
     assert model.shape is SurfaceShape.L
+
+
+def test_ends_of_oblique_scan_lines_make_no_polygon():
+    """Two lines cross a narrow ledge: their ends face no end of the ledge, which no view saw."""
+    ledge = box(0.0, 0.0, 0.9, 0.2)
+    covered = Polygon([(0.0, 0.0), (0.5, 0.0), (0.9, 0.2), (0.4, 0.2)])
+    samples = sampled(covered, hidden=ledge.buffer(0.1), sigma=0.03)
+    model = choose_model(samples, covered, np.array([0.0]), np.zeros(0))
+    assert model.shape is SurfaceShape.RECTANGLE
+    assert model.polygon().intersection(ledge).area / model.polygon().union(ledge).area > 0.95
+
+
+def test_the_direction_of_a_wall_needs_no_estimation():
+    """Both directions fit as well; that of the wall is no parameter."""
+    samples = sampled(box(0.0, 0.0, 0.9, 0.2))
+    yaws = np.array([0.01]), np.array([-0.01])
+    for own, wall in (yaws, yaws[::-1]):
+        model = choose_model(samples, Polygon(samples.points), own, wall)
+        assert np.arctan2(*model.normals[0, ::-1]) == pytest.approx(float(wall[0]))
+        assert (model.along_wall, model.parameters) == (True, 4)
 
 
 def test_corners_are_where_edges_meet():

@@ -340,6 +340,16 @@ class EdgeSampler:
         last = self._last_points(edge, limit)
         return float(np.sort(last)[-min(MIN_PIECES, len(last))])
 
+    def is_ragged(self, edge: Edge, limit: float) -> bool:
+        """Return whether most last points are short of the furthest one, as at an occlusion.
+
+        The parameters are those of `furthest`.
+        """
+        last = self._last_points(edge, limit)
+        gap = float(np.median(self.edge_samples(edge).gap))
+        is_short = last < self.furthest(edge, limit) - gap - GATE * SIGMA
+        return bool(is_short[np.isfinite(last)].mean() > MAJORITY)
+
     def _last_points(self, edge: Edge, limit: float) -> Float64:
         """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])

@@ -16,7 +16,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.outlines.edge_position import SIGMA, WALL_DISTANCE, EdgeSamples, locate_edge
+from tccm_ros.outlines.edge_position import WALL_DISTANCE, EdgeSamples, locate_edge
 from tccm_ros.outlines.shape_models import (
     CAP_CORNERS,
     FACING,
@@ -28,7 +28,7 @@ from tccm_ros.outlines.shape_models import (
     choose_model,
 )
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.robust import GATE, MAJORITY
+from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.edges.edge_samples import END_SIGMA, OUTSIDE, Edge, EdgeSampler
 from tccm_ros.surfaces.edges.edge_walls import (
     AT_WALL,
@@ -116,7 +116,8 @@ def fit_shape(
     exterior = Polygon(surface.polygon.exterior)
     walls = walls[shapely.dwithin(shapely.linestrings(walls), exterior, exterior.length)]
     near = walls_near(exterior, walls)
-    model = choose_model(samples, exterior, _yaws(exterior, near))
+    wall_yaws = np.array([yaw_of(end - start) for start, end in near])
+    model = choose_model(samples, exterior, _yaws(exterior), wall_yaws)
     if model is None:
         return _free(sampler, samples, others)
     sigmas = np.full(0, np.nan)
@@ -156,8 +157,8 @@ def _edges_of(corners: Float64) -> list[Edge]:
     return [Edge(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0))]
 
 
-def _yaws(outline: Polygon, walls: Float64) -> Float64:
-    """Return candidate directions of the edges of an outline, rad, float64 (Y,)."""
+def _yaws(outline: Polygon) -> Float64:
+    """Return the directions that edges of an outline may have, rad, float64 (3,)."""
     box = np.asarray(shapely.oriented_envelope(outline).exterior.coords)
     ring = np.asarray(outline.exterior.simplify(0.03).coords)
     steps = np.diff(ring, axis=0)
@@ -165,9 +166,7 @@ def _yaws(outline: Polygon, walls: Float64) -> Float64:
     weight = np.hypot(steps[:, 0], steps[:, 1]) ** 2
     main = 0.25 * np.arctan2(weight @ np.sin(rotation), weight @ np.cos(rotation))
     longest = steps[np.argmax(weight)]
-    found = [yaw_of(box[1] - box[0]), main, yaw_of(longest)]
-    found += [yaw_of(end - start) for start, end in walls]
-    return np.array(found)
+    return np.array([yaw_of(box[1] - box[0]), main, yaw_of(longest)])
 
 
 def _refined(
@@ -214,9 +213,7 @@ def _to_ends_of_fronts(
             beyond = front_beyond(front, edge.outward, walls)
             if not AT_WALL < beyond <= front.length or not sampler.faces_views(front):
                 continue
-            if beyond <= MIN_PART and not _is_ragged(
-                sampler.edge_samples(edge), sampler.furthest(edge, np.inf)
-            ):
+            if beyond <= MIN_PART and not sampler.is_ragged(edge, np.inf):
                 continue
             step = beyond * edge.outward
             strip = Polygon([edge.start, edge.start + step, edge.end + step, edge.end])
@@ -237,14 +234,9 @@ def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSa
         return False
     if sampler.furthest(edge, np.inf) > wall + AT_WALL:
         return False
-    furthest = sampler.furthest(edge, wall - AT_WALL)
-    return bool(_is_ragged(samples, furthest) and wall - furthest <= WALL_DISTANCE)
-
-
-def _is_ragged(samples: EdgeSamples, furthest: float) -> bool:
-    """Return whether most last points are short of the furthest one, as at an occlusion."""
-    is_short = samples.last < furthest - samples.gap - GATE * SIGMA
-    return bool(samples.weight[is_short].sum() > 0.5 * samples.weight.sum())
+    limit = wall - AT_WALL
+    is_near = wall - sampler.furthest(edge, limit) <= WALL_DISTANCE
+    return is_near and sampler.is_ragged(edge, limit)
 
 
 def downweight_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
@@ -24,6 +25,7 @@ from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.merging import NumberedPatch, clouds_in_map
 from tccm_ros.surfaces.merging.occluded_areas import MAX_SEEN_FRACTION, looked_through, probes
+from tccm_ros.surfaces.views.crossings import crossings
 from tccm_ros.surfaces.views.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views.views import View
 
@@ -46,6 +48,10 @@ BEYOND = (0.10, 0.15)
 SAMPLING_FRACTION = 12.0**-0.5
 """Standard deviation of a sample between two scan lines, and of the end of the surface beyond it,
 in distances of the lines: that of a uniform distribution, 1 / sqrt(12)."""
+
+PASSED_WITHIN, LINES_BEYOND = 2.0 * PROBE, 1.5
+"""Radius of the circle that touches an outline, in which crossings of rays count: min, m, and as a
+multiple of the distance of scan lines. Chosen: at least two lines are in the circle."""
 
 HEIGHTS_ABOVE = (0.1, 0.2, 0.3)
 """Heights above a surface at which views look over objects on it, m; chosen: those of objects. At
@@ -150,8 +156,30 @@ class EdgeSampler:
         sampling = np.full(count, SAMPLING_FRACTION * spacing)
         seen = np.zeros(count, bool)
         for view in self._inverses:
-            seen |= self._looks_past(view, points, outward)[0]
+            has_rays = len(self.views[view].hits) > 0  # not in maps of version 0.1
+            seen |= (
+                self._ends_before_crossings(view, points, outward)
+                if has_rays
+                else self._looks_past(view, points, outward)[0]
+            )
         return OutlineSamples(points, outward, sigma, sampling, seen, self._looked_through())
+
+    def _ends_before_crossings(self, view: int, points: Float64, outward: Float64) -> Bool:
+        """Return whether rays of a view crossed the surface's plane just beyond points, bool (N,).
+
+        A crossing counts within a circle that touches the outline there.
+        """
+        T = self.T_map_view[view]
+        normal = self.surface.normal @ T[:3, :3]
+        offset = self.surface.offset - float(self.surface.normal @ T[:3, 3])
+        passed = crossings(self.views[view], normal, offset, self.config.views.clear_margin)
+        spacing = max(m.patch.spacing for m in self.surface.members if m.view == view)
+        reach = max(PASSED_WITHIN, LINES_BEYOND * spacing)
+        local = transform(self._inverses[view], self.surface.lift(points + reach * outward))
+        if not len(passed):
+            return np.zeros(len(points), bool)
+        distance, _ = cKDTree(passed).query(local[:, :2], distance_upper_bound=reach)
+        return np.asarray(np.isfinite(distance))
 
     def _looked_through(self) -> Float64:
         """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""

@@ -20,6 +20,7 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.edges.edge_samples import BEYOND, END_SIGMA, INSIDE, OUTSIDE, STRAIGHT
+from tccm_ros.surfaces.views.crossings import crossings
 from tccm_ros.surfaces.views.views import SurfacePatch, View
 
 MIN_LENGTH = 0.2
@@ -100,7 +101,7 @@ def find_sides(view: View, margin: float) -> Sides:
     """Return the sides of a view's patches; `margin` is `views.clear_margin`, m."""
     rows = []
     for p, patch in enumerate(view.patches):
-        passed = _crossings(view, patch, margin)
+        passed = crossings(view, np.array([0.0, 0.0, 1.0]), float(patch.mean[2]), margin)
         for part in patch.outline.geoms:
             ring = shapely.geometry.polygon.orient(part.simplify(STRAIGHT), 1.0).exterior
             for start, end in pairwise(np.asarray(ring.coords)):
@@ -109,17 +110,6 @@ def find_sides(view: View, margin: float) -> Sides:
                     rows.append((p, *side))
     table = np.array(rows, _ROW)
     return Sides(*(table[field.name].copy() for field in fields(Sides)))
-
-
-def _crossings(view: View, patch: SurfacePatch, margin: float) -> Float64:
-    """Return where rays to lower points crossed the height of a patch, float64 (N, 2), m."""
-    eye, height = view.viewpoint, float(patch.mean[2])
-    if eye is None or eye[2] <= height:
-        return np.zeros((0, 2))
-    hits = np.asarray(view.hits[:, :3], np.float64)
-    points = np.concatenate([hits, *(p.points for p in view.patches if p is not patch)])
-    rays = points[points[:, 2] < height - margin] - eye
-    return np.asarray(eye[:2] + rays[:, :2] * ((height - eye[2]) / rays[:, 2:]))
 
 
 def _side(
@@ -161,7 +151,7 @@ def _unseen_strip(
     Parameters
     ----------
     beyond
-        Free columns of the view, and `_crossings` of the patch.
+        Free columns of the view, and crossings of its rays at the height of the patch.
     margin
         Min distance of a free point from the ends of its interval, m.
     side

@@ -1,5 +1,6 @@
 """What views know of edges: where points end, and whether a view looked past the surface."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +55,22 @@ def test_the_outline_is_sampled_all_round_and_seen_beyond(sampler):
     assert ((samples.outward * away).sum(axis=1) > 0.0).mean() > 0.95
     assert samples.seen.mean() > 0.7
     assert np.hypot(*samples.outward.T) == pytest.approx(np.ones(len(samples.points)))
+
+
+def test_an_outline_is_seen_where_rays_passed_beyond_it(sampler):
+    """Rays passed 5 cm beyond the left side, and 5 cm before it, in the shadow of an object."""
+    eye = np.array([0.0, 0.0, 1.4])
+    y = np.arange(-0.35, 0.36, 0.02)
+    samples = sampler.outline_samples()
+    left = samples.points[:, 1] > 0.55
+    for across, expected in ((0.05, True), (-0.4, False)):
+        at = np.column_stack([TABLE.x + y, np.full(len(y), 0.6 + across), np.full(len(y), 0.74)])
+        floor = eye + (at - eye) * (1.35 / 0.66)
+        hits = np.column_stack([floor, floor[:, 2]]).astype(np.float32)
+        views = [replace(view, hits=hits, viewpoint=eye, patches=()) for view in sampler.views]
+        seen = replace(sampler, views=views).outline_samples().seen
+        assert (seen[left].mean() > 0.8) == expected
+        assert seen[left].any() == expected
 
 
 def test_the_last_points_are_within_a_gap_of_a_side(sampler):

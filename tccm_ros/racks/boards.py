@@ -74,10 +74,12 @@ def completed_boards(boards: Sequence[Surface]) -> list[Surface]:
     found = []
     for board, outline in zip(boards, outlines):
         more: list[Polygon] = []
-        for hidden in (edge for edge in board.edges if edge.state != EdgeState.SEEN):
+        unseen = [edge for edge in board.edges if edge.state != EdgeState.SEEN]
+        for hidden in unseen:
+            beyond = _beside(_with_corners(hidden, unseen), NEAR_RACK)
             for other, edge in seen:
                 if _normal(edge) @ _normal(hidden) > math.cos(PARALLEL):
-                    area = _beside(hidden, NEAR_RACK).intersection(_beside(edge, -LONG))
+                    area = beyond.intersection(_beside(edge, -LONG))
                     more += polygon_parts(other.intersection(area))
         if more:
             whole = polygon_parts(shapely.union_all([outline, *more], grid_size=GRID))[0]
@@ -160,6 +162,14 @@ def _normal(edge: SurfaceEdge) -> Float64:
     """Return the outward normal of an edge seen from above, float64 (2,)."""
     x, y = (edge.end - edge.start)[:2] / np.linalg.norm((edge.end - edge.start)[:2])
     return np.array([y, -x])
+
+
+def _with_corners(edge: SurfaceEdge, unseen: Sequence[SurfaceEdge]) -> SurfaceEdge:
+    """Return an edge that was not seen, extended beyond its corners with other such edges."""
+    step = NEAR_RACK * (edge.end - edge.start) / np.linalg.norm(edge.end - edge.start)
+    before = any(np.allclose(other.end, edge.start) for other in unseen)
+    after = any(np.allclose(other.start, edge.end) for other in unseen)
+    return replace(edge, start=edge.start - before * step, end=edge.end + after * step)
 
 
 def _beside(edge: SurfaceEdge, width: float) -> Polygon:

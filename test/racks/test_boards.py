@@ -71,6 +71,15 @@ def test_a_board_continues_beyond_a_hidden_edge_to_the_seen_edge_of_another_boar
     np.testing.assert_allclose(whole.boundary[:, :2].max(axis=0), (0.7, 0.30), atol=1e-3)
 
 
+def test_a_board_continues_to_the_corner_between_two_hidden_edges():
+    upper = board_of(box(0.0, 0.0, 0.9, 0.34), 1)
+    lower = box(0.0, 0.0, 0.7, 0.1)
+    hidden = [sides(surface(lower)).tolist().index(k) for k in (0, 1)]
+    for edges, area in ((hidden, 0.9 * 0.34), (hidden[:1], 0.9 * 0.1), (hidden[1:], 0.7 * 0.34)):
+        whole, _ = completed_boards([board_of(lower, 0, *edges), upper])
+        assert Polygon(whole.boundary[:, :2]).area == pytest.approx(area, rel=0.01)
+
+
 def test_the_shadow_of_an_object_on_a_long_board_is_a_part_of_it():
     """Its sides are further from the ends than a board continues; its end there was seen."""
     upper = board_of(box(0.0, 0.0, 1.8, 0.34), 1)

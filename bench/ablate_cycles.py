@@ -54,8 +54,8 @@ RULES: dict[str, tuple[str, Callable[..., Any]]] = {
         "tccm_ros.planes.horizontal_strips",
         lambda _, __, runs: np.full(runs, -1, np.int64),
     ),
-    "part_by_height": ("tccm_ros.tabletop.objects", lambda mean, *_: [np.arange(len(mean))]),
-    "part_around": ("tccm_ros.tabletop.objects", lambda mean, *_: [np.arange(len(mean))]),
+    "split_by_height": ("tccm_ros.tabletop.objects", lambda mean, *_: [np.arange(len(mean))]),
+    "split_at_gaps": ("tccm_ros.tabletop.objects", lambda mean, *_: [np.arange(len(mean))]),
     "_carries": ("tccm_ros.tabletop.objects", lambda *_: False),
     "drop_edge_planes": (
         "tccm_ros.planes.search",

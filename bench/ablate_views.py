@@ -272,7 +272,7 @@ def registered(saved: Saved, views: list[View]) -> Stage:
         return Stage("", "")
     registration = Registration(Config())
     factors = registration.side_factors(views, saved.prior)
-    levelled = registration.levelled(saved.prior).T_map_views
+    levelled = registration.with_adjusted_planes(saved.prior).T_map_views
     T_map = {view_key(v.stamp_ns): T for v, T in zip(views, saved.poses.T_map_view)}
     moved = [inverse(T_map[f.j]) @ T_map[f.i] @ f.T_i_j for f in factors]
     error = [1e3 * float(np.linalg.norm(T[:2, 3])) for T in moved]

@@ -128,7 +128,7 @@ class ChangeFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacementQuestion:
+class PlacementQuery:
     """Request for placements: object size in m, surfaces, and range of the arm.
 
     Attributes
@@ -208,7 +208,7 @@ class MapSource(Protocol):
     def rooms(self) -> Sequence[str]:
         """Return the names of the named rooms."""
 
-    def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
+    def placements(self, query: PlacementQuery) -> tuple[list[PlacementFacts], str]:
         """Return placements, the best first, and a sentence about their number or absence.
 
         Raises

@@ -10,7 +10,7 @@ from tccm_ros.agents.facts import (
     ChangeFacts,
     ObjectFacts,
     PlacementFacts,
-    PlacementQuestion,
+    PlacementQuery,
     SurfaceFacts,
     appearances,
     newest_first,
@@ -95,7 +95,7 @@ class SavedMapSource:
         """Return the names of the named rooms."""
         return sorted(room.name for room in self._solution.rooms if room.name)
 
-    def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
+    def placements(self, query: PlacementQuery) -> tuple[list[PlacementFacts], str]:
         """Return placements, the best first, and a sentence.
 
         Raises
@@ -103,28 +103,28 @@ class SavedMapSource:
         MessageError
             If base poses are requested and the map has no free floor.
         """
-        with_base = question.reach_m > 0.0
+        with_base = query.reach_m > 0.0
         if with_base and self._floor is None:
             raise MessageError("where the base can stand is not known: there is no level laser")
-        wanted = SurfaceFilter(ids=frozenset(question.surface_ids))
-        count = MAX_PLACEMENTS if with_base else question.limit
-        request = PlacementRequest(*question.size_m, question.clearance_m, count)
+        wanted = SurfaceFilter(ids=frozenset(query.surface_ids))
+        count = MAX_PLACEMENTS if with_base else query.limit
+        request = PlacementRequest(*query.size_m, query.clearance_m, count)
         found = []
         for placement in self._queries.find_placements(wanted, request):
-            bases = self._bases(placement.position, question) if with_base else []
+            bases = self._bases(placement.position, query) if with_base else []
             if bases or not with_base:
                 position, yaw = rounded(placement.position), round(placement.yaw, 3)
                 clearance = round(placement.clearance, 3)
                 found.append(PlacementFacts(placement.surface, position, yaw, clearance, bases))
-            if len(found) == question.limit:
+            if len(found) == query.limit:
                 break
         reached = " in reach of a free place on the floor" if with_base else ""
-        return found, f"{len(found)} placements{reached} on {len(question.surface_ids)} surfaces"
+        return found, f"{len(found)} placements{reached} on {len(query.surface_ids)} surfaces"
 
-    def _bases(self, position: Float64, question: PlacementQuestion) -> list[BasePoseFacts]:
+    def _bases(self, position: Float64, query: PlacementQuery) -> list[BasePoseFacts]:
         assert self._floor is not None
         poses = self._floor.base_poses(
-            position, question.reach_m, question.robot_radius_m, MAX_BASE_POSES
+            position, query.reach_m, query.robot_radius_m, MAX_BASE_POSES
         )
         return [BasePoseFacts(round(p.x, 3), round(p.y, 3), round(p.yaw, 3)) for p in poses]
 

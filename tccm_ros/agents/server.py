@@ -26,7 +26,7 @@ from tccm_ros.agents.facts import (
     Motion,
     ObjectFacts,
     PlacementFacts,
-    PlacementQuestion,
+    PlacementQuery,
     SurfaceFacts,
 )
 from tccm_ros.errors import TccmError, one_line
@@ -222,7 +222,7 @@ class MapTools:
                 map=map_stamp(self._source), placements=[], note=f"no surface matches {words!r}"
             )
         size = (length_m, width_m, height_m)
-        return self._placements(PlacementQuestion(size, ids, clearance_m, limit))
+        return self._placements(PlacementQuery(size, ids, clearance_m, limit))
 
     def how_to_approach(
         self,
@@ -236,9 +236,7 @@ class MapTools:
         The robot is not moved.
         """
         ids = (self._surface(surface_id).id,)
-        return self._placements(
-            PlacementQuestion(PROBE_M, ids, 0.0, limit, reach_m, robot_radius_m)
-        )
+        return self._placements(PlacementQuery(PROBE_M, ids, 0.0, limit, reach_m, robot_radius_m))
 
     def changes_since(
         self,
@@ -282,8 +280,8 @@ class MapTools:
                 return surface
         raise _unknown(surface_id)
 
-    def _placements(self, question: PlacementQuestion) -> Placements:
-        found, note = self._source.placements(question)
+    def _placements(self, query: PlacementQuery) -> Placements:
+        found, note = self._source.placements(query)
         return Placements(map=map_stamp(self._source), placements=found, note=note)
 
 
@@ -372,12 +370,12 @@ def make_server(source: MapSource, motion: Motion | None = None) -> MCPServer:
         tools.how_to_approach,
         tools.changes_since,
     ):
-        server.tool(annotations=read_only, structured_output=True)(_with_reasons(tool))
+        server.tool(annotations=read_only, structured_output=True)(_with_tool_errors(tool))
     if motion is not None:
         moves = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)
         drives = MotionTools(source, motion)
         for drive in (drives.approach, drives.retreat):
-            server.tool(annotations=moves, structured_output=True)(_with_reasons(drive))
+            server.tool(annotations=moves, structured_output=True)(_with_tool_errors(drive))
     return server
 
 
@@ -391,7 +389,7 @@ def _unknown(surface_id: int) -> ToolError:
     return ToolError(f"there is no surface {surface_id}; find_surfaces lists the ids")
 
 
-def _with_reasons(tool: Callable[..., Any]) -> Callable[..., Any]:
+def _with_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
     """Return a tool whose errors are one sentence for the agent."""
 
     @contextmanager

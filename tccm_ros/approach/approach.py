@@ -12,7 +12,7 @@ from tccm_ros.approach.edge import MeasuredEdge, measured_edge
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
 from tccm_ros.approach.locating import is_elsewhere, is_passed, locate, top_points
-from tccm_ros.approach.losses import loss_of
+from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.navigator import Navigator
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses, TopCycle
@@ -23,7 +23,7 @@ from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, inverse2, transform2, wrap_angle
 
-CYCLES = 3
+EDGE_CYCLES = 3
 """An edge is fitted to this many newest tilt cycles: their scan lines interleave."""
 
 CLOSING_SPEED = 0.5
@@ -42,13 +42,13 @@ MAX_PLANS = 6
 MAX_CORRECTIONS = 4
 """Maximum number of correcting motions and further looks after verifications. Chosen."""
 
-MAX_GAP_ERROR, MAX_YAW_ERROR = 0.02, math.radians(1.5)
+MAX_GAP_ERROR_M, MAX_YAW_ERROR_RAD = 0.02, math.radians(1.5)
 """Errors of gap (m) and yaw (rad) with which an approach has succeeded: as specified."""
 
-GAP_M, YAW_RAD = 0.006, math.radians(0.6)
+CORRECTED_GAP_M, CORRECTED_YAW_RAD = 0.006, math.radians(0.6)
 """Larger errors of gap or yaw are corrected: about a third of those."""
 
-VERIFIED = 2
+VERIFYING_CYCLES = 2
 """Number of tilt cycles that verify the final pose, measured after the base has stopped."""
 
 BEYOND_M = 0.01
@@ -59,17 +59,17 @@ VIEW_LIMIT_RAD = math.radians(1.0)
 """Points within this of the steepest depression angle are at the limit of the field of view, rad:
 one scan line."""
 
-MISSES = 3
+MAX_MISSES = 3
 """The base stops after this many consecutive tilt cycles without the edge. Chosen."""
 
 UNSEEN_M = 0.6
 """Maximum distance driven on odometry alone, without a measured edge, m: 2 % of error are 12 mm."""
 
 NAVIGATE_M = 1.0
-"""A navigator is asked for staging poses further away than this, m: four times the goal tolerance
+"""A navigator drives to staging poses further away than this, m: four times the goal tolerance
 of Nav2's SimpleGoalChecker (0.25 m), so that the rest is driven here."""
 
-BACK_M = np.arange(0.0, 1.01, 0.1)
+REVERSE_M = np.arange(0.0, 1.01, 0.1)
 """Distances of reversing that are tried where the base starts in a narrow place, m."""
 
 
@@ -113,7 +113,7 @@ class Approach:
         self._planned: Target | None = None
         self._standing: StandingPose | None = None
         self._legs: LegDrive | None = None
-        self._cycles: deque[TopCycle] = deque(maxlen=CYCLES)
+        self._cycles: deque[TopCycle] = deque(maxlen=EDGE_CYCLES)
         self._located = False
         self._steepest = 0.0
         self._since_s = self._cycle_came_s = -math.inf
@@ -129,7 +129,7 @@ class Approach:
 
         None while the navigator drives: then nothing may be sent.
         """
-        lost = loss_of(senses, self._robot.patience_s)
+        lost = missing_input(senses, self._robot.patience_s)
         if lost is not None:
             return self._end(senses, *lost)
         self._odom_map = inverse2(_required(senses.map_odom))
@@ -147,7 +147,7 @@ class Approach:
         return self._verify(senses, is_new)
 
     def wait(self, senses: Senses) -> Speeds | None:
-        """Return the zero command, None while the navigator drives; the approach goes on."""
+        """Return the zero command, or None while the navigator drives; keep the approach."""
         if self._navigator is not None and self._navigator.is_active:
             return None
         return self._driver.stop(senses)
@@ -270,7 +270,7 @@ class Approach:
             if found is not None:
                 self.target, self._located = found, True
                 return self._after_look(senses)
-            if self._is_arrived and self._seen_cycles >= CYCLES:
+            if self._is_arrived and self._seen_cycles >= EDGE_CYCLES:
                 return self._end(
                     senses, Reason.GONE,
                     "the surface is gone: tilt cycles from the staging pose do not show it",
@@ -319,9 +319,7 @@ class Approach:
         """Begin the straight motion to the edge, from the surface's newest estimate."""
         self._correct()
         self.edge, self._misses, self._measured_at = None, 0, None
-        found = self._measure()
-        if found is not None:
-            self.edge = found
+        self.edge = self._measure()
         self.phase = Phase.CLOSING
 
     # --- planning ---
@@ -351,7 +349,7 @@ class Approach:
         )  # fmt: skip
         if not poses:
             return self._end(senses, Reason.NO_PLACE, self._why_no_place(spot is not None))
-        found = self._way(pose, poses, around)
+        found = self._free_path(pose, poses, around)
         standing = poses[0] if found is None else found[0]
         is_far = float(np.hypot(*(standing.staging - pose)[:2])) > NAVIGATE_M
         if self._navigator is not None and is_far:
@@ -381,7 +379,7 @@ class Approach:
             )
         return "nowhere at the surface is free floor for the base"
 
-    def _way(
+    def _free_path(
         self, pose: Float64, poses: list[StandingPose], floor: Floor
     ) -> tuple[StandingPose, LegDrive] | None:
         """Return the first standing pose with a free path from a pose (3,), and the path, in map.
@@ -389,7 +387,7 @@ class Approach:
         None where no path is free.
         """
         radius = self._robot.footprint.radius + self._robot.margin
-        for back in BACK_M.tolist():
+        for back in REVERSE_M.tolist():
             start = pose_behind(pose, back)
             for standing in _spread(poses):
                 ends = floor.legs(start[:2], standing.staging[:2], radius)
@@ -476,19 +474,19 @@ class Approach:
         return np.array([*place, math.atan2(-normal[1], -normal[0])])
 
     def _follow(self, senses: Senses) -> bool:
-        """Update the edge from a new cycle; return whether the motion may go on.
+        """Update the edge from a new cycle; return whether the motion may continue.
 
         False where the edge has moved, or where the approach has ended because the edge was not
-        visible in `MISSES` cycles.
+        visible in `MAX_MISSES` cycles.
         """
         found = self._measure()
         if found is None:
             self._misses += 1
-            if self._misses < MISSES or self._is_below_view():
+            if self._misses < MAX_MISSES or self._is_below_view():
                 return True
             self._end(
                 senses, Reason.LOST_SURFACE,
-                f"{MISSES} tilt cycles do not show the edge of the surface any more",
+                f"{MAX_MISSES} tilt cycles do not show the edge of the surface any more",
             )  # fmt: skip
             return False
         near, normal = self._ahead()
@@ -504,15 +502,15 @@ class Approach:
         return self.edge is not None and self._is_at_view_limit(self.edge)
 
     def _verify(self, senses: Senses, is_new: bool) -> Speeds:
-        """Succeed, correct the pose or look again, by `VERIFIED` cycles after the stop."""
+        """Succeed, correct the pose or look again, by `VERIFYING_CYCLES` cycles after the stop."""
         if self._stood_s is None:
             self._stood_s = senses.now_s + 2.0 * self._robot.latency_s
         if not is_new or self._cycles[-1].stamp_s <= self._stood_s:
             return self._wait_for_cycle(senses, self._stood_s)
         self._seen_cycles += 1
-        if self._seen_cycles <= VERIFIED:  # the first may have begun before the stop
+        if self._seen_cycles <= VERIFYING_CYCLES:  # the first may have begun before the stop
             return self._driver.stop(senses)
-        while len(self._cycles) > VERIFIED:
+        while len(self._cycles) > VERIFYING_CYCLES:
             self._cycles.popleft()
         found = self._measure()
         if found is not None:
@@ -523,13 +521,13 @@ class Approach:
         if is_passed(self._cycles, self.target, self._same_height):
             return self._look_again(senses, is_arrived=True)
         gap, yaw_error = self._gap_and_yaw_error(senses.pose)
-        is_off = abs(gap - self._goal.gap) > GAP_M or abs(yaw_error) > YAW_RAD
+        is_off = abs(gap - self._goal.gap) > CORRECTED_GAP_M or abs(yaw_error) > CORRECTED_YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
             self._corrections += 1
             self.target = self._locate() or self.target
             self.phase, self._misses = Phase.CLOSING, 0
             return self._driver.stop(senses)
-        if abs(gap - self._goal.gap) > MAX_GAP_ERROR or abs(yaw_error) > MAX_YAW_ERROR:
+        if abs(gap - self._goal.gap) > MAX_GAP_ERROR_M or abs(yaw_error) > MAX_YAW_ERROR_RAD:
             return self._end(
                 senses, Reason.BLOCKED,
                 f"after {MAX_CORRECTIONS} corrections still at {100.0 * gap:.1f} cm and "
@@ -551,7 +549,7 @@ class Approach:
         spot = self._spot()
         if spot is not None:
             distance = float(np.hypot(*(spot - senses.pose[:2])))
-            if distance > self._goal.max_distance + GAP_M:
+            if distance > self._goal.max_distance + CORRECTED_GAP_M:
                 return self._end(
                     senses, Reason.NO_PLACE,
                     f"the spot is {distance:.2f} m away, beyond {self._goal.max_distance:g} m",

@@ -7,12 +7,12 @@ from collections import deque
 
 import numpy as np
 
-from tccm_ros.approach.approach import CYCLES
+from tccm_ros.approach.approach import EDGE_CYCLES
 from tccm_ros.approach.edge import measured_edge
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
 from tccm_ros.approach.locating import locate, top_points
-from tccm_ros.approach.losses import loss_of
+from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
@@ -46,7 +46,7 @@ class Detection:
 
     def __init__(self, robot: RobotBase, goal: Goal, around: Surroundings):
         self._robot, self._goal, self._around = robot, goal, around
-        self._cycles: deque[TopCycle] = deque(maxlen=CYCLES)
+        self._cycles: deque[TopCycle] = deque(maxlen=EDGE_CYCLES)
         self._expected: Target | None = None
         self._standing: StandingPose | None = None
         self._since_s = math.inf
@@ -56,7 +56,7 @@ class Detection:
 
     def step(self, senses: Senses) -> None:
         """Follow the surface in a new tilt cycle; set `outcome` where it is lost."""
-        lost = loss_of(senses, self._robot.patience_s)
+        lost = missing_input(senses, self._robot.patience_s)
         if lost is not None:
             self.outcome = Outcome(*lost)
             return

@@ -54,7 +54,7 @@ class Driver:
 
     def pose(self, senses: Senses) -> Float64:
         """Return the predicted pose (3,) of the base when a command sent now takes effect."""
-        return self._history.ahead_of(senses.pose, senses.pose_s, senses.now_s)
+        return self._history.predict_pose(senses.pose, senses.pose_s, senses.now_s)
 
     def stop(self, senses: Senses) -> Speeds:
         """Return the zero command."""

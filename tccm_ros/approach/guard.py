@@ -10,7 +10,7 @@ import shapely
 
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.senses import Senses
-from tccm_ros.approach.speeds import HOLD_S, STOP, SpeedLimits, Speeds, stoppable
+from tccm_ros.approach.speeds import HOLD_S, STOP, SpeedLimits, Speeds, safe_speed
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, transform2
@@ -127,24 +127,24 @@ class Obstacles:
             return Guarded(wanted)
         local = transform2(between2(pose, np.zeros(3)), self.points)
         margins = self.radii + self.margins
-        ahead, yaw_rate = wanted
-        if ahead:
-            way = footprint.free_way(local, margins, math.copysign(1.0, ahead))
+        forward, yaw_rate = wanted
+        if forward:
+            way = footprint.free_way(local, margins, math.copysign(1.0, forward))
             if way < BLOCKED_M:
-                return Guarded(STOP, self._nearest(local, footprint, math.copysign(1.0, ahead)))
-            ahead = math.copysign(stoppable(way, abs(ahead), limits.acceleration), ahead)
+                return Guarded(STOP, self._nearest(local, footprint, math.copysign(1.0, forward)))
+            forward = math.copysign(safe_speed(way, abs(forward), limits.acceleration), forward)
         if yaw_rate:
             rate = abs(yaw_rate)
             brake = rate * HOLD_S + rate * rate / (2.0 * limits.yaw_acceleration)
             angle = math.copysign(brake + 2.0 * BLOCKED_RAD, yaw_rate)
             free = abs(footprint.free_rotation(local, margins, angle))
-            yaw_rate = math.copysign(stoppable(free, rate, limits.yaw_acceleration), yaw_rate)
+            yaw_rate = math.copysign(safe_speed(free, rate, limits.yaw_acceleration), yaw_rate)
             if free < BLOCKED_RAD:
                 # While driving, the yaw rate only keeps the line, so it can be zero.
-                if not ahead:
+                if not forward:
                     return Guarded(STOP, self._nearest(local, footprint, 0.0))
                 yaw_rate = 0.0
-        return Guarded(Speeds(ahead, yaw_rate))
+        return Guarded(Speeds(forward, yaw_rate))
 
     def _nearest(self, local: Float64, footprint: Footprint, direction: float) -> Float64:
         """Return the point (2,) nearest to the footprint in a direction (1, -1, or 0 for any)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tccm_ros.approach.drive import AT_POSE_M, Driver, pose_behind
 from tccm_ros.approach.guard import Obstacles
-from tccm_ros.approach.losses import loss_of
+from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
 from tccm_ros.approach.senses import Senses
 from tccm_ros.approach.settings import RobotBase
@@ -39,7 +39,7 @@ class Retreat:
 
     def step(self, senses: Senses) -> Speeds:
         """Return the velocity command of this step; zero once `outcome` is set."""
-        lost = loss_of(senses, self._robot.patience_s)
+        lost = missing_input(senses, self._robot.patience_s)
         if lost is not None:
             return self._end(senses, *lost)
         if self._start is None:
@@ -61,7 +61,7 @@ class Retreat:
         return 0.0 if self._start is None else -float(between2(self._start, pose)[0])
 
     def wait(self, senses: Senses) -> Speeds:
-        """Return the zero command; the retreat goes on."""
+        """Return the zero command; keep the retreat."""
         return self._driver.stop(senses)
 
     def cancel(self, senses: Senses) -> Speeds:

@@ -47,8 +47,8 @@ class Senses:
     laser
         float64 (2,), position of the level laser at that stamp.
     cuboids, cuboids_s
-        float64 (M, 3), occupied cubes of the integration map, and those that `Remembered` keeps:
-        x, y of the middle, z of a point in it; and the stamp of the newest.
+        float64 (M, 3), occupied cubes of the integration map and of `ObstacleMemory`: x, y of the
+        middle, z of a point in it; and the stamp of the newest.
     cycle
         Newest tilt cycle; None before the first.
     cube_m

@@ -50,14 +50,14 @@ class SpeedLimits(NamedTuple):
 class Speeds(NamedTuple):
     """Velocity command: forward, m/s, and yaw rate, counter-clockwise, rad/s."""
 
-    ahead: float = 0.0
+    forward: float = 0.0
     yaw_rate: float = 0.0
 
 
 STOP = Speeds()
 
 
-def braked(distance: float, top: float, acceleration: float) -> float:
+def braking_velocity(distance: float, top: float, acceleration: float) -> float:
     """Return the maximum velocity from which the base stops within a signed distance, m/s.
 
     Parameters
@@ -72,7 +72,7 @@ def braked(distance: float, top: float, acceleration: float) -> float:
     return math.copysign(speed, distance)
 
 
-def stoppable(way: float, top: float, acceleration: float) -> float:
+def safe_speed(way: float, top: float, acceleration: float) -> float:
     """Return the maximum speed that may act for `HOLD_S` and still stops within a distance, m/s.
 
     Parameters
@@ -88,7 +88,7 @@ def stoppable(way: float, top: float, acceleration: float) -> float:
 
 def rotate_to(yaw_error: float, limits: SpeedLimits) -> Speeds:
     """Return the velocities of a turn in place by an angle, rad."""
-    return Speeds(0.0, braked(yaw_error, limits.yaw_rate, limits.yaw_acceleration))
+    return Speeds(0.0, braking_velocity(yaw_error, limits.yaw_rate, limits.yaw_acceleration))
 
 
 def along_line(pose: Float64, goal: Float64, limits: SpeedLimits, speed: float) -> Speeds:
@@ -104,13 +104,13 @@ def along_line(pose: Float64, goal: Float64, limits: SpeedLimits, speed: float) 
         Maximum speed on this path, m/s.
     """
     x, y, yaw = between2(goal, pose).tolist()
-    ahead = braked(-x, min(speed, limits.speed), limits.acceleration)
-    direction = math.copysign(1.0, ahead)
+    forward = braking_velocity(-x, min(speed, limits.speed), limits.acceleration)
+    direction = math.copysign(1.0, forward)
     aim = -direction * math.copysign(min(abs(OFFSET_GAIN * y), MAX_AIM_RAD), y)
     # An offset can be corrected only while driving: near the end only the heading is controlled.
-    aim *= min(abs(ahead) / limits.speed * 4.0, 1.0)
+    aim *= min(abs(forward) / limits.speed * 4.0, 1.0)
     yaw_rate = HEADING_GAIN * float(wrap_angle(aim - yaw))
-    return Speeds(ahead, max(-limits.yaw_rate, min(yaw_rate, limits.yaw_rate)))
+    return Speeds(forward, max(-limits.yaw_rate, min(yaw_rate, limits.yaw_rate)))
 
 
 class CommandHistory:
@@ -133,7 +133,7 @@ class CommandHistory:
         """The last command."""
         return self._sent[-1][1] if self._sent else STOP
 
-    def ahead_of(self, pose: Float64, stamp_s: float, now_s: float) -> Float64:
+    def predict_pose(self, pose: Float64, stamp_s: float, now_s: float) -> Float64:
         """Return the predicted pose (3,) of the base when a command sent now takes effect.
 
         Parameters
@@ -164,9 +164,9 @@ class CommandHistory:
         """
         last, limits = self.newest, self._limits
         # Deceleration may be twice the acceleration limit.
-        ahead = _stepped(last.ahead, wanted.ahead, limits.acceleration * period_s)
+        forward = _stepped(last.forward, wanted.forward, limits.acceleration * period_s)
         yaw_rate = _stepped(last.yaw_rate, wanted.yaw_rate, limits.yaw_acceleration * period_s)
-        return self._note(Speeds(ahead, yaw_rate), now_s)
+        return self._note(Speeds(forward, yaw_rate), now_s)
 
     def stop(self, now_s: float) -> Speeds:
         """Record and return the zero command, without a limit of deceleration."""
@@ -175,7 +175,7 @@ class CommandHistory:
     def _note(self, speeds: Speeds, now_s: float) -> Speeds:
         limits = self._limits
         sent = Speeds(
-            max(-limits.speed, min(speeds.ahead, limits.speed)),
+            max(-limits.speed, min(speeds.forward, limits.speed)),
             max(-limits.yaw_rate, min(speeds.yaw_rate, limits.yaw_rate)),
         )
         self._sent.append((now_s, sent))
@@ -194,7 +194,7 @@ def _stepped(last: float, wanted: float, step: float) -> float:
 def _arc(speeds: Speeds, duration_s: float) -> Float64:
     """Return the planar motion (3,) at constant velocities."""
     angle = speeds.yaw_rate * duration_s
-    way = speeds.ahead * duration_s
+    way = speeds.forward * duration_s
     # sin(a) / a and (1 - cos(a)) / a, also at 0.
     x = way * float(np.sinc(angle / np.pi))
     y = way * 0.5 * angle * float(np.sinc(0.5 * angle / np.pi)) ** 2

@@ -121,7 +121,8 @@ class Walkers:
             return Speeds(), self.points[int(distances.argmin())]
         limits = robot.limits
         needed_s = max(
-            abs(wanted.ahead) / limits.acceleration, abs(wanted.yaw_rate) / limits.yaw_acceleration
+            abs(wanted.forward) / limits.acceleration,
+            abs(wanted.yaw_rate) / limits.yaw_acceleration,
         )
         factor = min(1.0, braking_s / max(needed_s, 1e-9))
-        return Speeds(factor * wanted.ahead, factor * wanted.yaw_rate), None
+        return Speeds(factor * wanted.forward, factor * wanted.yaw_rate), None

@@ -16,7 +16,7 @@ from tccm_ros.calibrate.agreement import Agreement, compare
 from tccm_ros.calibrate.beam_timing import BeamTiming, read_beam_timing
 from tccm_ros.calibrate.combine_recordings import combine_recordings
 from tccm_ros.calibrate.estimate import estimate
-from tccm_ros.calibrate.layout import Trust
+from tccm_ros.calibrate.layout import AssumptionSigmas
 from tccm_ros.calibrate.observability import UNITS, Observability, assess_observability
 from tccm_ros.calibrate.reading import CORRECTIONS, MAX_CYCLES, read_recording
 from tccm_ros.calibrate.recording import CalibrationRecording
@@ -175,7 +175,7 @@ def calibrate(
     remap: Sequence[str] = (),
     *,
     floor_z: float | None = None,
-    trust: Trust | None = None,
+    assumed: AssumptionSigmas | None = None,
     bars: Bars | None = None,
 ) -> Calibration:
     """Estimate the errors of a rig from recordings of a floor, and optionally ceiling and walls.
@@ -191,7 +191,7 @@ def calibrate(
     floor_z
         Height of the floor in the base frame, m. None: 0 if a frame whose name ends in
         ``footprint`` is at that height, else the configured height of the laser is kept.
-    trust
+    assumed
         Standard deviations of the assumptions on buildings and bases.
     bars
         Progress bars.
@@ -202,7 +202,7 @@ def calibrate(
         Where a bag cannot be read, the laser has no pose, no plane was observed, or the bags are of
         different rigs.
     """
-    config, trust, bars = config or Config(), trust or Trust(), bars or Silent()
+    config, assumed, bars = config or Config(), assumed or AssumptionSigmas(), bars or Silent()
     paths = [bags] if isinstance(bags, Path | str) else list(bags)
     if len({Path(path).resolve() for path in paths}) < len(paths):
         raise BagError("a bag is named twice; name each bag once")
@@ -214,13 +214,13 @@ def calibrate(
     floor_z = recording.footprint_z if floor_z is None else floor_z
     agreement = None
     if len(recordings) > 1:
-        alone = [estimate(one, config, floor_z, trust, bars) for one in recordings]
+        alone = [estimate(one, config, floor_z, assumed, bars) for one in recordings]
         agreement = compare(recording.bags, alone)
         agreement.check()
-    observability = assess_observability(estimate(recording, config, floor_z, trust, bars))
+    observability = assess_observability(estimate(recording, config, floor_z, assumed, bars))
     return Calibration(
         recording.bags, _rig(observability, config.rig), config.rig, observability, recording,
-        rooms(observability, recording), agreement, _assumptions(recording, trust),
+        rooms(observability, recording), agreement, _assumptions(recording, assumed),
         _beams(paths, config, remap),
     )  # fmt: skip
 
@@ -234,12 +234,12 @@ def _beams(paths: Sequence[Path | str], config: Config, remap: Sequence[str]) ->
     return None
 
 
-def _assumptions(recording: CalibrationRecording, trust: Trust) -> tuple[str, ...]:
+def _assumptions(recording: CalibrationRecording, assumed: AssumptionSigmas) -> tuple[str, ...]:
     places = int(recording.places.max()) + 1
     where = "one place" if places == 1 else f"{places} places"
     base_tilt = (
         f"A tilted base looks like a wrong tilt zero or roll: the base is assumed to be level "
-        f"within {np.rad2deg(trust.base_tilt):.2g} deg at each of {where}; more places and "
+        f"within {np.rad2deg(assumed.base_tilt):.2g} deg at each of {where}; more places and "
         f"headings average it out."
     )
     if recording.cycles[0].pan is not None:

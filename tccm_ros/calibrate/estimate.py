@@ -8,7 +8,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.calibrate.assignment import assigned, determinable
-from tccm_ros.calibrate.layout import Layout, Trust
+from tccm_ros.calibrate.layout import AssumptionSigmas, Layout
 from tccm_ros.calibrate.model import RigModel, RigValues
 from tccm_ros.calibrate.patches import Patches, cut_patches
 from tccm_ros.calibrate.problem import Problem
@@ -99,7 +99,7 @@ def estimate(
     recording: CalibrationRecording,
     config: Config,
     floor_z: float | None,
-    trust: Trust,
+    assumed: AssumptionSigmas,
     bars: Bars | None = None,
 ) -> Estimate:
     """Return the estimate of all observable parameters.
@@ -112,7 +112,7 @@ def estimate(
         The configured rig.
     floor_z
         Height of the floor in the base frame, m; None if unknown.
-    trust
+    assumed
         Standard deviations of the assumptions.
     bars
         Progress bars.
@@ -128,17 +128,17 @@ def estimate(
     configured = RigValues.of_rig(config.rig)
     values = first_guess(recording.cycles, model, configured)
     patches = cut_patches(dict(enumerate(recording.cycles)), model, values)
-    refinement = _Refinement(recording, model, patches, config, floor_z, trust, configured, values)
+    refiner = _Refinement(recording, model, patches, config, floor_z, assumed, configured, values)
     bars.advance(1.0)
     level = np.zeros(3)
     found: Estimate | None = None
     for number, gates in enumerate(GATES):
         if found is None or number < SEARCHES:
-            surroundings = refinement.search(values)
+            surroundings = refiner.search(values)
             x = None
         else:
             x = found.solution.x
-        found = refinement.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
+        found = refiner.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
         values, level = found.values, found.solution.x[found.problem.layout.level]
         bars.advance(1.0)
     assert found is not None
@@ -152,7 +152,7 @@ class _Refinement:
     patches: Patches
     config: Config
     floor_z: float | None
-    trust: Trust
+    assumed: AssumptionSigmas
     configured: RigValues
     guess: RigValues
 
@@ -187,7 +187,7 @@ class _Refinement:
         layout = Layout(len(rec.bags), len(surroundings.walls), len(rec.bag))
         problem = Problem(
             self.model, self.patches.hits, self.patches.patch, self.places, rec.bag, rec.poses,
-            surroundings, (), pose_from_rpy(self.config.rig.level_correction), self.trust, layout,
+            surroundings, (), pose_from_rpy(self.config.rig.level_correction), self.assumed, layout,
             blur=gates[0] / 6.0,
         )  # fmt: skip
         if x is None:
@@ -200,8 +200,8 @@ class _Refinement:
         means, sigmas = problem.priors(self.guess)
         strict = problem.priors(self.guess, STRICT_FACTOR)[1]
         if self.floor_z is not None:
-            means[layout.floor], sigmas[layout.floor] = self.floor_z, self.trust.floor
-            strict[layout.floor] = self.trust.floor
+            means[layout.floor], sigmas[layout.floor] = self.floor_z, self.assumed.floor
+            strict[layout.floor] = self.assumed.floor
         free = determinable(problem, values, floor_is_known=self.floor_z is not None)
         if rough:
             free[[layout.rig.start + 1, layout.rig.start + 4, layout.bias]] = False

@@ -12,7 +12,7 @@ LEVEL_PARAMETERS = ("level_x", "level_y", "level_yaw")
 
 
 @dataclass(frozen=True, slots=True)
-class Trust:
+class AssumptionSigmas:
     """Standard deviations of the assumptions on buildings, bases and lasers (defaults: chosen).
 
     Attributes

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.calibrate.layout import WIDE_LEVEL_SIGMAS, WIDE_SIGMAS, Layout, Trust
+from tccm_ros.calibrate.layout import WIDE_LEVEL_SIGMAS, WIDE_SIGMAS, AssumptionSigmas, Layout
 from tccm_ros.calibrate.model import CycleBeams, RigModel, RigValues
 from tccm_ros.calibrate.recording import LevelScans
 from tccm_ros.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, RoomPlanes
@@ -108,7 +108,7 @@ class Problem:
         Hits of the level laser.
     T_level_mount
         The configured correction of the level laser's mount, float64 (4, 4).
-    trust
+    assumed
         Standard deviations of the assumptions.
     layout
         Order of the parameters.
@@ -126,7 +126,7 @@ class Problem:
     surroundings: RoomPlanes
     level: tuple[LevelHits, ...]
     T_level_mount: Float64
-    trust: Trust
+    assumed: AssumptionSigmas
     layout: Layout
     blur: float
 
@@ -179,10 +179,10 @@ class Problem:
         The common error of a cluster's hits (deviation of the plane, bias of the laser) is counted
         once per cluster, independent of the number of hits.
         """
-        trust = self.trust
-        shared = trust.flatness**2 * np.bincount(cluster, minlength=1)[cluster]
-        across = ranges * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * trust.angle_noise
-        own = (trust.range_noise * cosine) ** 2 + across**2 + shared
+        assumed = self.assumed
+        shared = assumed.flatness**2 * np.bincount(cluster, minlength=1)[cluster]
+        across = ranges * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * assumed.angle_noise
+        own = (assumed.range_noise * cosine) ** 2 + across**2 + shared
         return np.sqrt(own + self.blur**2 * (cosine**2 + GRAZING**2))
 
     def _against_planes(
@@ -285,17 +285,17 @@ class Problem:
         `building_factor` multiplies those of vertical walls, horizontal ceilings and the range
         bias. They are infinite without an assumption; those of the rig are `WIDE_SIGMAS`.
         """
-        layout, trust = self.layout, self.trust
+        layout, assumed = self.layout, self.assumed
         means, sigmas = np.zeros(layout.size), np.full(layout.size, np.inf)
         means[layout.rig], sigmas[layout.rig] = guess.vector(), WIDE_SIGMAS
         sigmas[layout.level] = WIDE_LEVEL_SIGMAS
-        sigmas[layout.bias] = trust.range_bias * building_factor
+        sigmas[layout.bias] = assumed.range_bias * building_factor
         for bag in range(layout.bags):
-            sigmas[layout.ceiling(bag)][1:] = trust.ceiling * building_factor
+            sigmas[layout.ceiling(bag)][1:] = assumed.ceiling * building_factor
         for number in range(layout.walls):
-            sigmas[layout.wall(number).stop - 1] = trust.vertical * building_factor
+            sigmas[layout.wall(number).stop - 1] = assumed.vertical * building_factor
         for place in range(layout.places):
-            sigmas[layout.roll_pitch(place)] = trust.base_tilt
+            sigmas[layout.roll_pitch(place)] = assumed.base_tilt
         return means, sigmas
 
 

@@ -24,7 +24,7 @@ from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord
 from tccm_ros.robust import median_sigma
 
-WINDOW, ENOUGH = 8, 4
+MAX_CYCLES, MIN_CYCLES = 8, 4
 """Maximum and minimum number of compared tilt cycles (chosen)."""
 
 MIN_TILT, MIN_SWING, MIN_BEND = np.deg2rad(0.4), np.deg2rad(0.25), 0.010
@@ -84,7 +84,7 @@ class RigCheck:
     """Collects tilt cycles and finds errors of the rig; takes a few milliseconds per cycle."""
 
     def __init__(self) -> None:
-        self._floors: deque[_Floor] = deque(maxlen=WINDOW)
+        self._floors: deque[_Floor] = deque(maxlen=MAX_CYCLES)
         self._doubled: tuple[float, float] | None = None
 
     def clear(self) -> None:
@@ -111,7 +111,7 @@ class RigCheck:
     def findings(self) -> list[Finding]:
         """Return the errors indicated by the last tilt cycles, the most certain first."""
         found = []
-        if len(self._floors) >= ENOUGH:
+        if len(self._floors) >= MIN_CYCLES:
             found += [f for f in (self._swing(), self._bend(), self._tilt(), self._roll()) if f]
         if self._doubled is not None:
             distance, height = self._doubled
@@ -137,7 +137,7 @@ class RigCheck:
             for before, after in zip(self._floors, list(self._floors)[1:])
             if after.cycle == before.cycle + 1 and before.ended_by == CycleEnd.REVERSAL
         ]
-        if len(pairs) < ENOUGH - 1:
+        if len(pairs) < MIN_CYCLES - 1:
             return None
         size = abs(float(np.median(pairs)))
         if size < MIN_SWING or abs(float(np.sum(np.sign(pairs)))) < len(pairs) - 1:
@@ -209,7 +209,7 @@ def _floor(result: CycleResult) -> _Floor | None:
             return None
         slopes = _fit_plane(points[near], cuboids.count[near])
         off = points[:, 2] - slopes[0] - points[:, :2] @ slopes[1:]
-    fit = _fit(points[near], cuboids.count[near])
+    fit = _fit_bent_plane(points[near], cuboids.count[near])
     if fit is None:
         return None
     return _Floor(result.cycle, *fit, result.ended_by)
@@ -220,7 +220,7 @@ def _fit_plane(points: Float64, counts: Float64) -> Float64:
     return _robust(np.column_stack([np.ones(len(points)), points[:, :2]]), points[:, 2], counts)
 
 
-def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
+def _fit_bent_plane(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
     """Return the slopes and the bend of a robust fit of z = a + b x + c y + d x^2."""
     x, y, z = points.T
     low, high = np.quantile(x, [0.05, 0.95])

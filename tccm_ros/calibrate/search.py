@@ -1,4 +1,4 @@
-"""A first guess of tilt zero, tilt scale and roll, by a grid search over patch orientations.
+"""First guess of tilt zero, tilt scale and roll, by a grid search over patch orientations.
 
 Most flat patches of a building are horizontal or vertical. The search selects the scale, zero and
 roll for which this holds for most patches; it needs no floor and no walls. Patches are cut again

@@ -123,14 +123,14 @@ def merge_maps(
     paths = [path.absolute() for path in find_maps(sources)]
     checksums = [checksum_of(path) for path in paths]
     first = {checksum: k for k, checksum in reversed(list(enumerate(checksums)))}
-    twins = [k for k, checksum in enumerate(checksums) if first[checksum] != k]
-    used = [k for k in range(len(paths)) if k not in twins]
+    copies = [k for k, checksum in enumerate(checksums) if first[checksum] != k]
+    used = [k for k in range(len(paths)) if k not in copies]
     maps = {k: (paths[k], checksums[k]) for k in used}
-    matches, matched = match_all(maps, _remembered(out), config, workers or Workers(), bars)
+    matches, matched = match_all(maps, _cache_folder(out), config, workers or Workers(), bars)
     accepted = {pair: match for pair, match in matches.items() if match.is_accepted}
     components, contradicting = select_pairs(len(paths), accepted)
     if same_building:
-        components = _with_twins(components, {k: first[checksums[k]] for k in twins})
+        components = _with_copies(components, {k: first[checksums[k]] for k in copies})
     bars.start("merge", float(len(components)))
     inputs = [read_map(path, config) for path in paths]
     with output_folder(out, is_replaced=True) as made:
@@ -141,23 +141,23 @@ def merge_maps(
             entries.append(_entry(folder, component, inputs, solution))
             bars.advance(1.0)
         pairs = [_pair_entry(p, m, inputs, p in contradicting) for p, m in matches.items()]
-        identical = () if same_building else tuple(inputs[k].name for k in twins)
+        identical = () if same_building else tuple(inputs[k].name for k in copies)
         content = MergeFile(tuple(entries), tuple(pairs), identical)
         with output_file(made / RECORD) as file:
             file.write_text(json_text(content), encoding="utf-8")
     return MergeSummary(out, content, matched)
 
 
-def _remembered(out: Path) -> Path:
+def _cache_folder(out: Path) -> Path:
     return out.with_name(f"{out.name}.pairs")
 
 
-def _with_twins(components: list[Component], twins: Mapping[int, int]) -> list[Component]:
+def _with_copies(components: list[Component], copies: Mapping[int, int]) -> list[Component]:
     """Add identical maps to the component of the first of them."""
-    kept = [c for c in components if not set(c.p_root_map) <= set(twins)]
-    for twin, first in twins.items():
+    kept = [c for c in components if not set(c.p_root_map) <= set(copies)]
+    for copy, first in copies.items():
         component = next(c for c in kept if first in c.p_root_map)
-        component.p_root_map[twin] = component.p_root_map[first]
+        component.p_root_map[copy] = component.p_root_map[first]
     return kept
 
 

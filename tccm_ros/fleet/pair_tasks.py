@@ -26,7 +26,7 @@ from tccm_ros.results.numbers import json_text
 
 def match_all(
     maps: Mapping[int, tuple[Path, str]],
-    remembered: Path,
+    cache: Path,
     config: Config,
     workers: Workers,
     bars: Bars,
@@ -37,7 +37,7 @@ def match_all(
     ----------
     maps
         Map file and checksum, by index.
-    remembered
+    cache
         Cache folder of matches; new ones are added.
     config
         Configuration of matching.
@@ -54,7 +54,7 @@ def match_all(
         If a map is damaged or has no walls.
     """
     files = {
-        (i, j): pair_file(remembered, maps[i][1], maps[j][1], config)
+        (i, j): pair_file(cache, maps[i][1], maps[j][1], config)
         for i, j in itertools.combinations(sorted(maps), 2)
     }
     missing = [pair for pair, file in files.items() if read_pair(file) is None]
@@ -62,7 +62,7 @@ def match_all(
     if missing:
         with connected(workers) as client:
             _run(client, missing, maps, files, config, bars)
-    return {pair: _remembered_pair(file) for pair, file in files.items()}, len(missing)
+    return {pair: _cached_pair(file) for pair, file in files.items()}, len(missing)
 
 
 def _run(
@@ -86,7 +86,7 @@ def _run(
         bars.advance(1.0)
 
 
-def _remembered_pair(file: Path) -> PairMatch:
+def _cached_pair(file: Path) -> PairMatch:
     match = read_pair(file)
     if match is None:
         raise FleetError(f"{file}: the match of two maps is not there; run the command again")
@@ -117,7 +117,7 @@ def read_pair(path: Path) -> PairMatch | None:
         return None
 
 
-def match_files(one: Path, other: Path, config: Config, remembered: Path) -> None:
+def match_files(one: Path, other: Path, config: Config, cache: Path) -> None:
     """Match the maps of two files and cache the result (a task).
 
     Parameters
@@ -126,9 +126,9 @@ def match_files(one: Path, other: Path, config: Config, remembered: Path) -> Non
         Map files.
     config
         Configuration of the match.
-    remembered
+    cache
         Cache file.
     """
     match = match_maps(read_map(one, config), read_map(other, config), config)
-    with output_file(remembered) as made:
+    with output_file(cache) as made:
         made.write_text(json_text(match), encoding="utf-8")

@@ -28,7 +28,7 @@ from rclpy.task import Future
 from tccm_ros.approach.approach import Approach
 from tccm_ros.approach.detection import Detection
 from tccm_ros.approach.drive import PERIOD_S
-from tccm_ros.approach.losses import loss_of
+from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.names import NamedSpot
 from tccm_ros.approach.outcome import Outcome, Reason
 from tccm_ros.approach.retreat import Retreat
@@ -67,7 +67,7 @@ ZEROS = 2
 
 CATCH_UP_S = 0.3
 """Time after a step longer than the period, s, in which the messages that came meanwhile are read:
-until then the base stands where an input seems lost. As `losses.POSE_S`."""
+until then the base stands where an input seems lost. As `missing_input.POSE_S`."""
 
 PERIOD_NS = round(PERIOD_S * 1e9)
 """Period of the control loop, ns."""
@@ -254,7 +254,7 @@ class ApproachNode(Node):
 
     def _drive_on(self, drive: ActiveGoal) -> Outcome | None:
         """Send the command of this step; return the outcome once `ZEROS` zero commands are sent."""
-        machine = drive.machine
+        machine, patience_s = drive.machine, drive.robot.patience_s
         outcome = drive.failure or machine.outcome
         if outcome is not None:
             return self._finish_drive(drive, outcome)
@@ -265,7 +265,7 @@ class ApproachNode(Node):
             return None
         if self._is_ending or drive.handle.is_cancel_requested:
             speeds = machine.cancel(senses)
-        elif time.monotonic() < self._reading_until_s and loss_of(senses, drive.robot.patience_s):
+        elif time.monotonic() < self._reading_until_s and missing_input(senses, patience_s):
             speeds = machine.wait(senses)
         else:
             speeds = machine.step(senses)
@@ -318,7 +318,7 @@ class ApproachNode(Node):
 
     def _send(self, speeds: Speeds) -> None:
         twist = Twist()
-        twist.linear.x, twist.angular.z = float(speeds.ahead), float(speeds.yaw_rate)
+        twist.linear.x, twist.angular.z = float(speeds.forward), float(speeds.yaw_rate)
         if self.config.approach.stamped:
             stamped = TwistStamped(twist=twist)
             stamped.header.stamp = self.get_clock().now().to_msg()

@@ -97,7 +97,7 @@ class ManagedNode(SensorNode, LifecycleNode):
     def activate(self) -> None:
         """Subscribe, and log the known sensors and silent inputs."""
         super().activate()
-        self.say_ready()
+        self.log_ready()
 
     def save_quickly(self, ending: Ending) -> None:
         """Save the newest result if the node is configured."""

@@ -112,7 +112,7 @@ class MapSession:
         before = Counter(self.tracker.counts)
         self.add(event)
         if isinstance(event, ViewPart):
-            self._client_api.note_view_part(event.stamp_ns, self._solver.next_number)
+            self._client_api.note_view_message(event.stamp_ns, self._solver.next_number)
             if self._objects.add(event):
                 self._show_objects()
         if not isinstance(event, PosedDetections):

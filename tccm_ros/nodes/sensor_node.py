@@ -140,7 +140,7 @@ class SensorNode(Node):
         self._status = NodeStatus(self.config, self.inputs, self.refusals)
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
         self.at_end(self._clock_watch.close)
-        self.warming = Warming(processor_name, self.config, self._say_progress, self._become_ready)
+        self.warming = Warming(processor_name, self.config, self._log_progress, self._become_ready)
         self.robot.hold()
         self.worker.post(self.warming.wait_until_loaded)
         self.robot.listen(self.offer, lambda: self.worker.backlog > BACKLOG // 2)
@@ -327,7 +327,7 @@ class SensorNode(Node):
         """
         self._ends.close()
 
-    def _say_progress(self, text: str) -> None:
+    def _log_progress(self, text: str) -> None:
         dropped = self.robot.too_early.total()
         lost = f", {dropped} are dropped" if dropped else ""
         self.get_logger().info(f"{text}; {self.robot.early} records wait{lost}")
@@ -336,9 +336,9 @@ class SensorNode(Node):
         """Process the records kept while kernels were loading, then report readiness."""
         self.robot.release(self.refuse)
         if self.context.ok() and self.is_active:
-            self.say_ready()
+            self.log_ready()
 
-    def say_ready(self) -> None:
+    def log_ready(self) -> None:
         """Log one line with the known sensors and the inputs that are still silent."""
         known = found_on(self.robot.robot, self.roles)
         optional = (r for r, stream in self._streams.items() if stream.mount is MountKind.ANY)

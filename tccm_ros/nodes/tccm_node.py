@@ -154,7 +154,7 @@ class TccmNode(SensorNode):
 
     def _note_map(self) -> None:
         if self._boxes is not None:
-            self._boxes.note()
+            self._boxes.refresh()
 
     def _write(self, *, is_asked: bool) -> str:
         """Write cuboids.npz and return a sentence about it.

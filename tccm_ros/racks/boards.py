@@ -19,7 +19,7 @@ from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.tabletop.free_places import polygon_parts
 
 NEAR_RACK = 0.5
-"""Maximum distance of hits that are used for a rack, and of a board beyond its last seen point, m;
+"""Maximum distance of the hits of a rack, and of a board's end beyond its last seen point, m;
 chosen: more than the space grid extends before the front."""
 
 SAME_HEIGHT = 0.015
@@ -65,12 +65,12 @@ def whole_boards(boards: Sequence[Surface]) -> list[Surface]:
 
 
 def completed_boards(boards: Sequence[Surface]) -> list[Surface]:
-    """Return boards continued beyond edges that were not seen, to seen edges of the other boards.
+    """Return boards extended beyond their hidden edges to the seen edges of other boards.
 
-    A board that hides the end of the one below it does not tell that it ends there.
+    Where a board occludes the end of the board below it, the lower one may extend further.
     """
     outlines = [board_outline(board) for board in boards]
-    seen = [(outline, e) for outline, board in zip(outlines, boards) for e in _seen(board)]
+    seen = [(outline, e) for outline, board in zip(outlines, boards) for e in _seen_edges(board)]
     found = []
     for board, outline in zip(boards, outlines):
         more: list[Polygon] = []
@@ -93,10 +93,10 @@ def board_frame(surface: Surface, stack: Sequence[Surface]) -> Float64:
     """Return the horizontal pose, float64 (4, 4), of a board.
 
     Its axes are those of the smallest rectangle around the board, turned to the mean direction of
-    the seen edges of all boards that are parallel to it: hidden edges tell no direction.
+    the seen edges of all boards that are parallel to it: hidden edges have no known direction.
     """
     x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
-    turns = [_turn(edge, yaw) for board in stack for edge in _seen(board)]
+    turns = [_turn(edge, yaw) for board in stack for edge in _seen_edges(board)]
     turn, weight = np.array([t for t in turns if abs(t[0]) < PARALLEL]).reshape(-1, 2).T
     if weight.sum():
         yaw += float(turn @ weight / weight.sum())
@@ -120,7 +120,7 @@ def with_seen_sides(ceiling: Ceiling, boards: Sequence[Surface], T_map_board: Fl
     for end, axis in product(range(2), range(2)):
         towards = T_map_board[:2, axis] * (2 * end - 1)
         total = weight = 0.0
-        for edge in (edge for board in boards for edge in _seen(board)):
+        for edge in (edge for board in boards for edge in _seen_edges(board)):
             at = transform(T_board, np.array([edge.start, edge.end])).mean(axis=0)[axis]
             is_there = abs(at - sides[end, axis]) < EDGE_SIGMAS * edge.sigma
             if _normal(edge) @ towards > math.cos(PARALLEL) and is_there:
@@ -132,7 +132,7 @@ def with_seen_sides(ceiling: Ceiling, boards: Sequence[Surface], T_map_board: Fl
 
 def front_edge(board: Surface, T_front: Float64) -> float:
     """Return x of the longest seen edge towards the front; of the foremost point without one."""
-    ends = [transform(T_front, np.array([edge.start, edge.end])) for edge in _seen(board)]
+    ends = [transform(T_front, np.array([edge.start, edge.end])) for edge in _seen_edges(board)]
     ahead = [e for e in ends if e[0, 1] - e[1, 1] > abs(e[0, 0] - e[1, 0])]
     if not ahead:
         return float(transform(T_front, board.boundary)[:, 0].min())
@@ -179,7 +179,7 @@ def _beside(edge: SurfaceEdge, width: float) -> Polygon:
     return Polygon(np.concatenate([inner, ends[::-1] + width * normal])).buffer(0.0)
 
 
-def _seen(board: Surface) -> list[SurfaceEdge]:
+def _seen_edges(board: Surface) -> list[SurfaceEdge]:
     """Return the edges of a board that were seen."""
     return [edge for edge in board.edges if edge.state == EdgeState.SEEN and edge.sigma > 0.0]
 

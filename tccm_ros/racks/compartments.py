@@ -26,7 +26,7 @@ from tccm_ros.racks.boards import (
 )
 from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
 from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
-from tccm_ros.racks.faces import Face, SeenFace, look_at
+from tccm_ros.racks.faces import Face, SeenFace, measure_face
 from tccm_ros.racks.hits import Hits, HitsInMap
 from tccm_ros.racks.open_parts import open_parts
 from tccm_ros.racks.seen_space import seen_space
@@ -71,9 +71,9 @@ def find_compartments(
         )
         if not any(True for board in own for _ in _ceilings(board, own, near)):
             continue  # nothing is above, as with tables
-        near = near.still_there()
-        of = [views[v] for v in np.unique(near.view).tolist()]
-        spaces = [c for board in own for c in _over(board, own, near, of)]
+        near = near.without_removed()
+        used = [views[v] for v in np.unique(near.view).tolist()]
+        spaces = [c for board in own for c in _compartments_over(board, own, near, used)]
         if spaces:
             lowest = min(spaces, key=lambda c: float(c.T_map_front[2, 3]))
             for space in spaces:
@@ -93,10 +93,10 @@ def _stacks(outlines: NDArray[np.object_]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _over(
+def _compartments_over(
     board: Surface, stack: Sequence[Surface], hits: Hits, views: Sequence[SeenView]
 ) -> Iterator[Compartment]:
-    """Yield the compartments over a board; of those below no board the lowest."""
+    """Yield the compartments over a board; only the lowest of those without a board above."""
     T_map_board, below_none = board_frame(board, stack), []
     for ceiling in _ceilings(board, stack, hits):
         above = [] if ceiling.above < 0 else [stack[ceiling.above]]
@@ -166,7 +166,7 @@ def _compartment(
     if height <= 0.0:
         return None
     faces = [_face(T_map_board, middle, half, height, k) for k in range(4)]
-    seen = [look_at(face, hits, views) for face in faces]
+    seen = [measure_face(face, hits, views) for face in faces]
     front = _front(faces, seen, hits)
     if seen[front].bar < math.inf:
         height = seen[front].bar + FACE_MARGIN

@@ -82,7 +82,7 @@ def _state(measured: float, passed: float) -> FaceState:
     return FaceState.OPEN if passed >= STATE_FRACTION else FaceState.UNKNOWN
 
 
-def look_at(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
+def measure_face(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     """Return the measurements of a face.
 
     Parameters
@@ -142,9 +142,10 @@ def lower_end(
 ) -> float | None:
     """Return the height of the lower end of a front: the one that the fewest beams contradict.
 
-    Beams that ended on the front contradict a lower end above them, beams that passed it one below
-    them. Errors of ranges are along the beams, so that heights are those at which beams cross the
-    front. Only an end of a beam from below may be on the lower side instead, and has its own.
+    Beams that ended on the front contradict a lower end above them; beams that passed below it
+    contradict one below them. Range errors are along the beams, so the height of a beam is that at
+    which it crosses the front. The end of a beam from below may be on the lower side of the board:
+    its own height is used.
 
     Parameters
     ----------

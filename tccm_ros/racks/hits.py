@@ -51,7 +51,7 @@ class Hits:
         """Return the hits for which `keep`, bool (M,), is true."""
         return Hits(self.ends[keep], self.origins[keep], self.half[keep], self.view[keep])
 
-    def still_there(self) -> Hits:
+    def without_removed(self) -> Hits:
         """Return the hits of the `MAX_VIEWS` best views, without those that newer beams passed."""
         views, counts = np.unique(self.view, return_counts=True)
         views = np.sort(views[np.argsort(-counts, kind="stable")[:MAX_VIEWS]])

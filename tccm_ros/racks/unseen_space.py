@@ -70,7 +70,7 @@ def unseen_spaces(
     hits, found = HitsInMap(views), []
     outlines = [shapely.make_valid(Polygon(s.boundary[:, :2])) for s in above]
     for k, surface in enumerate(above):
-        near = hits.near(outlines[k], NEAR_RACK).still_there()
+        near = hits.near(outlines[k], NEAR_RACK).without_removed()
         T, low, cell, shape = _grid(surface, floor_z)
         passed, hit = seen_cells(T, low, shape, cell, near, views)
         seen = _wide(passed & ~hit)

@@ -74,23 +74,23 @@ class ReplayOutcome:
 
     def _why_small(self, count: int) -> str:
         planes = [plane for cycle in self.cycles for plane in cycle.planes]
-        levels = [plane for plane in planes if plane.kind is PlaneKind.HORIZONTAL]
+        horizontal = [plane for plane in planes if plane.kind is PlaneKind.HORIZONTAL]
         largest = max(s.area for s in self.solution.surfaces if s.label != "floor")
         return (
             f"the largest of {count} has {largest:.3f} m²; {len(self.cycles)} tilt cycles have "
-            f"{len(planes)} planes, {len(levels)} of them horizontal"
+            f"{len(planes)} planes, {len(horizontal)} of them horizontal"
         )
 
     def _why_no_surfaces(self) -> str:
         if not self.cycles:
             return "there is no tilting laser, no depth image and no point cloud"
         planes = [plane for cycle in self.cycles for plane in cycle.planes]
-        level = sum(plane.kind is PlaneKind.HORIZONTAL for plane in planes)
+        horizontal = sum(plane.kind is PlaneKind.HORIZONTAL for plane in planes)
         limit = self.config.surfaces.min_height
         seen = f"{len(self.cycles)} tilt cycles have {len(planes)} planes"
         if not planes:
             return f"{seen}: no usable points: none measured, or too noisy or too far away"
-        seen = f"{seen}, {level} of them horizontal"
+        seen = f"{seen}, {horizontal} of them horizontal"
         above = sum(map(_area_above_sensor, self.cycles))
         if 2.0 * above > sum(map(_horizontal_area, self.cycles)):
             return f"{seen}, mostly above the sensor: ceilings, or a tilt joint of the wrong sign?"

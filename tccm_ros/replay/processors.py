@@ -151,7 +151,7 @@ class Pipeline:
         return results + self._add_level_scans(events) if self._level.is_on else results
 
     def _add_level_scans(self, events: Iterable[Event]) -> list[CycleResult]:
-        """Add the level scans made of events; they return as posed scans."""
+        """Project sensor data of events to level scans, and process these."""
         results: list[CycleResult] = []
         with self.clock.stage("tccm"):
             scans = [scan for scan in map(self._level.project, events) if scan is not None]

@@ -174,10 +174,10 @@ def replay(
     bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
-        messages, so_far = CycleMessageStore(config, folder), UnfinishedMaps(folder, config)
+        messages, unfinished = CycleMessageStore(config, folder), UnfinishedMaps(folder, config)
         outcome = run_bag(
             bag, config, remap=remap, saved=saved, events=events, on_cycle=messages.add,
-            on_event=None if watcher is None else watcher.add, on_progress=so_far.offer,
+            on_event=None if watcher is None else watcher.add, on_progress=unfinished.offer,
             bars=bars, clock=clock,
         )  # fmt: skip
         bars.start("write", 1.0)
@@ -200,7 +200,7 @@ def replay(
             stages.run("report", lambda: _write_page(results, drawn[1], folder, clock))
         if stages.failed:
             content = _write_summary(folder, outcome)
-        so_far.close()
+        unfinished.close()
     return Summary(
         Path(out),
         content,

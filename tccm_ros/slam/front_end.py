@@ -81,7 +81,7 @@ CONFIRMING_KEYFRAMES = 3
 """Maps of fewer keyframes have hardly any confirmed surfaces; confirmation is then not required
 (chosen)."""
 
-STANDING_STEP = (0.002, 0.002)
+REST_STEP = (0.002, 0.002)
 """A robot is at rest if odometry reports a step of less than this (m, rad) between two scans
 (chosen)."""
 
@@ -108,7 +108,7 @@ EARLY_KEYFRAME_INLIERS = 0.65
 """Inlier fraction below which a scan becomes a keyframe early (chosen)."""
 
 EARLY_FRACTION = 0.4
-"""Min motion to an early keyframe, as the sum of `FrontEnd.steps` (chosen)."""
+"""Min motion to an early keyframe, as the sum of `FrontEnd.step_fractions` (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,12 +195,12 @@ def decayed(velocity: Float64, seconds: float, information: Float64, prior_cov: 
 
 
 def _since(since_ns: int | None, scan: LevelScan, holds: bool) -> int | None:
-    """Return the stamp since when a condition holds; None where it does not (`holds`)."""
+    """Return the stamp since which a condition has held; None if it does not hold (`holds`)."""
     return (scan.stamp_ns if since_ns is None else since_ns) if holds else None
 
 
-def _known(pose: Float64, cov: Float64) -> Prior:
-    """Return a prior; odometry's covariance (3, 3) is diagonal, and isotropic in the plane."""
+def _prior(pose: Float64, cov: Float64) -> Prior:
+    """Return a prior from odometry's covariance (3, 3): diagonal, and isotropic in the plane."""
     return Prior(pose, np.diag(1.0 / np.diag(cov)))
 
 
@@ -244,17 +244,17 @@ class FrontEnd:
     tracked: list[TrackedPose] = field(default_factory=list)
     pose: Float64 = field(default_factory=lambda: np.zeros(3))
     is_lost: bool = False
-    # Pose of the last used match; stamps since when the pose is unknown, and since when scans see
-    # through the surfaces of the map.
+    # Pose of the last used match; stamps since which the pose is unknown, and since which scans see
+    # through surfaces of the map.
     _matched: _StampedPose | None = None
     _unmatched_ns: int | None = None
-    _elsewhere_ns: int | None = None
+    _seen_through_ns: int | None = None
     _map: _LocalMap | None = None
     _last: LevelScan | None = None
     # Mean velocity of the newest motion, (m/s, m/s, rad/s), in the frame of the previous pose.
     _velocity: Float64 = field(default_factory=lambda: np.zeros(3))
-    _moved: bool = False
-    _stood: bool = False
+    _has_moved: bool = False
+    _was_at_rest: bool = False
     _disagreeing_scans: int = 0
     _scale: OdometryScale = field(default_factory=OdometryScale)
     _information: Float64 | None = None
@@ -287,7 +287,7 @@ class FrontEnd:
         self.tracked.append(tracked)
         return tracked
 
-    def steps(self, moved: Float64) -> tuple[float, float]:
+    def step_fractions(self, moved: Float64) -> tuple[float, float]:
         """Return a motion (3,) as fractions of the distance and the angle between keyframes."""
         graph = self.config.graph
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
@@ -297,7 +297,7 @@ class FrontEnd:
         """Begin a new session; the next scan is at an unrelated place."""
         if self._last is not None:
             self.session += 1
-        self.is_lost, self._unmatched_ns, self._elsewhere_ns = False, None, None
+        self.is_lost, self._unmatched_ns, self._seen_through_ns = False, None, None
         self._map = self._last = self._information = None
         self._velocity, self._disagreeing_scans = np.zeros(3), 0
 
@@ -321,16 +321,16 @@ class FrontEnd:
         assert self._last is not None
         before, keyframe = self.pose, self.keyframes[-1]
         predicted, prior, prior_cov = self._predict(scan)
-        self.pose, cov, inliers = self._match(scan, predicted, _known(prior, prior_cov), prior_cov)
-        self._check_standing(scan, prior, prior_cov)
+        self.pose, cov, inliers = self._match(scan, predicted, _prior(prior, prior_cov), prior_cov)
+        self._count_disagreeing_scans(scan, prior, prior_cov)
         self._check_lost(scan, inliers)
         self._update_velocity(scan, before, prior_cov)
         moved = between_se2(keyframe.pose, self.pose)
-        steps = self.steps(moved)
-        is_early = inliers < EARLY_KEYFRAME_INLIERS and sum(steps) > EARLY_FRACTION
-        is_due = max(steps) > 1.0 or is_early
+        fractions = self.step_fractions(moved)
+        is_early = inliers < EARLY_KEYFRAME_INLIERS and sum(fractions) > EARLY_FRACTION
+        is_due = max(fractions) > 1.0 or is_early
         # A scan of another place must not enter the map that has to detect the change.
-        if is_due and not self._is_place_in_doubt() and not self._is_hidden(scan, inliers):
+        if is_due and not self._is_place_in_doubt() and not self._is_occluded(scan, inliers):
             systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
             self._add_keyframe(scan, cov, systematic)
@@ -389,7 +389,7 @@ class FrontEnd:
         step = self._scale.corrected(between_se2(self._last.odom, scan.odom))
         since = self._scale.corrected(between_se2(self._anchor_odom, scan.odom))
         if step.any():
-            self._moved, self._disagreeing_scans = True, 0
+            self._has_moved, self._disagreeing_scans = True, 0
         if not self._believes_odometry(scan):
             expected = compose_se2(
                 self.pose, decaying_motion(self._velocity, self._seconds_to(scan))
@@ -402,9 +402,9 @@ class FrontEnd:
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
         # Matching must not accumulate heading errors of a robot at rest. Late odometry looks like
         # rest for one scan.
-        if step.any() or not self._stood:
+        if step.any() or not self._was_at_rest:
             self._odometry_pose[2] = expected[2]
-        self._stood = not step.any()
+        self._was_at_rest = not step.any()
         prior = self._odometry_pose.copy()
         cov = odometry_covariance(since, self.config.odometry)
         if self._gyro_s:
@@ -433,7 +433,7 @@ class FrontEnd:
     def _believes_odometry(self, scan: LevelScan) -> bool:
         return scan.has_odometry and self._disagreeing_scans < CONTRADICTING_SCANS
 
-    def _check_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
+    def _count_disagreeing_scans(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
         """Count consecutive scans that observe a motion while odometry reports rest."""
         assert self._last is not None
         if not scan.has_odometry or between_se2(self._last.odom, scan.odom).any():
@@ -461,12 +461,12 @@ class FrontEnd:
         )
         is_seen_through = (
             self._map is not None
-            and (unknown or self._stands(scan) or self._is_place_in_doubt())
+            and (unknown or self._is_at_rest(scan) or self._is_place_in_doubt())
             and seen_through(self.pose, scan, self._map.lines) > inliers
         )
         self._unmatched_ns = _since(self._unmatched_ns, scan, unknown or is_seen_through)
-        self._elsewhere_ns = _since(self._elsewhere_ns, scan, is_seen_through)
-        since_ns = self._elsewhere_ns
+        self._seen_through_ns = _since(self._seen_through_ns, scan, is_seen_through)
+        since_ns = self._seen_through_ns
         self.is_lost = since_ns is not None and scan.stamp_ns - since_ns > LOST_TIME * 1e9
 
     def _is_place_in_doubt(self) -> bool:
@@ -485,7 +485,7 @@ class FrontEnd:
         is_far = deviation @ prior.information @ deviation > CONTRADICTION_CHI2
         return bool(is_far) or (self._is_place_in_doubt() and result.inliers < MIN_INLIERS)
 
-    def _is_hidden(self, scan: LevelScan, inliers: float) -> bool:
+    def _is_occluded(self, scan: LevelScan, inliers: float) -> bool:
         """Return whether people occlude the map in a scan without odometry.
 
         Most of its outliers are where the map's scans had free space, so they are no new surfaces.
@@ -503,19 +503,19 @@ class FrontEnd:
         )
         return float(np.mean(passes > hits)) > 0.5 * (1.0 - inliers)
 
-    def _stands(self, scan: LevelScan) -> bool:
+    def _is_at_rest(self, scan: LevelScan) -> bool:
         """Return whether odometry, which has reported motion before, reports rest."""
-        if self._last is None or not self._moved or not self._believes_odometry(scan):
+        if self._last is None or not self._has_moved or not self._believes_odometry(scan):
             return False
         step = between_se2(self._last.odom, scan.odom)
         moved, turned = float(np.hypot(step[0], step[1])), abs(float(step[2]))
-        return moved < STANDING_STEP[0] and turned < STANDING_STEP[1]
+        return moved < REST_STEP[0] and turned < REST_STEP[1]
 
     def _disagrees_with_odometry(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> bool:
         """Return whether matching alone deviates from odometry that has never reported a motion."""
-        if self._information is None or self._moved:
+        if self._information is None or self._has_moved:
             return False
-        loose = _known(prior, STEADY_COV)
+        loose = _prior(prior, STEADY_COV)
         free = self._align_near(scan, self.pose, loose, self._window(STEADY_COV))
         information = free.information / self.config.matching.correlated_beams
         total = np.linalg.inv(information + np.linalg.inv(prior_cov))
@@ -533,7 +533,7 @@ class FrontEnd:
         if self._map is None or not self.config.matching.enabled or len(scan.points) < MIN_POINTS:
             return predicted, prior_cov, 1.0
         result = self._align_near(scan, predicted, prior, self._window(prior_cov))
-        if result.inliers < MIN_INLIERS and not self._stands(scan):
+        if result.inliers < MIN_INLIERS and not self._is_at_rest(scan):
             wide = self._search_wide(scan, predicted, prior_cov, result)
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
@@ -598,7 +598,7 @@ class FrontEnd:
             # Without odometry, this is the predicted pose.
             moved = decaying_motion(self._velocity, self._seconds_to(scan))
             centres.append(compose_se2(self.pose, moved))
-        found = [self._align_near(scan, c, _known(c, LOOSE_COV), window) for c in centres]
+        found = [self._align_near(scan, c, _prior(c, LOOSE_COV), window) for c in centres]
         min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         # No match is an alternative as well; its quality is 0.
         quality, gains = self._match_quality(scan, near), []
@@ -641,7 +641,7 @@ class FrontEnd:
         self._anchor_cov, self._gyro_s = cov, 0.0
 
     def _recent_keyframes(self, count: int) -> list[GraphKeyframe]:
-        """Return those of the newest keyframes that are of this session."""
+        """Return the keyframes of this session among the newest `count` ones."""
         return [k for k in self.keyframes[-count:] if k.session == self.session]
 
     def _rebuild_map(self) -> None:

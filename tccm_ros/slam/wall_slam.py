@@ -156,7 +156,7 @@ class WallSlam:
             self._attitudes.add(level.stamp_ns, level.attitude)
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:
-            self._closer.search(level, tracked)
+            self._closer.relocalise(level, tracked)
         pose = compose_se2(self._closer.poses[tracked.keyframe], tracked.pose)
         return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
@@ -167,7 +167,7 @@ class WallSlam:
         """
         level = make_level_scan(scan, self.config)
         newest = self._newest
-        if newest and max(self._front.steps(between_se2(newest.odom, level.odom))) <= 1.0:
+        if newest and max(self._front.step_fractions(between_se2(newest.odom, level.odom))) <= 1.0:
             return
         self._newest = level
         lines = extract_lines(level.beams, level.origin, self.config, self.label)
@@ -233,7 +233,7 @@ class WallSlam:
         by tracking; otherwise that one is kept.
         """
         self._front.is_lost = self._is_pose_given = bool(self._front.tracked)
-        self._closer.note_guess(guess)
+        self._closer.relocalise_around(guess)
 
     def _expect(self, level: LevelScan) -> None:
         """Set the expected place of the first scan of a session, from tracking."""
@@ -241,7 +241,7 @@ class WallSlam:
         if is_pose_given and self._newest is not None and self.has_place_now:
             last = self._front.tracked[-1]
             step = compose_se2(last.pose, between_se2(self._newest.odom, level.odom))
-            self._closer.note_expected(compose_se2(self._closer.poses[last.keyframe], step))
+            self._closer.set_expected(compose_se2(self._closer.poses[last.keyframe], step))
 
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the live estimate of the motion of the base between two stamps, float64 (3,).

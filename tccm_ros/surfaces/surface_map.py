@@ -223,11 +223,11 @@ class SurfaceMap:
         """
         walls = np.zeros((0, 2, 2)) if walls is None else walls
         views, config, T = self.views, self._config, poses.T_map_view
-        left = self.carver.carve(views, T)
-        groups = self._merge(views, left, poses)
+        survivors = self.carver.carve(views, T)
+        groups = self._merge(views, survivors, poses)
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
-        ids = TrackIds(views, T, left)
+        ids = TrackIds(views, T, survivors)
 
         def sights(piece: MergedSurface) -> tuple[ViewKey, ViewKey]:
             placed = ids.placed(piece.members, footprint_of(piece, T))
@@ -247,7 +247,7 @@ class SurfaceMap:
         previous: dict[Members, PastPose] = {}
         if self._baseline_merge is None:
             surfaces, previous = adopt_ids(
-                surfaces, ids, views, (T, poses.cov_z_roll_pitch), left, config
+                surfaces, ids, views, (T, poses.cov_z_roll_pitch), survivors, config
             )
         surfaces.sort(key=lambda surface: ids.track_id(surface.members))
         labels = with_corrections(
@@ -294,9 +294,9 @@ class SurfaceMap:
             for surface in surfaces
         ]
 
-    def _merge(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
+    def _merge(self, views: list[View], survivors: Survivors, poses: ViewPoses) -> list[Members]:
         """Group the patches that carving left into surfaces."""
-        patches = self.remainders.surviving_patches(views, left)
+        patches = self.remainders.surviving_patches(views, survivors)
         if self._baseline_merge is None:
             return merge_coplanar(patches, poses.T_map_view, poses.cov_z_roll_pitch, self._config)
         clouds = clouds_in_map(patches, poses.T_map_view)

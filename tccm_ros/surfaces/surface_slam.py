@@ -467,7 +467,7 @@ class SurfaceSlam:
         factors = self._registration.side_factors(views, graph)
         if factors:
             graph = self.wall_slam.solve(stamps, factors, is_final=is_final)
-        return self._registration.levelled(graph)
+        return self._registration.with_adjusted_planes(graph)
 
     def is_aligned(self, solution: SurfaceSolution) -> bool:
         """Return whether this session was found in the saved map that it continues, if any."""

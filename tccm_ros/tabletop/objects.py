@@ -24,8 +24,8 @@ from tccm_ros.tabletop.footprints import (
     loose_cuboids,
     rectangle,
 )
-from tccm_ros.tabletop.parting import part_around, part_by_height
 from tccm_ros.tabletop.round_objects import plan_shape
+from tccm_ros.tabletop.splitting import split_at_gaps, split_by_height
 
 SURFACE_AREA = 0.12
 """A horizontal plane smaller than this, m2, may be the top of an object. Chosen: 35 cm square."""
@@ -69,16 +69,16 @@ def find_objects(
         By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` assigns
         persistent ids.
     """
-    levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
-    if not levels:
+    horizontal = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
+    if not horizontal:
         return []
     labels, structure = fits.labels if labels is None else labels, _are_structure(fits)
     loose = loose_cuboids(cuboids.arrays, labels, structure)
     surfaces = _Surfaces(cuboids, np.append(structure, False)[labels], config.objects.min_height)
-    covers = [plane for plane in levels if plane.area > SURFACE_AREA]
+    covers = [plane for plane in horizontal if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down: a box on a stove is assigned to the stove, not the counter.
-    for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
+    for plane in sorted(horizontal, key=lambda p: (-float(p.centroid[2]), p.id)):
         members, starts = _take_clusters(loose, plane, config)
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
@@ -131,16 +131,16 @@ def _parts(
     hull = convex_hull(mean)
     is_long = len(hull) > 2 and rectangle(hull)[2] > max_length  # few are
     surface = surfaces.of(plane) if is_long else np.zeros((0, 2))
-    for part in part_around(mean, surface, loose.cell, max_length):
-        yield from _parts_by_height(loose, cluster[part], plane, config)
+    for part in split_at_gaps(mean, surface, loose.cell, max_length):
+        yield from _split_by_height(loose, cluster[part], plane, config)
 
 
-def _parts_by_height(
+def _split_by_height(
     loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config
 ) -> list[Int64]:
     """Return the parts of a cluster if each of them is an object, else the whole cluster."""
     gap = config.objects.cluster_distance
-    parts = part_by_height(loose.mean[cluster, :2], loose.high[cluster, 2], loose.cell, gap)
+    parts = split_by_height(loose.mean[cluster, :2], loose.high[cluster, 2], loose.cell, gap)
     if len(parts) == 1:
         return [cluster]
     found = [cluster[part] for part in parts]

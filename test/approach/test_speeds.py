@@ -10,7 +10,7 @@ from tccm_ros.approach.speeds import (
     SpeedLimits,
     Speeds,
     along_line,
-    braked,
+    braking_velocity,
     rotate_to,
 )
 
@@ -24,9 +24,9 @@ def test_commands_keep_to_the_limits_whatever_is_wanted(wanted):
     history, last = CommandHistory(LIMITS, 0.1), Speeds()
     for k, now in enumerate(wanted):
         sent = history.send(now, k * PERIOD_S, PERIOD_S)
-        assert abs(sent.ahead) <= LIMITS.speed
+        assert abs(sent.forward) <= LIMITS.speed
         assert abs(sent.yaw_rate) <= LIMITS.yaw_rate
-        assert abs(sent.ahead - last.ahead) <= 2 * LIMITS.acceleration * PERIOD_S + 1e-9
+        assert abs(sent.forward - last.forward) <= 2 * LIMITS.acceleration * PERIOD_S + 1e-9
         assert abs(sent.yaw_rate - last.yaw_rate) <= 2 * LIMITS.yaw_acceleration * PERIOD_S + 1e-9
         last = sent
     assert history.stop(1.0) == (0.0, 0.0)
@@ -34,7 +34,7 @@ def test_commands_keep_to_the_limits_whatever_is_wanted(wanted):
 
 @given(st.floats(-3.0, 3.0))
 def test_the_base_stops_within_the_distance_it_is_braked_for(distance):
-    speed = braked(distance, LIMITS.speed, LIMITS.acceleration)
+    speed = braking_velocity(distance, LIMITS.speed, LIMITS.acceleration)
     assert speed * distance >= 0.0
     assert speed**2 / (2 * LIMITS.acceleration) <= abs(distance) + 1e-9
 
@@ -45,7 +45,7 @@ def test_commands_that_have_not_acted_yet_are_driven_ahead():
         history.send(Speeds(0.25, 0.0), k * PERIOD_S, PERIOD_S)
     now = 40 * PERIOD_S
     # Odometry is 0.05 s old, a command acts in 0.1 s: 0.15 s at 0.25 m/s.
-    ahead = history.ahead_of(np.zeros(3), now - 0.05, now)
+    ahead = history.predict_pose(np.zeros(3), now - 0.05, now)
     assert ahead == pytest.approx([0.0375, 0.0, 0.0], abs=1e-6)
 
 

@@ -80,12 +80,14 @@ def test_the_base_rests_before_a_person_who_walks_towards_it_comes_within_the_ma
         walkers.points = np.array([[0.25 + distance, 0.0]])
         speeds, person = walkers.limit(wanted, np.zeros(3))
         braking_s = max(
-            abs(speeds.ahead) / limits.acceleration,
+            abs(speeds.forward) / limits.acceleration,
             abs(speeds.yaw_rate) / limits.yaw_acceleration,
         )
         until_s = (distance - ROBOT.margin) / WALKING_M_S
         assert (speeds == Speeds()) == (person is not None)
         if speeds != Speeds():
             assert ROBOT.latency_s + 0.3 + braking_s <= until_s + 1e-9
-            assert speeds.ahead * wanted.yaw_rate == pytest.approx(wanted.ahead * speeds.yaw_rate)
+            assert speeds.forward * wanted.yaw_rate == pytest.approx(
+                wanted.forward * speeds.yaw_rate
+            )
     assert speeds == wanted

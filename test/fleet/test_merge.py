@@ -125,8 +125,8 @@ def test_signs_tell_two_buildings_with_the_same_walls_and_furniture(
 
 
 def test_maps_of_the_same_bytes_are_merged_only_where_it_is_said(maps, tmp_path):
-    twin = shutil.copytree(maps / "elsewhere", tmp_path / "twin")
-    sources = [maps / "elsewhere", twin]
+    copy = shutil.copytree(maps / "elsewhere", tmp_path / "copy")
+    sources = [maps / "elsewhere", copy]
     two = merge_maps(sources, tmp_path / "out", Config())
     assert [len(c.maps) for c in two.content.components] == [1, 1]
     assert "--same-building" in two.text()

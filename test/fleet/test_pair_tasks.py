@@ -24,10 +24,10 @@ def matching(tmp_path, monkeypatch):
     noted.mkdir()
     text = json_text(PairMatch(PairReason.NO_MATCH, np.zeros(3)))
 
-    def note(one, other, config, remembered):
+    def note(one, other, config, cache):
         (noted / f"{one.name}-{other.name}").touch(exist_ok=False)
-        remembered.parent.mkdir(exist_ok=True)
-        remembered.write_text(text)
+        cache.parent.mkdir(exist_ok=True)
+        cache.write_text(text)
 
     monkeypatch.setattr(pair_tasks, "match_files", note)
 
@@ -58,7 +58,7 @@ def test_maps_that_are_left_out_are_forgotten_by_nobody(matching):
 
 
 def test_a_pair_whose_workers_die_is_an_error_of_one_line(tmp_path, monkeypatch):
-    def dies(one, other, config, remembered):
+    def dies(one, other, config, cache):
         import os
         import signal
 

@@ -17,7 +17,7 @@ from numpy.random import Generator
 from shapely import Point, Polygon, affinity
 
 from tccm_ros.approach.footprint import Footprint
-from tccm_ros.approach.remembered import Remembered
+from tccm_ros.approach.obstacle_memory import ObstacleMemory
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import SpeedLimits, Speeds
@@ -184,7 +184,7 @@ class SimulatedBase:
         self._cycle: TopCycle | None = None
         self.window: deque = deque(maxlen=WINDOW_CYCLES)
         self.obstacles, self.obstacles_s = np.zeros((0, 3)), -np.inf
-        self._remembered = Remembered(CUBE_M)
+        self._memory = ObstacleMemory(CUBE_M)
         self.contacts = 0
         self.mute: set[str] = set()
         self._last: dict = {}
@@ -283,8 +283,8 @@ class SimulatedBase:
         self.obstacles, self.obstacles_s = points[first], cycle.stamp_s
         cuboids = self.obstacles.copy()
         cuboids[:, :2] = (np.floor(cuboids[:, :2] / CUBE_M) + 0.5) * CUBE_M
-        self._remembered.look(cycle)
-        self._remembered.add(cuboids, self.odom[:2])
+        self._memory.forget_visible(cycle)
+        self._memory.add(cuboids, self.odom[:2])
 
     def _looks_at(self, points: np.ndarray) -> np.ndarray:
         """Return which points (N, 3) in odom are within the beams of a tilt cycle from here."""
@@ -314,7 +314,7 @@ class SimulatedBase:
         now = {
             "odom": (self.odom.copy(), self.t),
             "scan": (transform2(self.odom, self.level_scan()), self.t, self.odom[:2].copy()),
-            "cycle": (self._cycle, self._remembered.points, self.obstacles_s),
+            "cycle": (self._cycle, self._memory.points, self.obstacles_s),
             "map": self.map_odom,
         }
         for name in now:

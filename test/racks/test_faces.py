@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import spatial
 from tccm_ros.racks.compartment import FaceState, SeenView
-from tccm_ros.racks.faces import Face, look_at, lower_end
+from tccm_ros.racks.faces import Face, lower_end, measure_face
 from tccm_ros.racks.hits import HitsInMap
 from tccm_ros.records import ViewIntervals
 
@@ -29,7 +29,7 @@ def seen(distances, free=None):
     columns = FreeColumns.of(free, 0.1)
     views = [SeenView(np.eye(4), EYE, hits, columns)]
     hits = HitsInMap(views).near(shapely.box(-9.0, -9.0, 9.0, 9.0), 0.0)
-    return look_at(FACE, hits, views)
+    return measure_face(FACE, hits, views)
 
 
 def test_beams_that_end_on_a_face_measure_it_and_where_it_is():

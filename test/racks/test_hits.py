@@ -40,7 +40,7 @@ def test_hits_and_sensors_move_with_the_pose_of_their_view():
 def test_what_a_newer_view_looked_through_has_gone_and_all_else_is_still_there():
     box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
     left = everywhere([view(np.concatenate([box, wall])), view(wall, (0.02, 0.0, 0.0))])
-    ends = left.still_there().ends
+    ends = left.without_removed().ends
     assert not (np.abs(ends[:, 0] - BOX_X) < 0.1).any()
     assert (np.abs(ends[:, 0] - WALL_X) < 0.1).sum() == 2 * len(wall)
 
@@ -49,9 +49,9 @@ def test_what_no_newer_view_looked_at_is_still_there():
     box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
     beside = wall[np.abs(wall[:, 1]) > 0.3]
     hits = everywhere([view(np.concatenate([box, wall])), view(beside)])
-    assert len(hits.still_there().ends) == len(box) + len(wall) + len(beside)
+    assert len(hits.without_removed().ends) == len(box) + len(wall) + len(beside)
     newer = everywhere([view(wall), view(np.concatenate([box, wall]))])
-    assert len(newer.still_there().ends) == len(box) + 2 * len(wall)
+    assert len(newer.without_removed().ends) == len(box) + 2 * len(wall)
 
 
 def test_hits_near_an_outline_are_those_in_the_box_around_it():

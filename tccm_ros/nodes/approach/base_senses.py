@@ -13,7 +13,7 @@ import numpy as np
 from rclpy.node import Node
 
 from tccm_ros.approach.footprint import Footprint
-from tccm_ros.approach.remembered import Remembered
+from tccm_ros.approach.obstacle_memory import ObstacleMemory
 from tccm_ros.approach.senses import Senses, TopCycle
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -70,7 +70,7 @@ class BaseSenses:
         self._robot = Robot(config, [scans])
         self._scan, self._scan_ns = np.zeros((0, 2)), -1
         self._laser = np.zeros(2)
-        self._remembered, self._cuboids_ns = Remembered(OBSTACLE_STEP_M), -1
+        self._memory, self._cuboids_ns = ObstacleMemory(OBSTACLE_STEP_M), -1
         self._cycle: TopCycle | None = None
         self._placed: tuple[MapLocalisation, Float64] | None = None
         records = RecordSubscriptions(node, config, self._inputs, refusals, {scans.role: scans})
@@ -121,7 +121,7 @@ class BaseSenses:
         points = transform(T, cloud.points.astype(np.float64))
         seen_from = transform(T, np.asarray(viewpoint, np.float64)[None])[0]
         self._cycle = TopCycle(cloud.stamp_ns * 1e-9, points, seen_from)
-        self._remembered.look(self._cycle)
+        self._memory.forget_visible(self._cycle)
 
     def _take_cuboids(self, message: Any) -> None:
         try:
@@ -134,7 +134,7 @@ class BaseSenses:
         points = transform(self._robot.motion.odometry.T_near_odom, points)
         self._cuboids_ns = stamp_ns_from_message(message.header.stamp)
         pose = self._pose_at(self.newest_ns)
-        self._remembered.add(points, np.zeros(2) if pose is None else pose[:2])
+        self._memory.add(points, np.zeros(2) if pose is None else pose[:2])
 
     # --- where the base is ---
 
@@ -218,7 +218,7 @@ class BaseSenses:
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
         return Senses(
             now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan, _seconds(self._scan_ns),
-            self._laser, self._remembered.points, _seconds(self._cuboids_ns), self._cycle,
+            self._laser, self._memory.points, _seconds(self._cuboids_ns), self._cycle,
             OBSTACLE_STEP_M,
         )  # fmt: skip
 

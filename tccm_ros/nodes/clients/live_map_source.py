@@ -21,7 +21,7 @@ from tccm_ros.agents.facts import (
     ChangeFacts,
     ObjectFacts,
     PlacementFacts,
-    PlacementQuestion,
+    PlacementQuery,
     SurfaceFacts,
     appearances,
     newest_first,
@@ -95,26 +95,26 @@ class LiveMapSource:
         """Return the names of the rooms in which surfaces are."""
         return sorted({s.room for s in self._client.surfaces if s.room})
 
-    def placements(self, question: PlacementQuestion) -> tuple[list[PlacementFacts], str]:
+    def placements(self, query: PlacementQuery) -> tuple[list[PlacementFacts], str]:
         """Return placements, the best first, and a sentence.
 
         Raises
         ------
         RequestError
-            If the node refuses the question, or does not answer in time.
+            If the node refuses the query, or does not answer in time.
         """
-        with_base = question.reach_m > 0.0
+        with_base = query.reach_m > 0.0
         found = _result(
             self._client.find_placements(
-                question.size_m,
-                SurfaceFilter(ids=list(question.surface_ids)),
-                clearance=question.clearance_m,
+                query.size_m,
+                SurfaceFilter(ids=list(query.surface_ids)),
+                clearance=query.clearance_m,
                 base=FindPlacements.Request.BASE_FIND
                 if with_base
                 else FindPlacements.Request.BASE_ANYWHERE,
-                reach=question.reach_m,
-                robot_radius=question.robot_radius_m,
-                max_count=question.limit,
+                reach=query.reach_m,
+                robot_radius=query.robot_radius_m,
+                max_count=query.limit,
             )
         )
         return [_placement(item) for item in found], found.message

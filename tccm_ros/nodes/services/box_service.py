@@ -43,13 +43,13 @@ class BoxService:
         self._node, self._processor = node, processor
         self._frames = KnownFrames(node.robot, node.config)
         self._query: MapQuery | None = None
-        self._noted = 0
-        self._is_asked = False
+        self._prepared_changes = 0
+        self._is_requested = False
         offer_service(node, "CheckBox", "~/check_box", self._check)
 
     async def _check(self, request: Any, response: Any) -> str:
         T, size = self._box(request)
-        self._is_asked = True
+        self._is_requested = True
         query = self._query or await self._node.worker.call(self._prepare, self._node)
         found = query.box(T, size)
         response.state = STATES[int(found.occupancy)]
@@ -73,13 +73,13 @@ class BoxService:
             raise FrameError("the box has no frame_id")
         return self._frames.T_odom_frame(frame) @ T, size
 
-    def note(self) -> None:
+    def refresh(self) -> None:
         """Prepare the map if it has changed and there was a request (in the worker)."""
-        if self._noted == self._changes:
+        if self._prepared_changes == self._changes:
             return
-        is_wanted, self._is_asked = self._is_asked, False
+        is_wanted, self._is_requested = self._is_requested, False
         self._query = self._processor.query() if is_wanted else None
-        self._noted = self._changes
+        self._prepared_changes = self._changes
 
     def _prepare(self) -> MapQuery:
         """Prepare the current map for requests and return it (in the worker)."""

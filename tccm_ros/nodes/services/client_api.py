@@ -108,10 +108,10 @@ class ClientApi:
         if self._surfaces is not None:
             self._surfaces.forget()
 
-    def note_view_part(self, stamp_ns: int, number: int) -> None:
+    def note_view_message(self, stamp_ns: int, number: int) -> None:
         """Note a message of a view, and the number of the first solution that contains it."""
         if self._view_action is not None:
-            self._view_action.note_view_part(stamp_ns, number)
+            self._view_action.note_view_message(stamp_ns, number)
 
     def close(self) -> None:
         """End the action server."""

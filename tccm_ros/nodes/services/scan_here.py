@@ -52,9 +52,9 @@ class ViewAction:
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
 
-    def note_view_part(self, stamp_ns: int, number: int) -> None:
+    def note_view_message(self, stamp_ns: int, number: int) -> None:
         """Note a message of a view, and the number of the first solution that contains it."""
-        self._views.note_part(stamp_ns, number)
+        self._views.note_message(stamp_ns, number)
 
     def close(self) -> None:
         """Cancel the view and destroy the server and the client, which rclpy would leave alive."""

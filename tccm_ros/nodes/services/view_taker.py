@@ -1,4 +1,4 @@
-"""Takes a view: waits for the base to stop, moves the tilt joint, reads the surfaces.
+"""Taking a view: wait for the base to stop, move the tilt joint, return the measured surfaces.
 
 A view consists of the measurements made while the tilt joint moves from one end of its range to the
 other, once for each pan angle. tccm_node builds the tilt cycles, and the surface map names the
@@ -24,7 +24,7 @@ from tccm_ros.nodes.solver.schedule import PARTS
 WAITING, MOVING, MAPPING = range(3)
 """Values of the phases in action/ScanHere."""
 
-MOVED = 0.8
+MOVED_PROGRESS = 0.8
 """Progress of a view after the joints have moved. Chosen."""
 
 PATIENCE_S = 10.0
@@ -51,8 +51,8 @@ AT_END_RAD = 0.02
 """Tolerance for a joint at an end of its range, rad: less than any tilt cycle. Chosen."""
 
 
-def ends(now: float, low: float, high: float) -> tuple[float, float]:
-    """Return the start and the end angle of a joint's movement that makes a tilt cycle of its own.
+def movement_ends(now: float, low: float, high: float) -> tuple[float, float]:
+    """Return start and end angle of a joint movement that is one complete tilt cycle.
 
     The joint reverses at the start angle, or already stands there. Moving on in the same direction
     would join the approach and the range in one cycle. All angles in rad.
@@ -89,16 +89,16 @@ class ViewTaker:
     ):
         self._config, self._settings = config, config.scan_here
         self._robot, self._base, self._mover, self._surfaces = robot, base, mover, surfaces
-        self._parts: dict[int, list[int]] = {}
+        self._solutions: dict[int, list[int]] = {}
         self._is_closed = threading.Event()
         self._goal: Any = None
         self._start: Float64 | None = None
 
-    def note_part(self, stamp_ns: int, number: int) -> None:
+    def note_message(self, stamp_ns: int, number: int) -> None:
         """Note a message of a view, and the number of the first solution that contains it."""
-        self._parts.setdefault(stamp_ns, []).append(number)
-        while len(self._parts) > MAX_VIEWS:
-            del self._parts[next(iter(self._parts))]
+        self._solutions.setdefault(stamp_ns, []).append(number)
+        while len(self._solutions) > MAX_VIEWS:
+            del self._solutions[next(iter(self._solutions))]
 
     def close(self) -> None:
         """Cancel the view in progress."""
@@ -136,8 +136,8 @@ class ViewTaker:
             self._base.pose()  # raises the more specific error if the pose is unknown
             raise
         self._start = self._base.pose()
-        spans = self._move(goal.request, lambda fraction: tell(MOVING, MOVED * fraction))
-        tell(MAPPING, MOVED)
+        spans = self._move(goal.request, lambda fraction: tell(MOVING, MOVED_PROGRESS * fraction))
+        tell(MAPPING, MOVED_PROGRESS)
         views_ns = self._wait_for_map(spans)
         return self._surfaces.fill_view(result, views_ns)
 
@@ -152,7 +152,7 @@ class ViewTaker:
         spans = []
         for k, target in enumerate(targets):
             tell(k / len(targets))
-            first, last = ends(self._angle(tilt), low, high)
+            first, last = movement_ends(self._angle(tilt), low, high)
             start = {**target, tilt: first}
             self._send(start, {joint: self._angle(joint) for joint in start}, velocity)
             begin_ns = self._message_time_ns()
@@ -169,7 +169,7 @@ class ViewTaker:
         """Return the stamps of the views within time spans, once all are in the map."""
 
         def views(begin_ns: int, end_ns: int) -> list[int]:
-            known = dict(self._parts)
+            known = dict(self._solutions)
             return [s for s, n in known.items() if begin_ns <= s <= end_ns and len(n) >= PARTS]
 
         end_ns = spans[-1][1]
@@ -184,7 +184,7 @@ class ViewTaker:
             "with the joint, and by cycle.min_sweep or more?",
         )  # fmt: skip
         found = [ns for span in spans for ns in views(*span)]
-        number = max(max(self._parts[stamp_ns]) for stamp_ns in found)
+        number = max(max(self._solutions[stamp_ns]) for stamp_ns in found)
         self._wait(
             lambda: self._surfaces.number >= number, SOLUTION_S,
             "the view was taken, but no solution has it yet; ask ~/find_surfaces later",

@@ -119,14 +119,15 @@ class LoopCloser:
         self._graph = IncrementalGraph()
         # The trajectory of each placed session: the map, or the first session of another one.
         self._trajectories = {0: MAP}
-        # Proposals of the last metres, and all unconfirmed proposals by their identity.
+        # Proposals within `NEIGHBOURHOOD`, and all unconfirmed proposals by their `id()`.
         self._recent: list[Proposal] = []
         self._pending: dict[int, Proposal] = {}
-        # Keyframes and loop closures that are not in the live graph yet.
-        self._waiting: list[int] = []
-        self._fresh: list[Proposal] = []
-        self._unused: list[AnchoredObservation] = []
-        self._observers = 0
+        # Keyframes, loop closures and landmark observations that are not in the live graph yet, and
+        # the number of observations in it.
+        self._new_keyframes: list[int] = []
+        self._new_loops: list[Proposal] = []
+        self._observed: list[AnchoredObservation] = []
+        self._observation_count = 0
         self._signs = SignPlaces(chain.keyframes)
         # The user-supplied pose of the next keyframe, and that keyframe.
         self._guess: PoseGuess | None = None
@@ -135,15 +136,15 @@ class LoopCloser:
         self._searched_ns = -SEARCH_PERIOD_NS
         self._confirmations: dict[int, PlaceConfirmation] = {}
 
-    def note_guess(self, guess: PoseGuess) -> None:
+    def relocalise_around(self, guess: PoseGuess) -> None:
         """Relocalise the session that begins with the next keyframe around a user-supplied pose."""
         self._guess, self._guessed, self._expected = guess, -1, None
 
-    def note_expected(self, pose: Float64) -> None:
+    def set_expected(self, pose: Float64) -> None:
         """Set the alternative pose (3,) in map of the next keyframe, should the guess be wrong."""
         self._expected = pose
 
-    def search(self, scan: LevelScan, tracked: TrackedPose) -> None:
+    def relocalise(self, scan: LevelScan, tracked: TrackedPose) -> None:
         """Relocalise a session by a scan that is no keyframe.
 
         Parameters
@@ -160,7 +161,7 @@ class LoopCloser:
         k = keyframe.id
         # Only this scan: surroundings of the keyframe may have changed.
         merged = merge_scans([replace(keyframe, scan=scan)], 0, 0)
-        self._place(k, merged, scan, tracked)
+        self._search_map(k, merged, scan, tracked)
         self._begin_trajectory(k, scan.stamp_ns)
 
     def _match_everywhere(self, k: int, merged: MergedScan) -> list[Proposal]:
@@ -270,15 +271,15 @@ class LoopCloser:
         sign_views: Sequence[SignView] = (),
     ) -> None:
         """Add keyframe `k`, the newest, and the landmark observations since the previous one."""
-        self._unused.extend(observations)
+        self._observed.extend(observations)
         keyframe = self._chain.keyframes[k]
         starts = self._chain.starts(k)
         self._append(
             keyframe, keyframe.pose if starts else compose_se2(self.poses[-1], keyframe.delta)
         )
         if self._root(k) == MAP:
-            self._waiting.append(k)
-        if len(self._waiting) >= BATCH:
+            self._new_keyframes.append(k)
+        if len(self._new_keyframes) >= BATCH:
             self._update()
         if self._guess is not None:
             self._close_around(k, self._guess)
@@ -318,13 +319,13 @@ class LoopCloser:
         for keyframe, pose in zip(self._chain.keyframes, poses):
             self._append(keyframe, pose)
             if self._root(keyframe.id) == MAP:
-                self._waiting.append(keyframe.id)
+                self._new_keyframes.append(keyframe.id)
         if self.unjoined:
             self._keep_beside()
         self.accepted = list(loops)
         self._lengths.add_loops(loops, self._config.loops.drift)
-        self._fresh = list(loops)
-        self._unused = list(observations)
+        self._new_loops = list(loops)
+        self._observed = list(observations)
         self._signs.load(sign_views, self.poses)
         self._update()
 
@@ -335,19 +336,19 @@ class LoopCloser:
     def _update(self) -> None:
         """Add the pending keyframes, loop closures and observations to the live graph."""
         keys = self._chain.keys
-        factors = by_variables(f for k in self._waiting for f in self._chain.factors_of(k))
+        factors = by_variables(f for k in self._new_keyframes for f in self._chain.factors_of(k))
         # Loop closures of a trajectory that is not joined stay pending.
-        fresh = [p for p in self._fresh if self._root(p.a) == self._root(p.b) == MAP]
-        usable = [s for s in self._unused if self._root(s.anchored.keyframe) == MAP]
-        self._unused = [s for s in self._unused if self._root(s.anchored.keyframe) != MAP]
-        seen = landmark_factors(usable, first=self._observers)
+        fresh = [p for p in self._new_loops if self._root(p.a) == self._root(p.b) == MAP]
+        usable = [s for s in self._observed if self._root(s.anchored.keyframe) == MAP]
+        self._observed = [s for s in self._observed if self._root(s.anchored.keyframe) != MAP]
+        seen = landmark_factors(usable, first=self._observation_count)
         anchored, anchors = self._chain.anchor(seen.anchored, self.poses)
-        starts = {**{keys[k]: self.poses[k].copy() for k in self._waiting}, **anchored}
+        starts = {**{keys[k]: self.poses[k].copy() for k in self._new_keyframes}, **anchored}
         factors |= {p: p.factor(keys) for p in fresh}
         self._graph.update(factors | by_variables([*anchors, *seen.factors]), starts)
-        self._waiting = []
-        self._fresh = [p for p in self._fresh if self._root(p.a) != MAP or self._root(p.b) != MAP]
-        self._observers += len(seen.anchored)
+        self._new_keyframes = []
+        self._new_loops = [p for p in self._new_loops if p not in fresh]
+        self._observation_count += len(seen.anchored)
         if seen.factors:
             self._read_back()
 
@@ -357,7 +358,7 @@ class LoopCloser:
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
         if self._root(k) != MAP:
             merged = merge_scans(self._chain.keyframes, k, MERGED_HALF)
-            self._place(k, merged, keyframe.scan)
+            self._search_map(k, merged, keyframe.scan)
             if keyframe.session not in self.unjoined:
                 return
         for proposal in self._search.match_earlier_passes(k, self.poses, self._lengths):
@@ -366,7 +367,7 @@ class LoopCloser:
             else:
                 self.rejected.append(proposal)
 
-    def _place(
+    def _search_map(
         self, k: int, merged: MergedScan, scan: LevelScan, tracked: TrackedPose | None = None
     ) -> None:
         """Search the whole map for a merged scan; accept the place once it is confirmed.
@@ -479,7 +480,7 @@ class LoopCloser:
         )
         self.accepted.extend(fresh)
         self._lengths.add_loops(fresh, self._config.loops.drift)
-        self._fresh.extend(fresh)
+        self._new_loops.extend(fresh)
         if self._root(last.b) != MAP:
             return  # the live graph is that of the map
         far = np.hypot(error[:, 0], error[:, 1]).max() > UPDATE_THRESHOLD_M
@@ -500,7 +501,7 @@ class LoopCloser:
             self.poses[k] = compose_se2(T, self.poses[k])
         self._trajectories.update(dict.fromkeys(sessions, target))
         if target == MAP:
-            self._waiting.extend(members)
+            self._new_keyframes.extend(members)
 
     def _read_back(self) -> None:
         """Update all poses from the live graph, after one more iteration."""

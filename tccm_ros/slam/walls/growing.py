@@ -53,8 +53,8 @@ class GrowingWalls:
         self._association.add(0, poses, lines)
         # The wall of each group: that of most of its lines in the batch.
         group, wall = self._association.wall, table.wall
-        is_seen = self._is_seen(len(lines))
-        self._walls = np.where(is_seen, REJECTED, NO_WALL)
+        is_confirmed = self._is_confirmed(len(lines))
+        self._walls = np.where(is_confirmed, REJECTED, NO_WALL)
         known, walls = (group >= 0) & (wall >= 0), max(len(table), 1)
         pairs, votes = np.unique(group[known] * walls + wall[known], return_counts=True)
         pairs = pairs[np.lexsort([-pairs, votes])]
@@ -79,8 +79,8 @@ class GrowingWalls:
         group, before = self._association.wall, len(self.table.wall)
         new = len(self._association) - len(self._walls)
         self._walls = np.append(self._walls, np.full(new, NO_WALL))
-        is_seen = self._is_seen(len(lines))
-        confirmed = np.flatnonzero((self._walls == NO_WALL) & is_seen)
+        is_confirmed = self._is_confirmed(len(lines))
+        confirmed = np.flatnonzero((self._walls == NO_WALL) & is_confirmed)
         self._walls[confirmed] = len(self.table) + np.arange(len(confirmed))
         wall = np.append(self.table.wall, np.full(len(group) - before, -1))
         fresh = (group >= 0) & np.isin(group, confirmed)
@@ -107,7 +107,7 @@ class GrowingWalls:
         self.table = replace(self.table, wall=wall)
         return np.flatnonzero(gone)
 
-    def _is_seen(self, keyframes: int) -> Bool:
+    def _is_confirmed(self, keyframes: int) -> Bool:
         """Return whether enough of all keyframes observed each group, bool (G,)."""
         groups = self._association
         seen = keyframes_of(groups.wall, groups.keyframe, len(groups))

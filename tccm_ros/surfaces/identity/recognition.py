@@ -1,6 +1,6 @@
 """Recognition of surfaces that were moved, by height, size and shape.
 
-A surface has left a place if views measured it there and later views looked through all of it. A
+A surface has vacated a place if views measured it there and later views looked through all of it. A
 surface with the same height and size that was first seen after the old one was last seen is the
 same surface and adopts its id. Of several candidates, the one that was seen first is taken, then
 the nearest. A surface that was slightly lifted or lowered at its place is the same surface as well:
@@ -56,7 +56,7 @@ class PastPose(NamedTuple):
     last_seen_ns: int
 
 
-class _Stand(NamedTuple):
+class _PlacedSurface(NamedTuple):
     """A surface at one place, from its first to its last view there.
 
     `whole` is the union of its outlines in all views there; `is_former` is true if it has left the
@@ -71,7 +71,7 @@ class _Stand(NamedTuple):
     last: ViewKey
     is_former: bool
 
-    def follows(self, old: _Stand) -> bool:
+    def follows(self, old: _PlacedSurface) -> bool:
         """Return whether this can be the surface `old` after it was moved.
 
         At the same place, views of the old height may have been merged into this surface, so that
@@ -88,14 +88,14 @@ class _Stand(NamedTuple):
             return self.placed > old.last and step <= MAX_LIFT
         return self.first > old.last and step <= MIN_LIFT
 
-    def was_lifted_to(self, new: _Stand) -> bool:
+    def was_lifted_to(self, new: _PlacedSurface) -> bool:
         """Return whether it is the surface `new` at an earlier height."""
         step = abs(new.footprint.z - self.footprint.z)
         is_at_its_place = is_in_place(self.footprint, new.footprint) and step > MIN_LIFT
         is_close = new.placed > self.last and self.lies_close_to(new)
         return (is_close or is_at_its_place) and new.follows(self)
 
-    def lies_close_to(self, new: _Stand) -> bool:
+    def lies_close_to(self, new: _PlacedSurface) -> bool:
         """Return whether the vertical gap to another surface is too small for both to exist."""
         old, other = self.footprint, new.footprint
         if not MIN_LIFT < abs(old.z - other.z) <= MAX_LEFT_OVER:
@@ -109,7 +109,7 @@ def adopt_ids(
     ids: TrackIds,
     views: list[View],
     poses: tuple[Float64, Float64],
-    left: Survivors,
+    survivors: Survivors,
     config: Config,
 ) -> tuple[list[MergedSurface], dict[Members, PastPose]]:
     """Assign their earlier ids to surfaces that were recognised.
@@ -120,7 +120,7 @@ def adopt_ids(
         Surfaces of the current map.
     ids
         Ids of the same views; updated.
-    views, left
+    views, survivors
         Views in stamp order, and the result of carving them.
     poses
         float64 (V, 4, 4), poses of the views, and (V, 3, 3), covariances of z, roll and pitch.
@@ -134,29 +134,30 @@ def adopt_ids(
     previous : dict of Members to PastPose
         Previous pose of each recognised surface.
     """
-    former = _former_patches(views, poses[0], left, ids, [s.height for s in surfaces])
+    former = _former_patches(views, poses[0], survivors, ids, [s.height for s in surfaces])
     candidates = [
         fit_surface(members, views, poses[0], config)
         for members in merge_coplanar(former, *poses, config)
     ]
     T = poses[0]
-    stands = [_stand(s, ids, T, is_former=True) for s in candidates if s is not None and s.has_area]
-    now = [_stand(s, ids, T, is_former=False) for s in surfaces]
-    stands += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
+    old_surfaces = [s for s in candidates if s is not None and s.has_area]
+    placed = [_placed_surface(s, ids, T, is_former=True) for s in old_surfaces]
+    now = [_placed_surface(s, ids, T, is_former=False) for s in surfaces]
+    placed += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
     found = {}
-    for i, j in sorted(_successors(stands).items(), key=lambda pair: stands[pair[0]].last):
-        old, new = stands[i], stands[j]
+    for i, j in sorted(_successors(placed).items(), key=lambda pair: placed[pair[0]].last):
+        old, new = placed[i], placed[j]
         ids.adopt(new.surface.members, old.surface.members)
         if not new.is_former:
             found[new.surface.members] = PastPose(old.surface, old.last.stamp_ns)
-    gone = {id(stand.surface) for stand in stands if stand.is_former}
+    gone = {id(p.surface) for p in placed if p.is_former}
     return [s for s in surfaces if id(s) not in gone], found
 
 
 def _former_patches(
     views: list[View],
     T_map_view: Float64,
-    left: Survivors,
+    survivors: Survivors,
     ids: TrackIds,
     heights: Sequence[float],
 ) -> list[NumberedPatch]:
@@ -168,7 +169,8 @@ def _former_patches(
     first, found = first_numbers(views), set()
     for v, view in enumerate(views):
         for p, patch in enumerate(view.patches):
-            if left.keep[v][p].any() or (v, p) in left.replaced_by or not may_be_recognised(patch):
+            is_kept = survivors.keep[v][p].any() or (v, p) in survivors.replaced_by
+            if is_kept or not may_be_recognised(patch):
                 continue
             z = float(T_map_view[v, 2, :3] @ patch.mean + T_map_view[v, 2, 3])
             if any(abs(z - height) <= MAX_LIFT for height in heights):
@@ -176,13 +178,13 @@ def _former_patches(
     return [NumberedPatch(first[v] + p, v, views[v].patches[p]) for v, p in sorted(found)]
 
 
-def _stand(
+def _placed_surface(
     surface: MergedSurface, ids: TrackIds, T_map_view: Float64, *, is_former: bool
-) -> _Stand:
+) -> _PlacedSurface:
     footprint = footprint_of(surface, T_map_view)
     min_area = MAX_FRACTION * surface.polygon.area
     seen = tuple(m for m in surface.members if m.patch.outline.area >= min_area)
-    return _Stand(
+    return _PlacedSurface(
         surface,
         footprint,
         ids.outline_in_place(surface.members, footprint),
@@ -208,13 +210,13 @@ def footprint_of(surface: MergedSurface, T_map_view: Float64) -> HorizontalOutli
     return HorizontalOutline(surface.polygon, surface.height, tuple(blur.tolist()))
 
 
-def _successors(stands: Sequence[_Stand]) -> dict[int, int]:
-    """Associate former surfaces with their successors, one to one; return indices of `stands`."""
+def _successors(placed: Sequence[_PlacedSurface]) -> dict[int, int]:
+    """Associate former surfaces with their successors, one to one; return indices of `placed`."""
     pairs = [
         (new.first, float(np.linalg.norm(new.footprint.middle - old.footprint.middle)), i, j)
-        for i, old in enumerate(stands)
+        for i, old in enumerate(placed)
         if old.is_former
-        for j, new in enumerate(stands)
+        for j, new in enumerate(placed)
         if new.follows(old)
     ]
     chosen: dict[int, int] = {}

@@ -47,11 +47,11 @@ class TrackIds:
         Views in stamp order.
     T_map_view
         float64 (V, 4, 4), their poses.
-    left
+    survivors
         Result of `carve` for these views, with the replacements of patches.
     """
 
-    def __init__(self, views: list[View], T_map_view: Float64, left: Survivors):
+    def __init__(self, views: list[View], T_map_view: Float64, survivors: Survivors):
         self._views, self._T_map_view = views, T_map_view
         self._ids: dict[int, set[int]] = {}
         self._first_seen: dict[int, ViewKey] = {}
@@ -70,9 +70,9 @@ class TrackIds:
                 self._sights[start + p] = {(v, p)}
         for v, view in enumerate(views):
             for p in range(len(view.patches)):
-                kept = left.keep[v][p]
-                if (v, p) in left.replaced_by and not kept.any():
-                    w, q = left.replaced_by[v, p]
+                kept = survivors.keep[v][p]
+                if (v, p) in survivors.replaced_by and not kept.any():
+                    w, q = survivors.replaced_by[v, p]
                     self._inherit(first[v] + p, first[w] + q)
                 if np.mean(kept) < 1.0 - CUT:
                     self._may_be_elsewhere.add((v, p))

@@ -60,7 +60,7 @@ boxes and shoulders of people come and go."""
 
 @dataclass(slots=True)
 class Survivors:
-    """The points and patches that carving leaves.
+    """Result of carving: the points that remain, and the patches that were replaced.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class Carver:
             float64 (V, 4, 4).
         """
         self._forget_other_settings()
-        left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
+        survivors = Survivors([[np.ones(len(p.points), bool) for p in v.patches] for v in views])
         mask_hashes = [[b""] * len(view.patches) for view in views]
         indices = [self._index_of(view) for view in views]
         self.compared = 0
@@ -237,9 +237,9 @@ class Carver:
             for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
                 pair = self._pair_of(indices[v], newer, step, is_same_pose)
                 for p in pair.touched:
-                    self._carve_patch(pair, (v, p, w), mask_hashes, left)
+                    self._carve_patch(pair, (v, p, w), mask_hashes, survivors)
         self._forget_unused()
-        return left
+        return survivors
 
     def _pair_of(
         self, older: _ViewIndex, newer: _ViewIndex, step: Int64, is_same_pose: bool
@@ -268,9 +268,9 @@ class Carver:
         pair: _ViewPair,
         indices: tuple[int, int, int],
         mask_hashes: list[list[bytes]],
-        left: Survivors,
+        survivors: Survivors,
     ) -> None:
-        """Carve patch p of view v by view w.
+        """Remove the points of patch p of view v that view w contradicts or replaces.
 
         Parameters
         ----------
@@ -280,20 +280,21 @@ class Carver:
             (v, p, w).
         mask_hashes
             Hash of the mask of each patch, updated.
-        left
+        survivors
             Result so far, updated.
         """
         v, p, w = indices
+        keep = survivors.keep[v][p]
         carved = pair.carved.get(p)
         if carved is None or carved.before != mask_hashes[v][p]:
-            gone, q = _points_to_carve(pair, pair.older.patches[p], left.keep[v][p], self._config)
-            gone = _with_strays(gone, left.keep[v][p])
+            gone, q = _points_to_carve(pair, pair.older.patches[p], keep, self._config)
+            gone = _with_strays(gone, keep)
             carved = pair.carved[p] = _Carved(mask_hashes[v][p], gone, q)
         if len(carved.gone):
-            left.keep[v][p][carved.gone] = False
-            mask_hashes[v][p] = blake2b(left.keep[v][p].tobytes(), digest_size=16).digest()
+            keep[carved.gone] = False
+            mask_hashes[v][p] = blake2b(keep.tobytes(), digest_size=16).digest()
         if carved.replaced_by is not None:
-            left.replaced_by[v, p] = w, carved.replaced_by
+            survivors.replaced_by[v, p] = w, carved.replaced_by
 
     def _index_of(self, view: View) -> _ViewIndex:
         self._used[view.key] = self._calls
@@ -374,11 +375,11 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
     known = np.isin(older.free.keys, newer.free.keys)
     if np.count_nonzero(known) < REPLACED_FRACTION * len(known):
         return None
-    left = carve([older, newer], np.stack([np.eye(4)] * 2), config)
-    rest = zip(older.patches, left.keep[0], strict=True)
+    survivors = carve([older, newer], np.stack([np.eye(4)] * 2), config)
+    rest = zip(older.patches, survivors.keep[0], strict=True)
     if any(mask.any() and not is_line(patch.cov) for patch, mask in rest):
         return None
-    replaced_by = {p: q for (_, p), (_, q) in left.replaced_by.items()}
+    replaced_by = {p: q for (_, p), (_, q) in survivors.replaced_by.items()}
     if any(may_be_recognised(p) for k, p in enumerate(older.patches) if k not in replaced_by):
         return None
     return replaced_by
@@ -469,10 +470,10 @@ def _was_moved(
     looked_at: tuple[Bool, Int64],
     cell_size: float,
 ) -> bool:
-    """Return whether a patch has left one strip and covers another one in the newer view.
+    """Return whether a patch has vacated one strip and covers another one in the newer view.
 
     The newer view may look through columns that the surface covers in part. Only columns or points
-    outside of the possible extent of the newer patch count as left.
+    outside of the possible extent of the newer patch count as vacated.
 
     Parameters
     ----------

@@ -72,14 +72,14 @@ class Remainders:
         self._calls = 0
         self.outlined = 0
 
-    def surviving_patches(self, views: list[View], left: Survivors) -> list[NumberedPatch]:
+    def surviving_patches(self, views: list[View], survivors: Survivors) -> list[NumberedPatch]:
         """Return the patches with points that carving left.
 
         Parameters
         ----------
         views
             Views in stamp order.
-        left
+        survivors
             Result of `carve` for these views.
 
         Returns
@@ -91,7 +91,7 @@ class Remainders:
         found = []
         for v, (first, view) in enumerate(zip(first_numbers(views), views)):
             for p, patch in enumerate(view.patches):
-                keep = left.keep[v][p]
+                keep = survivors.keep[v][p]
                 rest = patch if keep.all() else self._rest(view, p, keep)
                 if rest is not None:
                     found.append(NumberedPatch(first + p, v, rest))

@@ -78,24 +78,24 @@ class Registration:
         self._patches: list[NumberedPatch] = []
         self._sides: dict[tuple[int, int], tuple[View, Sides]] = {}
 
-    def side_factors(self, views: list[View], known: Solution) -> list[BetweenViews]:
+    def side_factors(self, views: list[View], prior: Solution) -> list[BetweenViews]:
         """Return the factors between views from the sides of surfaces.
 
         Parameters
         ----------
         views
             V views in stamp order.
-        known
+        prior
             Solution of the graph without these factors, with the same views.
         """
-        left = self._carver.carve(views, known.T_map_views)
-        self._patches = self._remainders.surviving_patches(views, left)
+        survivors = self._carver.carve(views, prior.T_map_views)
+        self._patches = self._remainders.surviving_patches(views, survivors)
         self._sides = {view.key: (view, self._sides_of(view)) for view in views}
         sides = [self._sides[view.key][1] for view in views]
-        return side_factors(views, left, known, self._config, sides)
+        return side_factors(views, survivors, prior, self._config, sides)
 
-    def levelled(self, solution: Solution) -> Solution:
-        """Return a solution with z, roll and pitch of its views adjusted by the planes of surfaces.
+    def with_adjusted_planes(self, solution: Solution) -> Solution:
+        """Return a solution with z, roll and pitch of its views adjusted to common planes.
 
         Parameters
         ----------
@@ -160,14 +160,14 @@ def corrected(T_map_view: Float64, correction: Float64) -> Float64:
 
 def side_factors(
     views: list[View],
-    left: Survivors,
-    known: Solution,
+    survivors: Survivors,
+    prior: Solution,
     config: Config,
     sides_of_views: list[Sides] | None = None,
 ) -> list[BetweenViews]:
     """Return a factor for each pair of views whose sides match.
 
-    The covariances of the graph are conservative: the expected ones are `known.unit_variance` times
+    The covariances of the graph are conservative: the expected ones are `prior.unit_variance` times
     as large. The covariance of a match is the expected one. It is divided by that factor, so that
     the match has the same weight as other factors.
 
@@ -175,28 +175,28 @@ def side_factors(
     ----------
     views
         V views in stamp order.
-    left
+    survivors
         Result of `carve` for these views.
-    known
+    prior
         Solution of the graph without these factors, with the same views.
     config
         Uses `surfaces.max_step`.
     sides_of_views
         Results of `find_sides` for these views; None: they are computed.
     """
-    T_map_view, poses = known.T_map_views, planar(known.T_map_views)
+    T_map_view, poses = prior.T_map_views, planar(prior.T_map_views)
     found_sides = sides_of_views or [find_sides(v, config.views.clear_margin) for v in views]
     sides = [
         _in_planar_frame(_remaining(found, keep), T)
-        for found, keep, T in zip(found_sides, left.keep, T_map_view)
+        for found, keep, T in zip(found_sides, survivors.keep, T_map_view)
     ]
-    cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
+    cov_poses = prior.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * prior.unit_variance
     matches: list[tuple[int, int, SideMatch]] = []
     moved, cov_moved = [], []
     for j in range(1, len(views)):
         for i in _nearest_views(poses, j):
             start = between2(poses[i], poses[j])
-            cov = _relative_covariance(cov_poses, poses, i, j, known.is_chain)
+            cov = _relative_covariance(cov_poses, poses, i, j, prior.is_chain)
             match = match_sides(sides[i], sides[j], start, cov, config.surfaces.max_step)
             if match is not None:
                 matches.append((i, j, match))
@@ -208,7 +208,7 @@ def side_factors(
     observed = variance_factor(
         np.array(moved).reshape(-1, 3), covs, np.array(cov_moved).reshape(-1, 3, 3)
     )
-    weight = known.unit_variance * observed
+    weight = prior.unit_variance * observed
     return [
         BetweenViews(
             view_key(views[i].stamp_ns),

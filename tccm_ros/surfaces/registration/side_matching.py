@@ -22,8 +22,9 @@ from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
 
 YAW_GATE = np.radians(12.0)
 """Max difference in yaw of two sides in addition to the search, rad; chosen: short sides have
-errors of a few degrees. By their sigmas, wide where missing pixels end a surface, sides of
-other directions match too: with every second image, hololens is then 33 mm off in place of 13."""
+errors of a few degrees. Missing pixels at the end of a surface give large sigmas; gated by sigmas
+alone, sides of other directions match: hololens with every second image has then an error of 33 mm
+in place of 13 mm."""
 
 MAX_LENGTH = 1.0
 """Max votes of a side, m of its length; chosen."""
@@ -226,10 +227,10 @@ def _system(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]
 
 def _votes(pairs: _Pairs, pose: Float64) -> float:
     """Return the votes for a pose: the total length of the inliers, m, each side once."""
-    return float(pairs.votes[_agreeing(pairs, pose)].sum())
+    return float(pairs.votes[_inliers(pairs, pose)].sum())
 
 
-def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
+def _inliers(pairs: _Pairs, pose: Float64) -> Int64:
     """Return the inlier pairs at a pose, at most one for each side of either view."""
     across, rotation = _residuals(pairs, np.arange(len(pairs.a)), pose)
     miss = np.maximum(np.abs(across), np.abs(rotation))
@@ -270,14 +271,14 @@ def _differ(poses: Float64, pose: Float64) -> Bool:
 def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> SideMatch | None:
     """Fit the pose to all inlier pairs with robust weights; None: too few inliers."""
     pose = trial
-    use = _agreeing(pairs, pose)
+    use = _inliers(pairs, pose)
     for _ in range(MAX_ROUNDS):
         if len(use) < min_sides:
             return None
         across, rotation = _residuals(pairs, use, pose)
         weight = 1.0 / (1.0 + np.maximum(across**2, rotation**2) / GATE**2)
         moved = _solve(pairs, use, start, weight)
-        use = _agreeing(pairs, moved)
+        use = _inliers(pairs, moved)
         done = np.abs(moved - pose).max() < CONVERGED
         pose = moved
         if done:

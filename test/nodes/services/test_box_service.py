@@ -96,35 +96,35 @@ def asking():
 
 def test_only_the_first_question_waits_for_the_worker(asking):
     asking.processor.add(FIRST)
-    asking.service.note()
+    asking.service.refresh()
     assert (asking.ask().state, asking.waited) == (OCCUPIED, 1)
     assert (asking.ask().state, asking.waited) == (OCCUPIED, 0)
     asking.processor.add(SECOND)
     # The worker is still busy with that tilt cycle: the map before it answers.
     assert (asking.ask(x=1.0).state, asking.waited) == (UNKNOWN, 0)
-    asking.service.note()
+    asking.service.refresh()
     answer = asking.ask(x=1.0)
     assert (answer.state, answer.cycle, asking.waited) == (OCCUPIED, 1, 0)
 
 
 def test_nothing_is_prepared_while_nobody_asks(asking):
     asking.processor.add(FIRST)
-    asking.service.note()
+    asking.service.refresh()
     assert asking.processor.queries == 0
     asking.ask()
     for cycle in range(3):
         asking.processor.add([(20000 + 1000 * cycle, 0, 7000)])
-        asking.service.note()
+        asking.service.refresh()
     assert asking.processor.queries == 2
     assert (asking.ask().state, asking.waited) == (OCCUPIED, 1)
 
 
 def test_a_map_that_was_forgotten_answers_no_more(asking):
     asking.processor.add(FIRST)
-    asking.service.note()
+    asking.service.refresh()
     assert asking.ask().state == OCCUPIED
     asking.processor.reset()
-    asking.service.note()
+    asking.service.refresh()
     assert (asking.ask().state, asking.ask().cycle) == (UNKNOWN, -1)
 
 

@@ -147,5 +147,5 @@ def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(mon
     offering.show(2)
     assert (offering.services, len(offering.shown)) == ({}, 1)
     assert list(offering.client_api.problems()) == [MISSING]
-    offering.client_api.note_view_part(1, 1)
+    offering.client_api.note_view_message(1, 1)
     offering.client_api.close()

@@ -13,7 +13,7 @@ from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.services.view_taker import ends
+from tccm_ros.nodes.services.view_taker import movement_ends
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
@@ -195,7 +195,7 @@ def test_a_joint_that_is_not_known_is_said(world, joint, word):
     ("now", "first"), [(-0.5, 1.0), (0.0, 0.0), (-0.01, 0.0), (0.4, 0.0), (0.6, 1.0), (1.5, 0.0)]
 )
 def test_the_joint_reverses_at_the_first_end_or_stands_there(now, first):
-    assert ends(now, 0.0, 1.0) == (first, 1.0 - first)
+    assert movement_ends(now, 0.0, 1.0) == (first, 1.0 - first)
 
 
 def test_without_control_msgs_the_action_is_not_offered_and_a_line_says_so(ros, monkeypatch):

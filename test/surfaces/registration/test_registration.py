@@ -234,7 +234,7 @@ def test_planes_move_no_view_in_x_y_and_yaw():
     solution = replace(known(poses), T_map_views=T)
     registration = Registration(CONFIG)
     registration.side_factors(views, solution)
-    found = registration.levelled(solution)
+    found = registration.with_adjusted_planes(solution)
     assert planar(found.T_map_views) == pytest.approx(poses, abs=1e-4)
     z = found.T_map_views[:, 2, 3]
     assert abs(z[1] - z[0]) < 0.0015

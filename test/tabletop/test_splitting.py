@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tccm_ros.tabletop.parting import part_around, part_by_height
+from tccm_ros.tabletop.splitting import split_at_gaps, split_by_height
 
 CELL, GAP = 0.02, 0.05
 rng = np.random.default_rng(5)
@@ -17,7 +17,7 @@ def parts_of(height, x=(0.0, 0.4), y=(0.0, 0.2), yaw=0.3, spacing=CELL):
     flat, top = flat[top >= 0], top[top >= 0]
     c, s = np.cos(yaw), np.sin(yaw)
     mean = flat @ np.array([[c, s], [-s, c]])
-    parts = part_by_height(mean, top + rng.normal(0, 0.003, len(top)), CELL, GAP)
+    parts = split_by_height(mean, top + rng.normal(0, 0.003, len(top)), CELL, GAP)
     assert sorted(np.concatenate(parts).tolist()) == list(range(len(flat)))
     return [flat[part] for part in parts]
 
@@ -66,17 +66,17 @@ def test_an_edge_seen_lower_belongs_to_the_nearest_object():
 
 def test_few_columns_are_one_object():
     assert len(parts_of(lambda x, _: 0.1 if x < 0.04 else 0.3, x=(0.0, 0.08), y=(0.0, 0.06))) == 1
-    assert len(part_by_height(np.zeros((0, 2)), np.zeros(0), CELL, GAP)) == 1
+    assert len(split_by_height(np.zeros((0, 2)), np.zeros(0), CELL, GAP)) == 1
 
 
 def test_parts_around_a_surface_cover_little_of_it():
     grid = np.stack(np.meshgrid(*[np.arange(0.0, 1.0, CELL)] * 2), axis=-1).reshape(-1, 2)
     is_u = (grid[:, 0] < 0.1) | (grid[:, 0] > 0.9) | (grid[:, 1] < 0.1)
-    parts = part_around(grid[is_u], grid[~is_u], CELL, 0.6)
+    parts = split_at_gaps(grid[is_u], grid[~is_u], CELL, 0.6)
     assert sorted(np.concatenate(parts).tolist()) == list(range(is_u.sum()))
     assert 3 <= len(parts) <= 4
     for part in parts:
         assert np.ptp(grid[is_u][part], axis=0).min() < 0.11
-    assert len(part_around(grid[is_u], np.zeros((0, 2)), CELL, 0.6)) == 1, "it may be hidden"
-    assert len(part_around(grid[is_u], grid[~is_u][:40], CELL, 0.6)) == 1
-    assert len(part_around(grid[is_u], grid[~is_u], CELL, 1.1)) == 1
+    assert len(split_at_gaps(grid[is_u], np.zeros((0, 2)), CELL, 0.6)) == 1, "it may be hidden"
+    assert len(split_at_gaps(grid[is_u], grid[~is_u][:40], CELL, 0.6)) == 1
+    assert len(split_at_gaps(grid[is_u], grid[~is_u], CELL, 1.1)) == 1

@@ -3,7 +3,7 @@
 import numpy as np
 from approach_world import CUBE_M
 
-from tccm_ros.approach.remembered import Remembered
+from tccm_ros.approach.obstacle_memory import ObstacleMemory
 from tccm_ros.approach.senses import TopCycle
 
 NOTHING = np.zeros((0, 3))
@@ -22,7 +22,7 @@ def rows(points):
 
 
 def remembered():
-    made = Remembered(CUBE_M)
+    made = ObstacleMemory(CUBE_M)
     made.add(CUBES, np.zeros(2))
     made.add(NOTHING, np.zeros(2))
     return made
@@ -38,18 +38,18 @@ def test_what_the_newest_obstacles_leave_out_is_kept_once():
 
 def test_what_a_tilt_cycle_looks_at_is_forgotten_unless_it_is_there():
     made = remembered()
-    made.look(cycle(0.0))
+    made.forget_visible(cycle(0.0))
     assert rows(made.points) == rows(CUBES[2:])
     made.add(CUBES[:1], np.zeros(2))
-    made.look(cycle(0.0))
+    made.forget_visible(cycle(0.0))
     assert rows(made.points) == rows(CUBES[[0, 2]])
 
 
 def test_what_is_below_the_field_of_view_is_kept():
-    made = Remembered(CUBE_M)
+    made = ObstacleMemory(CUBE_M)
     made.add(np.array([[0.4, 0.0, 0.3]]), np.zeros(2))
     made.add(NOTHING, np.zeros(2))
-    made.look(cycle(0.0))
+    made.forget_visible(cycle(0.0))
     assert len(made.points) == 1
 
 

@@ -1,7 +1,7 @@
-"""Obstacles beside and behind the base that the integration map has forgotten since.
+"""Memory of obstacles beside and behind the base, which the integration map forgets.
 
-`~/obstacles` has the last `map.window_cycles` tilt cycles: a table that the base has turned its
-back on leaves it. Level scans see only its legs.
+`~/obstacles` contains the last `map.window_cycles` tilt cycles: a table behind the base is soon
+missing in it, and level scans see only its legs.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ BEARING_RAD = np.radians(3.0)
 BINS = round(2.0 * np.pi / BEARING_RAD)
 
 
-class Remembered:
-    """The newest obstacles, and older ones that no tilt cycle has looked at since.
+class ObstacleMemory:
+    """The newest obstacles, and older ones that were not in the field of view since.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Remembered:
         self._newest = self._older = self.points = np.zeros((0, 3))
 
     def add(self, cuboids: Float64, base: Float64) -> None:
-        """Take the newest obstacles (N, 3) in odom; forget older ones far from a base at (2,)."""
+        """Add the newest obstacles (N, 3) in odom; drop older ones far from the base at (2,)."""
         older = np.concatenate([self._older, self._newest])
         older = older[np.hypot(*(older[:, :2] - base).T) < NEAR_M]
         places = np.round(older / (0.5 * self._cube_m)).astype(np.int64)
@@ -45,13 +45,13 @@ class Remembered:
         self._newest = cuboids
         self.points = np.concatenate([self._newest, self._older])
 
-    def look(self, cycle: TopCycle) -> None:
+    def forget_visible(self, cycle: TopCycle) -> None:
         """Forget older obstacles in the field of view of a tilt cycle."""
-        self._older = self._older[~_looks_at(cycle, self._older)]
+        self._older = self._older[~_is_visible(cycle, self._older)]
         self.points = np.concatenate([self._newest, self._older])
 
 
-def _looks_at(cycle: TopCycle, points: Float64) -> Bool:
+def _is_visible(cycle: TopCycle, points: Float64) -> Bool:
     """Return which points (N, 3) are in a cycle's field of view.
 
     In each direction it is assumed to extend from the cycle's lowest beam up to the horizon.

@@ -36,7 +36,7 @@ seen. Chosen: oblique boxes beside each other and the handle of a mug have less,
 shoulders of a bottle and the corner of an L more."""
 
 
-def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list[Int64]:
+def split_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list[Int64]:
     """Return the cuboids of each of the touching objects in a cluster.
 
     Parameters
@@ -76,7 +76,7 @@ def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list
     return [np.flatnonzero(part_of == region) for region in large]
 
 
-def part_around(mean: Float64, surface: Float64, cell: float, max_length: float) -> list[Int64]:
+def split_at_gaps(mean: Float64, surface: Float64, cell: float, max_length: float) -> list[Int64]:
     """Return the cuboids of each part of a cluster whose hulls cover little of the surface.
 
     Cuts are parallel to the sides of the smallest rectangle. Objects up to a length stay whole:
@@ -120,9 +120,7 @@ def part_around(mean: Float64, surface: Float64, cell: float, max_length: float)
     if left is None:
         return [whole]
     sides = whole[left], whole[~left]
-    return [
-        side[part] for side in sides for part in part_around(mean[side], covered, cell, max_length)
-    ]
+    return [side[k] for side in sides for k in split_at_gaps(mean[side], covered, cell, max_length)]
 
 
 def _inside(hull: Float64, points: Float64) -> Bool:

@@ -1,4 +1,4 @@
-"""Check of the inputs without which the base must not move.
+"""Check for missing or old inputs, without which the base must not move.
 
 They are localisation, odometry, level scans and the obstacles of the integration map: tops beside
 and behind the base are in no level scan.
@@ -16,7 +16,7 @@ POSE_S, SCAN_S = 0.3, 0.6
 at 20 Hz, six scans at 10 Hz; the base moves 6 cm at 0.2 m/s in the first."""
 
 
-def loss_of(senses: Senses, patience_s: float) -> tuple[Reason, str] | None:
+def missing_input(senses: Senses, patience_s: float) -> tuple[Reason, str] | None:
     """Return reason and message if an input is missing or too old; None if all are current.
 
     Parameters

@@ -278,7 +278,7 @@ def _fill(track: Track, source: Track, rows: Bool) -> None:
 
 
 def _recording(name: str, found: _CycleReader, max_cycles: int) -> CalibrationRecording:
-    still = [cycle for cycle, stands in zip(found.cycles, _stands(found.cycles)) if stands]
+    still = [c for c, at_rest in zip(found.cycles, _are_at_rest(found.cycles)) if at_rest]
     cycles = _spread(still or found.cycles, max_cycles)
     places = _places(cycles)
     firsts = [cycles[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
@@ -295,7 +295,7 @@ def _recording(name: str, found: _CycleReader, max_cycles: int) -> CalibrationRe
     )
 
 
-def _stands(cycles: Sequence[CycleScans]) -> list[bool]:
+def _are_at_rest(cycles: Sequence[CycleScans]) -> list[bool]:
     """Return whether the base was at rest per cycle; for images, if an adjacent pose is equal."""
     if not cycles[0].is_image:
         return [cycle.is_still for cycle in cycles]

@@ -66,8 +66,8 @@ ZEROS = 2
 """Number of zero commands at the end of a goal: a best-effort subscriber may lose one."""
 
 CATCH_UP_S = 0.3
-"""Time after a step longer than the period, s, in which the messages that came meanwhile are read:
-until then the base stands where an input seems lost. As `missing_input.POSE_S`."""
+"""Time after a step longer than the period in which the messages of that step are read, s: until
+then the base waits if an input seems to be missing. As `missing_input.POSE_S`."""
 
 PERIOD_NS = round(PERIOD_S * 1e9)
 """Period of the control loop, ns."""
@@ -96,24 +96,24 @@ class ActiveGoal:
         Future of the outcome.
     handle
         Handle of the goal.
-    tell
+    publish
         Publishes feedback.
     is_stopped
-        Whether a cancellation has stopped the base: nothing but zero is sent from then on. The
-        goal's own state says so only after the callback that stops it, and results depend on that.
+        Whether a cancellation has stopped the base: only zero is sent from then on. The handle's
+        own state changes too late, after the callback that stops the base.
     steps, zeros
         Numbers of steps, and of zero commands after the outcome.
     published_s
         Stamp of the newest published detection, s.
     failure
-        Outcome where the steps cannot go on, whatever the machine's; None while they do.
+        Outcome if the steps failed, which replaces that of the machine; else None.
     """
 
     machine: Approach | Retreat | Detection
     robot: RobotBase
     done: Future
     handle: Any
-    tell: Callable[[Senses], None]
+    publish: Callable[[Senses], None]
     is_stopped: bool = False
     steps: int = 0
     zeros: int = 0
@@ -281,11 +281,11 @@ class ApproachNode(Node):
             self._publish_dock_pose(drive, machine)
         drive.steps += 1
         if drive.steps % FEEDBACK_STEPS == 1:
-            drive.tell(senses)
+            drive.publish(senses)
         return None
 
     def _finish_drive(self, drive: ActiveGoal, outcome: Outcome) -> Outcome | None:
-        """Send zero until the base has been told and Nav2 has ended; return the outcome then."""
+        """Send zero `ZEROS` times, and until Nav2 has ended; then return the outcome."""
         if not drive.is_driving:
             return outcome
         self._send(STOP)
@@ -450,13 +450,13 @@ class ApproachNode(Node):
                 navigator = None
             return Approach(robot, goal, around, navigator), robot
 
-        def tell(machine: Any, senses: Senses) -> None:
+        def publish(machine: Any, senses: Senses) -> None:
             gap = machine.gap(senses.pose)
             handle.publish_feedback(
                 self._approach.Feedback(phase=int(machine.phase), gap=float(gap))
             )
 
-        outcome = await self._run(handle, prepare, tell)
+        outcome = await self._run(handle, prepare, publish)
         result.gap, result.yaw_error = float(outcome.gap), float(outcome.yaw_error)
         result.gap_sigma, result.distance = float(outcome.sigma), float(outcome.distance)
         result.has_moved = bool(outcome.has_moved)
@@ -472,17 +472,17 @@ class ApproachNode(Node):
             robot = robot_of(self.config)
             return Retreat(robot, distance), robot
 
-        def tell(machine: Any, senses: Senses) -> None:
+        def publish(machine: Any, senses: Senses) -> None:
             handle.publish_feedback(
                 self._retreat.Feedback(distance=float(machine.way(senses.pose)))
             )
 
-        outcome = await self._run(handle, prepare, tell)
+        outcome = await self._run(handle, prepare, publish)
         result = self._retreat.Result(distance=float(np.nan_to_num(outcome.distance)))
         return self._finish(handle, result, outcome)
 
     async def _run(
-        self, handle: Any, prepare: Callable[[], Any], tell: Callable[[Any, Senses], None]
+        self, handle: Any, prepare: Callable[[], Any], publish: Callable[[Any, Senses], None]
     ) -> Outcome:
         """Drive a goal to its end; return the outcome."""
         with self._lock:
@@ -492,7 +492,7 @@ class ApproachNode(Node):
         try:
             machine, robot = await prepare()
             done: Future = Future(executor=self.executor)
-            self._drive = ActiveGoal(machine, robot, done, handle, partial(tell, machine))
+            self._drive = ActiveGoal(machine, robot, done, handle, partial(publish, machine))
             outcome: Outcome = await done
             return outcome
         except NoSurfaceError as error:

@@ -25,7 +25,7 @@ from tccm_ros.nodes.publishing.outputs import SolutionOutputs
 from tccm_ros.nodes.saving.solution_saver import Session, Wanted
 from tccm_ros.nodes.services.client_api import ClientApi
 from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
-from tccm_ros.nodes.solver.schedule import SolveSchedule, ViewPart
+from tccm_ros.nodes.solver.schedule import SolveSchedule, ViewMessage
 from tccm_ros.nodes.solver.solver import Solver
 from tccm_ros.records import (
     LabelCorrection,
@@ -111,7 +111,7 @@ class MapSession:
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         before = Counter(self.tracker.counts)
         self.add(event)
-        if isinstance(event, ViewPart):
+        if isinstance(event, ViewMessage):
             self._client_api.note_view_message(event.stamp_ns, self._solver.next_number)
             if self._objects.add(event):
                 self._show_objects()

@@ -340,7 +340,7 @@ class SensorNode(Node):
 
     def log_ready(self) -> None:
         """Log one line with the known sensors and the inputs that are still silent."""
-        known = found_on(self.robot.robot, self.roles)
+        known = describe_sensors(self.robot.robot, self.roles)
         optional = (r for r, stream in self._streams.items() if stream.mount is MountKind.ANY)
         silent = self.inputs.awaited(set(map(self.resolve_topic_name, optional)))
         waits = f"; waits for {', '.join(silent)}" if silent else ""
@@ -419,7 +419,7 @@ class SensorNode(Node):
         }
 
 
-def found_on(robot: Robot, roles: Collection[str]) -> str:
+def describe_sensors(robot: Robot, roles: Collection[str]) -> str:
     """Return a description of the known sensors and odometry.
 
     Parameters

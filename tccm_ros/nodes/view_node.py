@@ -93,15 +93,15 @@ class ViewNode(Node):
         self.config = declare_config(self, groups=GROUPS["view"])
         follow_changes(self, self.config)
         self._entities_of = entities_of
-        self._questions = {
+        self._requests = {
             "rename": self._rename,
             "placements": self._find_placements,
             "name": self._name_spot,
             "save": self._save,
         }
-        self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._wake = self.create_guard_condition(self._answer_questions)
-        self.page = LivePage(self._ask, frozenset(self._questions), host, port)
+        self._pending: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._wake = self.create_guard_condition(self._handle_requests)
+        self.page = LivePage(self._ask, frozenset(self._requests), host, port)
         self._rerun = _rerun_stream(viewer, self.config)
         self._client = SurfaceMapClient(self, name, approach_name=approach_name)
         self._map_frame = "map"
@@ -191,7 +191,7 @@ class ViewNode(Node):
         loop = asyncio.get_running_loop()
         answered: asyncio.Future[Any] = loop.create_future()
 
-        def tell(answer: Any, error: Exception | None) -> None:
+        def resolve(answer: Any, error: Exception | None) -> None:
             if answered.done():
                 return
             if error is None:
@@ -201,27 +201,27 @@ class ViewNode(Node):
 
         def begin() -> None:
             try:
-                asked, read = self._questions[name](values)
+                future, read = self._requests[name](values)
             except Exception as error:
-                loop.call_soon_threadsafe(tell, None, _named(error))
+                loop.call_soon_threadsafe(resolve, None, _named(error))
                 return
-            asked.add_done_callback(partial(self._finish, loop, tell, read))
+            future.add_done_callback(partial(self._finish, loop, resolve, read))
 
-        self._asked.put(begin)
+        self._pending.put(begin)
         self._wake.trigger()
         return await answered
 
     @staticmethod
-    def _finish(loop: Any, tell: Any, read: Callable[[Any], Any], asked: Future) -> None:
+    def _finish(loop: Any, resolve: Any, read: Callable[[Any], Any], future: Future) -> None:
         try:
-            answer, error = read(asked.result()), None
+            answer, error = read(future.result()), None
         except Exception as raised:
             answer, error = None, raised
-        loop.call_soon_threadsafe(tell, answer, error)
+        loop.call_soon_threadsafe(resolve, answer, error)
 
-    def _answer_questions(self) -> None:
-        while not self._asked.empty():
-            self._asked.get()()
+    def _handle_requests(self) -> None:
+        while not self._pending.empty():
+            self._pending.get()()
 
     def _rename(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
         surface, label = _identity(values), _text(values, "label")
@@ -254,12 +254,12 @@ class ViewNode(Node):
             raise RequestError(f"spot is {one_line(ValueError(spot))}; expected (x, y), m")
         spot = None if spot is None else [float(value) for value in spot]
         wanted = SurfaceFilter(ids=[surface])
-        asked = self._client.set_name(name, wanted, spot=spot, frame=self._map_frame)
-        return asked, lambda message: {"message": message}
+        future = self._client.set_name(name, wanted, spot=spot, frame=self._map_frame)
+        return future, lambda message: {"message": message}
 
     def _save(self, values: Mapping[str, Any]) -> tuple[Future, Callable[[Any], Any]]:
-        asked = self._client.save_named_map(_text(values, "name"))
-        return asked, lambda saved: {"message": f"saved as {saved.name}"}
+        future = self._client.save_named_map(_text(values, "name"))
+        return future, lambda saved: {"message": f"saved as {saved.name}"}
 
 
 def _rerun_stream(url: str, config: Config) -> RerunStream | None:

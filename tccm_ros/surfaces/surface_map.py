@@ -229,13 +229,13 @@ class SurfaceMap:
         surfaces = [surface for surface in fitted if surface is not None]
         ids = TrackIds(views, T, survivors)
 
-        def sights(piece: MergedSurface) -> tuple[ViewKey, ViewKey]:
+        def seen_span(piece: MergedSurface) -> tuple[ViewKey, ViewKey]:
             placed = ids.placed(piece.members, footprint_of(piece, T))
             return placed, ids.last_seen(piece.members)
 
         if self._baseline_merge is None:
             surfaces = join_over_occlusions(
-                surfaces, views, T, poses.cov_z_roll_pitch, walls, sights, config
+                surfaces, views, T, poses.cov_z_roll_pitch, walls, seen_span, config
             )
         surfaces = [
             s for s in surfaces if s.has_area and s.polygon.area >= config.surfaces.min_area
@@ -262,7 +262,7 @@ class SurfaceMap:
                 shape,
                 label,
                 ids,
-                sights(surface)[0].stamp_ns,
+                seen_span(surface)[0].stamp_ns,
                 views,
                 poses.keyframes,
                 previous.get(surface.members),

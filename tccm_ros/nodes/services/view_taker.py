@@ -19,7 +19,7 @@ from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.services.base_watch import BaseWatch, is_near
 from tccm_ros.nodes.services.joint_mover import JointMover
 from tccm_ros.nodes.services.surface_services import SurfaceServices
-from tccm_ros.nodes.solver.schedule import PARTS
+from tccm_ros.nodes.solver.schedule import MESSAGES
 
 WAITING, MOVING, MAPPING = range(3)
 """Values of the phases in action/ScanHere."""
@@ -123,12 +123,12 @@ class ViewTaker:
         """
         self._goal, self._start = goal, None
 
-        def tell(phase: int, progress: float) -> None:
+        def report(phase: int, progress: float) -> None:
             goal.publish_feedback(feedback(phase=phase, progress=progress))
 
         patience = goal.request.patience
         patience_s = patience.sec + patience.nanosec * 1e-9 or PATIENCE_S
-        tell(WAITING, 0.0)
+        report(WAITING, 0.0)
         late = f"the base has not stood still within {patience_s:g} s"
         try:
             self._wait(self._base.is_standing, patience_s, late)
@@ -136,12 +136,12 @@ class ViewTaker:
             self._base.pose()  # raises the more specific error if the pose is unknown
             raise
         self._start = self._base.pose()
-        spans = self._move(goal.request, lambda fraction: tell(MOVING, MOVED_PROGRESS * fraction))
-        tell(MAPPING, MOVED_PROGRESS)
+        spans = self._move(goal.request, lambda fraction: report(MOVING, MOVED_PROGRESS * fraction))
+        report(MAPPING, MOVED_PROGRESS)
         views_ns = self._wait_for_map(spans)
         return self._surfaces.fill_view(result, views_ns)
 
-    def _move(self, request: Any, tell: Callable[[float], None]) -> list[tuple[int, int]]:
+    def _move(self, request: Any, report: Callable[[float], None]) -> list[tuple[int, int]]:
         """Move the joints; return the start and end time of each tilt movement, ns."""
         low, high = request.min_tilt, request.max_tilt
         if low == high == 0.0:
@@ -151,7 +151,7 @@ class ViewTaker:
         targets = [{pan: angle} for angle in request.pan_angles] or [{}]
         spans = []
         for k, target in enumerate(targets):
-            tell(k / len(targets))
+            report(k / len(targets))
             first, last = movement_ends(self._angle(tilt), low, high)
             start = {**target, tilt: first}
             self._send(start, {joint: self._angle(joint) for joint in start}, velocity)
@@ -170,7 +170,7 @@ class ViewTaker:
 
         def views(begin_ns: int, end_ns: int) -> list[int]:
             known = dict(self._solutions)
-            return [s for s, n in known.items() if begin_ns <= s <= end_ns and len(n) >= PARTS]
+            return [s for s, n in known.items() if begin_ns <= s <= end_ns and len(n) >= MESSAGES]
 
         end_ns = spans[-1][1]
 

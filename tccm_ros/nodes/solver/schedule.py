@@ -2,7 +2,7 @@
 
 A solution is due after a new view, detection or some keyframes, and a final one once input stops.
 Solutions are spaced so that solving takes a bounded fraction of the time, and none is made between
-the messages of one view (`ViewParts`).
+the messages of one view (`ViewMessages`).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ KEYFRAMES = 5
 QUIET_S = 2.0
 """Time without a record after which a final solution is due, s. Chosen."""
 
-ViewPart = SurfaceCloud | ViewIntervals | ObjectBoxes
+ViewMessage = SurfaceCloud | ViewIntervals | ObjectBoxes
 """A message of a view: one of each is published together."""
 
-PARTS = len(get_args(ViewPart))
+MESSAGES = len(get_args(ViewMessage))
 """Number of messages of a view."""
 
 PATIENCE_S = 0.5
@@ -37,7 +37,7 @@ PATIENCE_S = 0.5
 publisher of only some of them delays a solution by no more than this."""
 
 
-class ViewParts:
+class ViewMessages:
     """Tracks which messages of the newest view have arrived.
 
     A tilt cycle arrives as three messages: points, free intervals and object boxes. A map solved
@@ -49,10 +49,10 @@ class ViewParts:
         self._stamps_ns: dict[type, int] = {}
         self._until_s = 0.0
 
-    def note(self, part: ViewPart, now_s: float) -> None:
+    def note(self, message: ViewMessage, now_s: float) -> None:
         """Note a message of a view at a time of a monotonic clock, s."""
-        self._stamps_ns[type(part)] = part.stamp_ns
-        is_whole = len(self._stamps_ns) == PARTS and len(set(self._stamps_ns.values())) == 1
+        self._stamps_ns[type(message)] = message.stamp_ns
+        is_whole = len(self._stamps_ns) == MESSAGES and len(set(self._stamps_ns.values())) == 1
         self._until_s = 0.0 if is_whole else now_s + PATIENCE_S
 
     def are_coming(self, now_s: float) -> bool:
@@ -73,16 +73,16 @@ class SolveSchedule:
         self._last_s = now_s
         self._next_s = 0.0
         self._new: Counter[str] = Counter()
-        self._parts = ViewParts()
+        self._view_messages = ViewMessages()
 
-    def note(self, event: Event | ViewPart | PosedDetections, now_s: float) -> None:
+    def note(self, event: Event | ViewMessage | PosedDetections, now_s: float) -> None:
         """Note an event that the next solution will contain."""
         self._last_s = now_s
         if type(event) is not Odometry:
             self._new["records"] += 1
-        if isinstance(event, ViewPart):
+        if isinstance(event, ViewMessage):
             self._new["view parts"] += 1
-            self._parts.note(event, now_s)
+            self._view_messages.note(event, now_s)
         if isinstance(event, PosedDetections):
             self._new["detections"] += 1
 
@@ -127,4 +127,4 @@ class SolveSchedule:
         return has_more and now_s - self._last_s > QUIET_S and self._may_solve(now_s)
 
     def _may_solve(self, now_s: float) -> bool:
-        return now_s >= self._next_s and not self._parts.are_coming(now_s)
+        return now_s >= self._next_s and not self._view_messages.are_coming(now_s)

@@ -174,7 +174,7 @@ def _former_patches(
                 continue
             z = float(T_map_view[v, 2, :3] @ patch.mean + T_map_view[v, 2, 3])
             if any(abs(z - height) <= MAX_LIFT for height in heights):
-                found |= {(v, p), *ids.earlier_sights((v, p), first[v] + p)}
+                found |= {(v, p), *ids.earlier_indices((v, p), first[v] + p)}
     return [NumberedPatch(first[v] + p, v, views[v].patches[p]) for v, p in sorted(found)]
 
 

@@ -56,7 +56,7 @@ class TrackIds:
         self._ids: dict[int, set[int]] = {}
         self._first_seen: dict[int, ViewKey] = {}
         self._last_seen: dict[int, ViewKey] = {}
-        self._sights: dict[int, set[tuple[int, int]]] = {}
+        self._indices: dict[int, set[tuple[int, int]]] = {}
         self._may_be_elsewhere: set[tuple[int, int]] = set()
         self._known: dict[Members, list[list[tuple[int, int]]]] = {}
         first = first_numbers(views)
@@ -67,7 +67,7 @@ class TrackIds:
                 self._ids[start + p] = {start + (p if number is None else number)}
                 self._first_seen[start + p] = own if seen is None else own._replace(stamp_ns=seen)
                 self._last_seen[start + p] = own
-                self._sights[start + p] = {(v, p)}
+                self._indices[start + p] = {(v, p)}
         for v, view in enumerate(views):
             for p in range(len(view.patches)):
                 kept = survivors.keep[v][p]
@@ -80,7 +80,7 @@ class TrackIds:
     def _inherit(self, older: int, newer: int) -> None:
         self._ids[newer] |= self._ids[older]
         self._first_seen[newer] = min(self._first_seen[newer], self._first_seen[older])
-        self._sights[newer] |= self._sights[older]
+        self._indices[newer] |= self._indices[older]
 
     def adopt(self, members: Members, older: Members) -> None:
         """Add the ids and the first view of a surface at its old place to those at its new place.
@@ -97,16 +97,16 @@ class TrackIds:
             self._ids[first] |= self._ids[member.number]
             self._first_seen[first] = min(self._first_seen[first], self._first_seen[member.number])
 
-    def earlier_sights(self, sight: tuple[int, int], number: int) -> list[tuple[int, int]]:
+    def earlier_indices(self, index: tuple[int, int], number: int) -> list[tuple[int, int]]:
         """Return the patches (view, patch) that a patch replaced at the same place.
 
         Parameters
         ----------
-        sight, number
+        index, number
             The patch as (view, patch), and its number.
         """
-        now = self._footprint([sight])
-        earlier = sorted(self._sights[number] - {sight})
+        now = self._footprint([index])
+        earlier = sorted(self._indices[number] - {index})
         return [other for other in earlier if not is_displaced(self._footprint([other]), now)]
 
     def all_ids(self, members: Members) -> list[int]:
@@ -154,12 +154,12 @@ class TrackIds:
         return now._replace(outline=shapely.union_all([now.outline, *seen], grid_size=GRID))
 
     def _in_place(self, members: Members, now: HorizontalOutline) -> list[list[tuple[int, int]]]:
-        """Return the result of `_sights_in_place`, cached by surface."""
+        """Return the result of `_indices_in_place`, cached by surface."""
         if members not in self._known:
-            self._known[members] = list(self._sights_in_place(members, now))
+            self._known[members] = list(self._indices_in_place(members, now))
         return self._known[members]
 
-    def _sights_in_place(
+    def _indices_in_place(
         self, members: Members, now: HorizontalOutline
     ) -> Iterator[list[tuple[int, int]]]:
         """Yield the patches of each view of the surface at its current place, newest view first.
@@ -167,28 +167,28 @@ class TrackIds:
         These are all views after the last one that showed it at another place. The patches of a
         view are tested together, as one strip of a moved table may still be within its outline.
         """
-        sights = sorted(set().union(*(self._sights[member.number] for member in members)))
-        for _, group in reversed([(v, list(g)) for v, g in groupby(sights, lambda s: s[0])]):
+        indices = sorted(set().union(*(self._indices[member.number] for member in members)))
+        for _, group in reversed([(v, list(g)) for v, g in groupby(indices, lambda s: s[0])]):
             if self._may_be_elsewhere.intersection(group) and is_displaced(
                 self._footprint(group), now
             ):
                 return
             yield group
 
-    def _own_placed(self, sights: Sequence[tuple[int, int]]) -> ViewKey:
+    def _own_placed(self, indices: Sequence[tuple[int, int]]) -> ViewKey:
         """Return the key since which patches of a view are at their place.
 
         Removed views that the view replaced are included.
         """
-        view = self._views[sights[0][0]]
-        placed = [view.patches[p].placed_ns for _, p in sights]
+        view = self._views[indices[0][0]]
+        placed = [view.patches[p].placed_ns for _, p in indices]
         stamps = [view.stamp_ns if stamp_ns is None else stamp_ns for stamp_ns in placed]
         return ViewKey(view.session, max(stamps))
 
-    def _footprint(self, sights: Sequence[tuple[int, int]]) -> HorizontalOutline:
+    def _footprint(self, indices: Sequence[tuple[int, int]]) -> HorizontalOutline:
         """Return the common footprint of patches of one view."""
-        patches = [self._views[v].patches[p] for v, p in sights]
-        T = self._T_map_view[sights[0][0]]
+        patches = [self._views[v].patches[p] for v, p in indices]
+        T = self._T_map_view[indices[0][0]]
         parts = [footprint_in_map(p.outline, p.mean, p.spacing, T) for p in patches]
         outline = shapely.union_all([part.outline for part in parts])
         z = np.average([part.z for part in parts], weights=[p.count for p in patches])

@@ -30,7 +30,7 @@ from tccm_ros.surfaces.views.views import View
 JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the area between two pieces of one surface, in x and y of map; None if they are not."""
 
-SightFunction = Callable[[MergedSurface], tuple[tuple[int, int], tuple[int, int]]]
+SpanFunction = Callable[[MergedSurface], tuple[tuple[int, int], tuple[int, int]]]
 """Returns the keys (session and stamp) of the first and the last view that showed a piece at its
 place."""
 
@@ -71,7 +71,7 @@ def join_over_occlusions(
     T_map_view: Float64,
     cov_z_roll_pitch: Float64,
     walls: Float64,
-    sights: SightFunction,
+    seen_span: SpanFunction,
     config: Config,
 ) -> list[MergedSurface]:
     """Join coplanar pieces if no view looked through the area between them.
@@ -90,7 +90,7 @@ def join_over_occlusions(
     walls
         float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
         joined.
-    sights
+    seen_span
         Returns the first and the last view of a piece at its place.
     config
         Uses `surfaces.max_step`, `surfaces.merge_distance` and `views.clear_margin`.
@@ -101,7 +101,7 @@ def join_over_occlusions(
     @cache
     def seen(piece: MergedSurface) -> tuple[int, int]:
         """Return the indices of the first view since a piece appeared, and of the last with it."""
-        placed, last = (bisect_left(keys, key) for key in sights(piece))
+        placed, last = (bisect_left(keys, key) for key in seen_span(piece))
         before = views[:placed], T_map_view[:placed]
         return last_empty_view(piece.polygon, piece.height, *before, config) + 1, last
 

@@ -8,13 +8,13 @@ from empty_view import empty_view
 from live_robot import slam
 
 from tccm_ros.nodes.services.client_api import ClientApi
-from tccm_ros.nodes.solver.schedule import ViewParts
+from tccm_ros.nodes.solver.schedule import ViewMessages
 from tccm_ros.scene.scene import Scene
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_the_rest_of_a_view_is_waited_for(order):
-    view = ViewParts()
+    view = ViewMessages()
     assert not view.are_coming(0.0)
     for stamp_ns, now_s in ((1, 10.0), (2, 20.0)):
         *first, last = (empty_view(stamp_ns)[k] for k in order)
@@ -26,7 +26,7 @@ def test_the_rest_of_a_view_is_waited_for(order):
 
 
 def test_a_part_that_never_comes_is_not_waited_for_long():
-    view = ViewParts()
+    view = ViewMessages()
     view.note(empty_view(1)[0], 10.0)
     assert view.are_coming(10.45)
     assert not view.are_coming(10.5)

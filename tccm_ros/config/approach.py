@@ -47,7 +47,7 @@ class ApproachConfig(Group):
     )
     navigator: str = param(
         "navigate_to_pose",
-        "action of Nav2's navigator, which drives near the surface where it is there; empty: never",
+        "action of Nav2's navigator, which drives long distances if it runs; empty: never",
         read_only=True,
     )
     stamped: bool = param(

@@ -135,16 +135,14 @@ class CenterCoreConfig(Group):
 class ObjectsConfig(Group):
     """Objects on horizontal surfaces, and free places between them."""
 
-    min_height: float = param(0.02, "an object rises at least this", unit="m", gt=0.0, le=1.0)
-    max_height: float = param(0.60, "an object rises at most this", unit="m", gt=0.0, le=3.0)
+    min_height: float = param(0.02, "min height of an object", unit="m", gt=0.0, le=1.0)
+    max_height: float = param(
+        0.60, "max height; longer objects may be split at seen surface", unit="m", gt=0.0, le=3.0
+    )
     cluster_distance: float = param(0.05, "gap that separates objects", unit="m", gt=0.0, le=1.0)
     min_points: int = param(8, "minimum number of points of an object", ge=1)
-    track_distance: float = param(
-        0.15, "an object that moved less is the same", unit="m", gt=0.0, le=2.0
-    )
-    agreeing_views: int = param(
-        2, "an object has come, or has left, once so many views agree", ge=1, le=100
-    )
+    track_distance: float = param(0.15, "max motion between cycles", unit="m", gt=0.0, le=2.0)
+    agreeing_views: int = param(2, "agreeing views that confirm a change", ge=1, le=100)
     place_size: tuple[float, float] = param(
         (0.15, 0.15), "width and depth of a free place for an object to put down", unit="m"
     )

@@ -11,7 +11,7 @@ class QosConfig(Group):
     """Quality of service of the sensor subscriptions."""
 
     reliability: Literal["best_effort", "reliable"] = param(
-        "best_effort", "reliability asked of scan publishers", read_only=True
+        "best_effort", "required reliability of scan publishers", read_only=True
     )
     stamp: Literal["header", "receive"] = param(
         "header", "receive: stamps of arrival, for drivers without a clock", read_only=True
@@ -47,7 +47,7 @@ class SaveConfig(Group):
     """Saving of maps by a live node."""
 
     directory: str = param("tccm_map", "folder that ~/save_map writes and ~/load_map reads")
-    on_shutdown: bool = param(False, "save when the node is asked to stop")
+    on_shutdown: bool = param(False, "save when the node is stopped")
     autosave_minutes: float = param(
         0.0, "save this often; 0 never", unit="min", ge=0.0, le=1440.0, read_only=True
     )
@@ -61,11 +61,11 @@ class ScanHereConfig(Group):
         "action of the controller of the joints, control_msgs/FollowJointTrajectory",
         read_only=True,
     )
-    pan_joint: str = param("", "joint that pans; empty: there is none, or it stays", read_only=True)
+    pan_joint: str = param("", "joint that pans; empty: none, or it is not moved", read_only=True)
     tilt_range: tuple[float, float] = param(
         (0.0, 0.9), "lowest and highest angle of the tilt joint", unit="rad"
     )
-    velocity: float = param(0.3, "greatest speed of the joints", unit="rad/s", gt=0.0, le=10.0)
+    velocity: float = param(0.3, "max speed of the joints", unit="rad/s", gt=0.0, le=10.0)
 
 
 class MarkersConfig(Group):

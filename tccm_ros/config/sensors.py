@@ -146,8 +146,8 @@ class SensorsConfig(Group):
     )
     camera_images: tuple[str, ...] = param(
         ("camera/image_raw",),
-        "topics of the pictures in which door signs are looked for, each with camera_info beside "
-        "it; pictures that are compressed end in compressed",
+        "topics of pictures that are searched for door signs, each with camera_info beside it; "
+        "topics of compressed pictures end in compressed",
         read_only=True,
     )
     tilt_scans: tuple[str, ...] = param(

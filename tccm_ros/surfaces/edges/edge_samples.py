@@ -53,6 +53,9 @@ PASSED_WITHIN, LINES_BEYOND = 2.0 * PROBE, 1.5
 """Radius of the circle that touches an outline, in which crossings of rays count: min, m, and as a
 multiple of the distance of scan lines. Chosen: at least two lines are in the circle."""
 
+CIRCLES = 1.0, 0.5, 0.25
+"""Radii of the circles in which a crossing is searched, as fractions of the largest one; chosen."""
+
 HEIGHTS_ABOVE = (0.1, 0.2, 0.3)
 """Heights above a surface at which views look over objects on it, m; chosen: those of objects. At
 any height, a counter of a random flat (118) goes on by 0.8 m over what stands beside it."""
@@ -154,32 +157,40 @@ class EdgeSampler:
         spacing = min(spacings, default=SPACING)
         sigma = np.full(count, np.hypot(SIGMA, SAMPLING_FRACTION * spacing))
         sampling = np.full(count, SAMPLING_FRACTION * spacing)
-        seen = np.zeros(count, bool)
+        seen, within = np.zeros(count, bool), np.full(count, np.inf)
         for view in self._inverses:
-            has_rays = len(self.views[view].hits) > 0  # not in maps of version 0.1
-            seen |= (
-                self._ends_before_crossings(view, points, outward)
-                if has_rays
-                else self._looks_past(view, points, outward)[0]
-            )
-        return OutlineSamples(points, outward, sigma, sampling, seen, self._looked_through())
+            if len(self.views[view].hits):
+                within = np.minimum(within, self._passed_within(view, points, outward))
+            else:  # a map of version 0.1
+                seen |= self._looks_past(view, points, outward)[0]
+        is_passed = np.isfinite(within)
+        sampling[is_passed] = SAMPLING_FRACTION * np.maximum(within[is_passed], spacing)
+        return OutlineSamples(
+            points, outward, sigma, sampling, seen | is_passed, self._looked_through()
+        )
 
-    def _ends_before_crossings(self, view: int, points: Float64, outward: Float64) -> Bool:
-        """Return whether rays of a view crossed the surface's plane just beyond points, bool (N,).
+    def _passed_within(self, view: int, points: Float64, outward: Float64) -> Float64:
+        """Return the distance beyond points within which a ray of a view passed, float64 (N,), m.
 
-        A crossing counts within a circle that touches the outline there.
+        A ray passed where it crossed the surface's plane in a circle that touches the outline.
+        Infinite if no ray passed near enough.
         """
         T = self.T_map_view[view]
         normal = self.surface.normal @ T[:3, :3]
         offset = self.surface.offset - float(self.surface.normal @ T[:3, 3])
         passed = crossings(self.views[view], normal, offset, self.config.views.clear_margin)
-        spacing = max(m.patch.spacing for m in self.surface.members if m.view == view)
-        reach = max(PASSED_WITHIN, LINES_BEYOND * spacing)
-        local = transform(self._inverses[view], self.surface.lift(points + reach * outward))
+        within = np.full(len(points), np.inf)
         if not len(passed):
-            return np.zeros(len(points), bool)
-        distance, _ = cKDTree(passed).query(local[:, :2], distance_upper_bound=reach)
-        return np.asarray(np.isfinite(distance))
+            return within
+        tree = cKDTree(passed)
+        spacing = max(m.patch.spacing for m in self.surface.members if m.view == view)
+        for part in CIRCLES:
+            radius = part * max(PASSED_WITHIN, LINES_BEYOND * spacing)
+            middles = self.surface.lift(points + radius * outward)
+            local = transform(self._inverses[view], middles)[:, :2]
+            distance, _ = tree.query(local, distance_upper_bound=radius)
+            within[np.isfinite(distance)] = 2.0 * radius
+        return within
 
     def _looked_through(self) -> Float64:
         """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""

@@ -68,7 +68,10 @@ def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> 
 
 
 def level_drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
-    """Yield the level scans of a drive back and forth in a room of 7 by 5 m, with loops."""
+    """Yield the level scans of a drive back and forth in a room of 7 by 5 m, with loops.
+
+    The wall ahead has a step, so that two walls face the same way.
+    """
     yield "robot_description", ROBOT
     bearings = np.linspace(-2.0, 2.0, BEAMS)
     for k in range(DRIVE_SCANS):
@@ -77,6 +80,7 @@ def level_drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
         T_odom_base[0, 3] = x
         yield "odom", Odometry(stamp_ns, "odom", "base", T_odom_base)
         c, s = np.cos(bearings), np.sin(bearings)
-        ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
+        wall = np.where(s > 0.0, 3.5, 4.0)
+        ahead = np.where(c > 0.0, wall - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
         ranges = np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9))
         yield "scan", made_scan(stamp_ns, LEVEL, bearings, ranges)

@@ -54,22 +54,32 @@ def whole_walls(ends: Float64, wall: Int64, planes: Any, thickness: float) -> In
     order = np.argsort(-pooled["mass"])
     for place, a in enumerate(order):
         later = order[place + 1 :] if whole[a] == a else order[:0]
-        while (b := _piece_of(a, later[whole[later] == later], pooled, segments, thickness)) >= 0:
+        while (b := _join_piece(a, later[whole[later] == later], pooled, segments, thickness)) >= 0:
             segments[a] = np.concatenate([segments[a], segments[b]])
             whole[whole == b] = a
-            join_pooled(pooled[a], pooled[b], segments[a])
     return whole
 
 
-def _piece_of(
+def _join_piece(
     a: int, others: Int64, pooled: Any, segments: Sequence[Float64], thickness: float
 ) -> int:
-    """Return the first of other planes that is a piece of wall a; -1 for none."""
+    """Join the first of other planes that is a piece of wall a; return it, or -1 for none."""
     alike = np.cos(pooled["phi"][others] - pooled["phi"][a]) >= np.cos(MAX_DPHI)
     for b in others[alike]:
-        if _are_one(pooled[a], pooled[b], segments[a], segments[b], thickness):
+        if _join_if_one(pooled[a], pooled[b], segments[a], segments[b], thickness):
             return int(b)
     return -1
+
+
+@kernel
+def _join_if_one(
+    one: Any, other: Any, ends: Float64, ends_other: Float64, thickness: float
+) -> bool:
+    """Join another plane to a wall if it is a piece of it; return whether it is."""
+    is_one = _are_one(one, other, ends, ends_other, thickness)
+    if is_one:
+        join_pooled(one, other, ends, ends_other)
+    return is_one
 
 
 @kernel

@@ -35,8 +35,8 @@ def pool_segment(w: Any, a: Float64, b: Float64, facing: float) -> None:
 
 
 @kernel
-def join_pooled(w: Any, other: Any, ends: Float64) -> None:
-    """Add the segments of another wall; `ends` (N, 2, 2) are the segments of both."""
+def join_pooled(w: Any, other: Any, ends: Float64, ends_other: Float64) -> None:
+    """Add another wall; `ends` (N, 2, 2) are the segments of each."""
     w.mass += other.mass
     w.x += other.x
     w.y += other.y
@@ -49,6 +49,8 @@ def join_pooled(w: Any, other: Any, ends: Float64) -> None:
     w.low, w.high = np.inf, -np.inf
     for i in range(len(ends)):
         extend_pooled(w, ends[i])
+    for i in range(len(ends_other)):
+        extend_pooled(w, ends_other[i])
 
 
 @kernel

@@ -19,7 +19,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
-from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE, SPACING, OutlineSamples
 from tccm_ros.robust import GATE, MAD_TO_SIGMA, MAJORITY, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
@@ -52,9 +52,6 @@ in distances of the lines: that of a uniform distribution, 1 / sqrt(12)."""
 PASSED_WITHIN, LINES_BEYOND = 2.0 * PROBE, 1.5
 """Radius of the circle that touches an outline, in which crossings of rays count: min, m, and as a
 multiple of the distance of scan lines. Chosen: at least two lines are in the circle."""
-
-CIRCLES = 1.0, 0.5, 0.25
-"""Radii of the circles in which a crossing is searched, as fractions of the largest one; chosen."""
 
 HEIGHTS_ABOVE = (0.1, 0.2, 0.3)
 """Heights above a surface at which views look over objects on it, m; chosen: those of objects. At
@@ -184,8 +181,8 @@ class EdgeSampler:
             return within
         tree = cKDTree(passed)
         spacing = max(m.patch.spacing for m in self.surface.members if m.view == view)
-        for part in CIRCLES:
-            radius = part * max(PASSED_WITHIN, LINES_BEYOND * spacing)
+        reach = min(max(PASSED_WITHIN, LINES_BEYOND * spacing), 0.5 * HIDDEN_WIDTH)
+        for radius in (reach, 0.5 * reach, 0.25 * reach):
             middles = self.surface.lift(points + radius * outward)
             local = transform(self._inverses[view], middles)[:, :2]
             distance, _ = tree.query(local, distance_upper_bound=radius)

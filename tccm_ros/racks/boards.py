@@ -96,10 +96,10 @@ def board_frame(surface: Surface, stack: Sequence[Surface]) -> Float64:
     the seen edges of all boards that are parallel to it: hidden edges have no known direction.
     """
     x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
-    turns = [_turn(edge, yaw) for board in stack for edge in _seen_edges(board)]
-    turn, weight = np.array([t for t in turns if abs(t[0]) < PARALLEL]).reshape(-1, 2).T
+    angles = [_angle_to_axis(edge, yaw) for board in stack for edge in _seen_edges(board)]
+    angle, weight = np.array([a for a in angles if abs(a[0]) < PARALLEL]).reshape(-1, 2).T
     if weight.sum():
-        yaw += float(turn @ weight / weight.sum())
+        yaw += float(angle @ weight / weight.sum())
     return spatial([x, y, yaw], surface.height_at(np.array([x, y])))
 
 
@@ -184,8 +184,8 @@ def _seen_edges(board: Surface) -> list[SurfaceEdge]:
     return [edge for edge in board.edges if edge.state == EdgeState.SEEN and edge.sigma > 0.0]
 
 
-def _turn(edge: SurfaceEdge, yaw: float) -> tuple[float, float]:
+def _angle_to_axis(edge: SurfaceEdge, yaw: float) -> tuple[float, float]:
     """Return the angle from the nearest axis to a seen edge, rad, and its information."""
     x, y, _ = edge.end - edge.start
-    turn = math.remainder(math.atan2(y, x) - yaw, 0.5 * math.pi)
-    return turn, (x**2 + y**2) / edge.sigma**2
+    angle = math.remainder(math.atan2(y, x) - yaw, 0.5 * math.pi)
+    return angle, (x**2 + y**2) / edge.sigma**2

@@ -181,8 +181,8 @@ class EdgeSampler:
             return within
         tree = cKDTree(passed)
         spacing = max(m.patch.spacing for m in self.surface.members if m.view == view)
-        reach = min(max(PASSED_WITHIN, LINES_BEYOND * spacing), 0.5 * HIDDEN_WIDTH)
-        for radius in (reach, 0.5 * reach, 0.25 * reach):
+        largest = min(max(PASSED_WITHIN, LINES_BEYOND * spacing), 0.5 * HIDDEN_WIDTH)
+        for radius in (largest, 0.5 * largest, 0.25 * largest):
             middles = self.surface.lift(points + radius * outward)
             local = transform(self._inverses[view], middles)[:, :2]
             distance, _ = tree.query(local, distance_upper_bound=radius)

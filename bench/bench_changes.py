@@ -27,9 +27,9 @@ from experiments_surfaces import score  # noqa: E402
 from random_changes import Piece, in_map, random_rooms  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
+from tccm_ros.mapping.surface_slam import SurfaceSlam  # noqa: E402
 from tccm_ros.replay.processors import Pipeline  # noqa: E402
 from tccm_ros.scene.changes import Change, ChangeKind, MapChanges  # noqa: E402
-from tccm_ros.surfaces.surface_slam import SurfaceSlam  # noqa: E402
 from tccm_sim.engine import Simulation  # noqa: E402
 from tccm_sim.options import Options  # noqa: E402
 

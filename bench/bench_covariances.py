@@ -22,8 +22,8 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.replay.run import run_bag
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 MAX_STEP = 0.04
 """A surface is compared with a true one at most so much higher or lower, m."""

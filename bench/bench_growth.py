@@ -19,9 +19,9 @@ from soak import LAP_S, WORLD, memory_mb
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_sim.engine import Simulation
 from tccm_sim.options import Options
 from tccm_sim.worlds import build_world

@@ -24,10 +24,10 @@ from tccm_ros.bags.topics import choose_topics
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import between2, planar
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.slam.tracking import Tracker
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.recording import simulate
 
 ROOT = Path(__file__).resolve().parents[1]

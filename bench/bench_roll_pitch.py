@@ -27,9 +27,9 @@ from imu_maps import map_with_and_without_imu  # noqa: E402
 from tccm_ros.evaluate.surfaces import score_surfaces  # noqa: E402
 from tccm_ros.evaluate.trajectory_errors import absolute_errors  # noqa: E402
 from tccm_ros.geometry import planar, spatial, transform  # noqa: E402
+from tccm_ros.mapping.surface_slam import SurfaceSolution  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
-from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 from tccm_sim import truth  # noqa: E402
 from tccm_sim.engine import EPOCH_NS, Simulation  # noqa: E402
 from tccm_sim.options import Options  # noqa: E402

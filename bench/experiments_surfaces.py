@@ -35,11 +35,11 @@ from tccm_ros.evaluate.surfaces import (  # noqa: E402
     score_surfaces,
 )
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
+from tccm_ros.mapping.surface_slam import SurfaceSolution  # noqa: E402
 from tccm_ros.records import PosedScan, Scan, ScanPose, Surface  # noqa: E402
 from tccm_ros.replay.processors import Pipeline  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
-from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 from tccm_sim import truth  # noqa: E402
 from tccm_sim.engine import (  # noqa: E402
     EPOCH_NS,

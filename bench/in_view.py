@@ -11,8 +11,8 @@ from shapely import Polygon
 
 from tccm_ros.evaluate.surfaces import SurfaceScore
 from tccm_ros.geometry import inverse, transform
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.records import EdgeState, Scan, Surface
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_sim import truth
 from tccm_sim.engine import EPOCH_NS, Simulation
 

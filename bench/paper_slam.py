@@ -28,9 +28,9 @@ from tccm_ros.evaluate.trajectory_errors import (
 )
 from tccm_ros.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.geometry import inverse, spatial
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.replay.replay import replay
 from tccm_ros.results.trajectory import read_tum
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.carmen import import_carmen
 
 ROOT = HERE.parent

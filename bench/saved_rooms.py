@@ -14,12 +14,12 @@ from random_changes import Piece, in_map, random_rooms
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.scene.changes import MapChanges
 from tccm_ros.scene.scene import Scene, known_surface
 from tccm_ros.surfaces.objects.object_tracks import track_objects
 from tccm_ros.surfaces.objects.scene_objects import scene_objects
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.engine import Simulation
 from tccm_sim.options import Options
 

@@ -25,11 +25,11 @@ import numpy as np
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.robot import Robot
 from tccm_ros.ros.topic_messages import CycleMessageBuilder
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.engine import Simulation
 from tccm_sim.options import Options
 from tccm_sim.worlds import build_world

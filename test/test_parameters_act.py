@@ -25,6 +25,7 @@ from shared_data import shared
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config, parameters
 from tccm_ros.cuboids.timed_cycles import TimedCycles
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import (
     JointSample,
     Odometry,
@@ -35,7 +36,6 @@ from tccm_ros.records import (
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.surfaces.labels.labels import label_surfaces
 from tccm_ros.surfaces.objects.object_tracks import track_objects
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.views.views import empty_view, with_intervals, with_objects
 from tccm_sim.carmen import import_carmen
 

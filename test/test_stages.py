@@ -10,9 +10,9 @@ from tccm_ros.replay.replay import replay
 from tccm_ros.stages import STRICT, OptionalStages
 
 STAGES = {
-    "rooms": "tccm_ros.surfaces.surface_slam.SurfaceSlam._rooms",
-    "names of rooms": "tccm_ros.surfaces.surface_slam.placed_surfaces",
-    "free places": "tccm_ros.surfaces.surface_slam.free_places",
+    "rooms": "tccm_ros.mapping.surface_slam.SurfaceSlam._rooms",
+    "names of rooms": "tccm_ros.mapping.surface_slam.placed_surfaces",
+    "free places": "tccm_ros.mapping.surface_slam.free_places",
     "placements": "tccm_ros.results.exports.ranked_placements",
     "surfaces.geojson": "tccm_ros.results.exports.feature_collection",
     "surfaces.scene": "tccm_ros.results.exports.scene_text",

@@ -20,12 +20,12 @@ from tccm_ros.agents.facts import (
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import MessageError
+from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.records import Surface
 from tccm_ros.results.map_file import load_map
 from tccm_ros.scene.base_poses import FreeFloor
 from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.scene.scene import surface_pose
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.tabletop.placements import PlacementRequest
 
 MAX_BASE_POSES = 3

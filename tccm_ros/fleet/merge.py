@@ -25,12 +25,12 @@ from tccm_ros.fleet.pair_matching import PairMatch, PairReason
 from tccm_ros.fleet.pair_selection import Component, Pair, select_pairs
 from tccm_ros.fleet.pair_tasks import match_all
 from tccm_ros.fleet.surface_ids import id_table, owners_of_patches
+from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.map_file import save_map
 from tccm_ros.results.models import SurfacesFile
 from tccm_ros.results.numbers import json_text
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,7 @@ from tccm_ros.planes.front_tops import on_walls, top_planes
 from tccm_ros.planes.horizontal_strips import horizontal_strips
 from tccm_ros.planes.plane_noise import are_too_thick, range_noise
 from tccm_ros.records import (
+    HITS_CUBE,
     ObjectBoxes,
     PlaneKind,
     PlaneRecord,
@@ -47,9 +48,6 @@ flat."""
 BEAMS_PER_COLUMN = 2.0
 """Beams of a scan per column at the distance `views.reach`; further beams are not traced. Chosen.
 """
-
-HITS_CUBE = 0.04
-"""Edge of the cubes in which hits are combined, m. Chosen: two cells of the map."""
 
 HITS_DISTANCE = 0.4
 """Hits within this horizontal distance of a surface are kept, m; the grid keeps some up to twice as

@@ -11,9 +11,9 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Bool, Float64
-from tccm_ros.mapping.surface_message import HITS_CUBE
 from tccm_ros.racks.compartment import FaceState
 from tccm_ros.racks.faces import lower_end
+from tccm_ros.records import HITS_CUBE
 from tccm_ros.tabletop.free_places import polygon_parts
 
 MIN_HEIGHT = 0.10

@@ -10,10 +10,10 @@ import numpy as np
 import shapely
 
 from tccm_ros.geometry import inverse, spatial, transform
-from tccm_ros.mapping.surface_message import HITS_CUBE
 from tccm_ros.racks.compartment import Compartment, OpenPart
 from tccm_ros.racks.faces import ON_FACE
 from tccm_ros.racks.hits import Hits
+from tccm_ros.records import HITS_CUBE
 from tccm_ros.tabletop.footprints import cluster_footprints, convex_hull, rectangle
 
 LINKED = 2.0 * HITS_CUBE

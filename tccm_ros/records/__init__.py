@@ -6,6 +6,7 @@ may keep it without a copy.
 """
 
 from tccm_ros.records.cycle import (
+    HITS_CUBE,
     ObjectBoxes,
     PlaneKind,
     PlaneRecord,
@@ -60,6 +61,7 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "HITS_CUBE",
     "SIGN",
     "START_OF_TIME",
     "CameraImage",

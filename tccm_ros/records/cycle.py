@@ -19,6 +19,10 @@ class SensorKind(IntEnum):
     POINT_CLOUD = 2
 
 
+HITS_CUBE = 0.04
+"""Edge of the cubes in which hits are combined, m. Chosen: two cells of the map."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCloud:
     """The surface message of one tilt cycle: the points of its horizontal surfaces.
@@ -58,8 +62,8 @@ class ViewIntervals:
     intervals
         float32 (N, 4): x y of the column's centre, z_low, z_high; m. A column may have several.
     hits
-        float32 (M, 4), beam hits near horizontal surfaces, one row per small cube: mean x and y of
-        its points, and their minimum and maximum z; m.
+        float32 (M, 4), beam hits near horizontal surfaces, one row per cube of edge `HITS_CUBE`:
+        mean x and y of its points, and their minimum and maximum z; m.
     """
 
     stamp_ns: int

@@ -6,13 +6,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.records import PlaneKind
 from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.results.surface_counts import MIN_COUNTED_AREA_M2, count_surfaces
 from tccm_ros.scene.changes import Change
 from tccm_ros.slam.occupancy import OCCUPIED
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 
 @dataclass(slots=True, eq=False)

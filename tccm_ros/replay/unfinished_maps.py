@@ -14,9 +14,9 @@ from pathlib import Path
 from tccm_ros.atomic import folders_in_progress, is_locked, output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.folder_reader import Results, load_results
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 MAPS = "maps"
 """Subfolder with the newest map, in a folder of its number."""

@@ -9,12 +9,12 @@ from pathlib import Path
 from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.report.html_report import write_page, write_report
 from tccm_ros.report.pictures import write_pictures
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 REPORT = "report.html"
 

@@ -9,6 +9,7 @@ from typing import Any
 from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.results.geojson import feature_collection
@@ -32,7 +33,6 @@ from tccm_ros.results.planning import scene_text
 from tccm_ros.results.ply import surface_ply
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_ros.tabletop.placements import PlacementRequest
 
 PLACED_HEIGHT_M = 0.2

@@ -31,7 +31,7 @@ from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 
 if TYPE_CHECKING:  # slam_node does not import the graph; its child process solves
-    from tccm_ros.surfaces.surface_slam import SurfaceSolution
+    from tccm_ros.mapping.surface_slam import SurfaceSolution
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -30,6 +30,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import inverse
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
 from tccm_ros.ros.collision_messages import (
@@ -57,7 +58,6 @@ from tccm_ros.scene.planning_shapes import scene_shapes
 from tccm_ros.scene.scene import frames_of_surfaces
 from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.slam.se2 import rotate_covariance
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 TCCM = "/tccm/"
 SLAM = "/surface_slam/"

@@ -29,7 +29,7 @@ from tccm_ros.scene.scene import object_pose, surface_pose
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 
 if TYPE_CHECKING:  # tccm_node does not import the graph
-    from tccm_ros.surfaces.surface_slam import SurfaceSolution
+    from tccm_ros.mapping.surface_slam import SurfaceSolution
 
 PACKAGE = "tccm_interfaces/msg/"
 SURFACE, SURFACE_OBJECT = PACKAGE + "Surface", PACKAGE + "SurfaceObject"

@@ -45,7 +45,7 @@ from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import object_boxes_message, surface_cloud_message, view_message
 
 if TYPE_CHECKING:  # tccm_node does not import the graph; gtsam would add 40 MB
-    from tccm_ros.surfaces.surface_slam import SurfaceSolution
+    from tccm_ros.mapping.surface_slam import SurfaceSolution
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
 CLOUD = "sensor_msgs/msg/PointCloud2"

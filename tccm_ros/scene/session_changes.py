@@ -9,7 +9,7 @@ from tccm_ros.scene.changes import Change, MapChanges
 from tccm_ros.scene.scene import Scene, known_surface
 
 if TYPE_CHECKING:  # slam_node makes scenes from messages and does not load the graph
-    from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+    from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 
 
 def scene_of(

@@ -19,13 +19,13 @@ from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, spatial
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.records import Event, PlaneRecord, Posed, Surface
 from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.report import palette
 from tccm_ros.results.cycles_file import CycleParts
 from tccm_ros.scene.scene import surface_pose
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_ros.view.rerun_sensors import SensorLog
 from tccm_ros.view.rerun_shapes import (
     BASE,

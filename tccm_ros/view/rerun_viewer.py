@@ -11,10 +11,10 @@ from tempfile import TemporaryDirectory
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.replay.replay import replay
 from tccm_ros.results.map_file import is_map, load_map
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.view.rerun_log import rerun_file
 
 

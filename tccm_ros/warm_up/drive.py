@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.warm_up.made_robot import PERIOD_NS, START_NS, level_drive, with_own_robot
 
 SURFACES = ((0.0, 2.0), (0.7, 0.5), (0.73, 0.1))

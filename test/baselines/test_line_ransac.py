@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from tccm_ros.baselines.line_ransac import _count, _support, label_by_ransac
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.slam.walls.lines import label_by_splitting
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from tccm_ros.config import Config, parameters
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import ConfigError, MapError, UrdfError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.robot import Robot
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 robot = pytest.importorskip("live_robot", reason="rclpy is not installed")
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import ObjectBoxes
 from tccm_ros.scene.changes import Change, ChangeKind, MapChanges
 from tccm_ros.scene.planning_shapes import SURFACE_PREFIX, Box, Mesh
 from tccm_ros.scene.scene import Scene
 from tccm_ros.scene.session_changes import scene_of
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_sim.changing import CYCLE, WALL
 from tccm_sim.engine import EPOCH_NS, Simulation
 from tccm_sim.options import Options

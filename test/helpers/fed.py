@@ -1,11 +1,11 @@
 """A processor fed with records, without topics."""
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 def role_of(record, scans="tilt_scan"):

@@ -1,9 +1,9 @@
 """Maps of one simulated drive with and without an IMU."""
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.records import Imu
 from tccm_ros.replay.processors import Pipeline
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_sim.engine import Simulation
 from tccm_sim.options import Options
 from tccm_sim.worlds import build_world

@@ -5,8 +5,8 @@ from room import Board, Room, Screen
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import Odometry
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 WALLS = [
     Screen(-2.5, -2.0, 3.5, -2.0, 2.5),

@@ -6,8 +6,8 @@ from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.surface_map import ViewPoses
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
 

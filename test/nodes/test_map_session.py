@@ -10,11 +10,11 @@ from table_views import AHEAD, FIRST, SECOND, S, parts
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse2, spatial
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.nodes.map_session import MapSession
 from tccm_ros.records import Odometry
 from tccm_ros.scene.session_changes import scene_of
 from tccm_ros.slam.tracking import LivePose, LocalisationState
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 class StandInTracker:

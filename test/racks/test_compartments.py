@@ -18,13 +18,13 @@ from random_racks import (
 from slam_run import drive, new_slam
 
 from tccm_ros.geometry import transform
+from tccm_ros.mapping import surface_slam
+from tccm_ros.mapping.surface_slam import seen_views
 from tccm_ros.racks.compartment import FaceState
 from tccm_ros.racks.compartments import find_compartments
 from tccm_ros.scene.planning_shapes import Box, structure_shapes
 from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.stages import OptionalStages
-from tccm_ros.surfaces import surface_slam
-from tccm_ros.surfaces.surface_slam import seen_views
 from tccm_ros.tabletop.placements import ApproachDirection, PlacementRequest
 
 HEIGHT, LENGTH = 0.01, 0.02

@@ -23,10 +23,10 @@ from detections import (
 from mcap.reader import make_reader
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.replay.replay import replay
 from tccm_ros.results.map_file import load_map
 from tccm_ros.ros.surface_messages import SURFACE_OBJECTS
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
 STAYS, COMES = "box that stays", "box that comes"

@@ -10,13 +10,13 @@ from PIL import Image
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import Odometry, SurfaceCloud
 from tccm_ros.report.compare import compare
 from tccm_ros.report.compare_page import write_comparison
 from tccm_ros.report.viewing import find_report, report_map, view
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import save_map
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 def edit(path, change):

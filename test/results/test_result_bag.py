@@ -12,6 +12,7 @@ from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.errors import OutputError
 from tccm_ros.geometry import pose_from_rpy, quaternion, spatial
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import (
     Keyframe,
@@ -30,7 +31,6 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_map import MappedSurfaces
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 S = 1_000_000_000
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,10 +8,10 @@ from table_views import AHEAD, FIRST, SECOND, S, parts
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse2, spatial
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import Odometry
 from tccm_ros.scene.live_objects import LiveObjects
 from tccm_ros.scene.session_changes import scene_of
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 class Robot:

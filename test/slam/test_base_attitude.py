@@ -9,9 +9,9 @@ from surface_maps import above_floor
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, pose_from_roll_pitch, transform
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import Odometry
 from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of, with_attitude
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 ROOM = Room([Board(1.5, 0.0, 0.8, 1.4, 0.74)], [], Board(0.5, 0.3, 6.0, 4.6, 0.0))
 PLACES = np.array([(0.0, 0.0, 0.0), (0.1, 0.3, 0.1), (0.2, -0.2, -0.2)])

@@ -8,9 +8,9 @@ from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.slam import wall_slam
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "flat"
 FIRST_VIEW = 4

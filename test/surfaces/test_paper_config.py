@@ -9,7 +9,7 @@ from surface_maps import above_floor
 
 from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config.reader import read_config
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 
 PAPER = read_config(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]

@@ -19,6 +19,7 @@ from changing_rooms import (
 from slam_inputs import slam_inputs
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.scene.changes import MapChanges
@@ -28,7 +29,6 @@ from tccm_ros.scene.published_scene import PublishedScene
 from tccm_ros.scene.scene import Scene
 from tccm_ros.scene.session_changes import scene_of
 from tccm_ros.slam.tracking import Tracker
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 OBJECTS_S = 50.0, 90.0
 """The robot looks at the objects of the first room for the second time, and has left it."""

@@ -10,8 +10,8 @@ from surface_maps import above_floor, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial, transform
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 MIN_OVERLAP = {"laser": 0.9, "camera": 0.9, "lidar": 0.87}
 """The distance of a lidar's rings is up to 10 cm here: one view leaves an edge open by as much."""

@@ -11,7 +11,7 @@ from room import Board, Room
 from surface_maps import above_floor, overlap
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
 TABLE = Board(3.0, 0.2, 0.8, 1.0, 0.74)

@@ -17,7 +17,7 @@ from tccm_ros.scene.session_changes import scene_of
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 if TYPE_CHECKING:  # the node that unpacks a scene does not import the graph
-    from tccm_ros.surfaces.surface_slam import SurfaceSolution
+    from tccm_ros.mapping.surface_slam import SurfaceSolution
 
 SURFACES_IN_PIECE = 50
 """Number of surfaces per piece. Chosen: a piece is unpickled in 2 ms."""

@@ -10,8 +10,8 @@ from written_map import write_map
 
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.nodes.publishing.localisation import guess_of
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
 

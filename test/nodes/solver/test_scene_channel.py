@@ -5,13 +5,13 @@ import pytest
 from surface_maps import TABLE, poses_at
 
 from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.mapping.surface_slam import SurfaceSolution
 from tccm_ros.nodes.solver.scene_channel import pack_scene, unpack_scene
 from tccm_ros.records import Surface, SurfaceSighting
 from tccm_ros.ros.surface_messages import SURFACE
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_map import MappedSurfaces
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 STAMPS = np.array([10, 20, 30], np.int64)
 CUP = SceneObject(5, 1, np.array([1.2, 0.2, 0.75]), np.array([0.08, 0.08, 0.1]), 0.0)

@@ -13,6 +13,7 @@ from written_map import write_map
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.nodes.saving.map_folder import save_archive
 from tccm_ros.nodes.solver import process
 from tccm_ros.nodes.solver import solver as solver_module
@@ -31,7 +32,6 @@ from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.results.map_file import load_map
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 PATIENCE_S = 120.0
 TOPICS = frozenset({"surfaces", "map"})
@@ -108,7 +108,7 @@ def test_a_stage_that_fails_is_left_out_of_the_map_and_named(drive, tmp_path, mo
     events, _ = drive
     # Read by the process that solves, as it starts.
     (tmp_path / "sitecustomize.py").write_text(
-        "from tccm_ros.surfaces import surface_slam\n"
+        "from tccm_ros.mapping import surface_slam\n"
         "def find_rooms(walls, grid):\n"
         "    raise ValueError('no ring closes')\n"
         "surface_slam.find_rooms = find_rooms\n"

@@ -14,6 +14,7 @@ from surface_maps import build
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, spatial, transform2
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.records import SensorKind, ViewIntervals
@@ -26,7 +27,6 @@ from tccm_ros.surfaces.edges.edge_samples import (
     EdgeSampler,
 )
 from tccm_ros.surfaces.merging.merged_surface import fit_surface
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)
 T = spatial(np.zeros((1, 3)))

@@ -12,6 +12,7 @@ from surface_maps import above_floor, build, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edges import shapes
@@ -21,7 +22,6 @@ from tccm_ros.surfaces.edges.shapes import (
     _yaws,
     downweight_wall_points,
 )
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 HERE = (0.0, 0.0, 0.0)
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)

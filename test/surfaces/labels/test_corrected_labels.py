@@ -11,6 +11,7 @@ from slam_run import PLACES, TABLE, drive, new_slam
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import LabelCorrection
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.surfaces.labels.corrected_labels import (
@@ -20,7 +21,6 @@ from tccm_ros.surfaces.labels.corrected_labels import (
     with_corrections,
 )
 from tccm_ros.surfaces.labels.labels import Label, SurfaceLabel
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.views.views import empty_view, with_numbers_of
 
 GIVEN = [label for label in SurfaceLabel if label is not SurfaceLabel.FLOOR]

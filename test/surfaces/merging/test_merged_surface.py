@@ -5,9 +5,9 @@ import pytest
 from surface_maps import poses_at
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.merging.merged_surface import FEW_POINTS
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 def surfaces_of(points):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.surface_slam import MAX_STATIONARY_MOTION, SurfaceSlam
+from tccm_ros.mapping.surface_slam import MAX_STATIONARY_MOTION, SurfaceSlam
 
 SHIFT, YAW = MAX_STATIONARY_MOTION
 

@@ -15,13 +15,13 @@ from tccm_ros.errors import FleetError, MapError, one_line
 from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.tables import read_signs
 from tccm_ros.geometry import spatial
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.models import SurfacesFile, plan_polygon
 from tccm_ros.slam.saved_walls import SavedWalls, unpack_walls
-from tccm_ros.surfaces.saved_map import SavedMap
 
 MAP = "map.mcap"
 

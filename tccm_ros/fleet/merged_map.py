@@ -13,11 +13,11 @@ from tccm_ros.fleet.map_inputs import MapInput
 from tccm_ros.fleet.pair_matching import PairMatch
 from tccm_ros.fleet.pair_selection import Component, Pair
 from tccm_ros.geometry import compose2, spatial
+from tccm_ros.mapping.saved_map import SavedMap, SavedView
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 
 
 def merged_map(

@@ -16,6 +16,7 @@ from tccm_ros.baselines.distance_merging import merge_by_distance
 from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
+from tccm_ros.mapping.saved_map import SavedMap, SavedView, views_in_map
 from tccm_ros.racks.compartment import Compartment, SeenView
 from tccm_ros.racks.compartments import find_compartments
 from tccm_ros.racks.unseen_space import UnseenSpace, unseen_spaces
@@ -64,7 +65,6 @@ from tccm_ros.surfaces.objects.object_tracks import NO_OBJECTS, TrackedObjects, 
 from tccm_ros.surfaces.objects.scene_objects import SceneObject, free_places, scene_objects
 from tccm_ros.surfaces.registration.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.registration.session_alignment import SessionAlignment, align_session
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView, views_in_map
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views.views import View, with_newest
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.records import Event
@@ -22,7 +23,6 @@ from tccm_ros.sensors.registry import default_streams
 from tccm_ros.signs.processor import SignProcessor
 from tccm_ros.stages import OptionalStages
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.saved_map import SavedMap
 
 OnCycle = Callable[[CycleResult, Cuboids], object]
 """Called with each complete tilt cycle and the integration map after it."""

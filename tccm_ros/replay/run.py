@@ -17,6 +17,7 @@ from tccm_ros.bags.topics import (
 from tccm_ros.calibrate.joint_timing import JointTiming, joint_timing, with_joint_timing
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Scan
@@ -24,7 +25,6 @@ from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.replay.processors import OnCycle, OnEvent, Pipeline
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.warm_up.compilation import compile_kernels
 
 PROGRESS_STEP_NS = 100_000_000

@@ -15,6 +15,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar, spatial, transform, transform2, wrap_angle
+from tccm_ros.mapping.saved_map import SavedMap, views_in_map
 from tccm_ros.records import Wall
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry
@@ -22,7 +23,6 @@ from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.slam.map_matching import match_walls, median_pose
 from tccm_ros.slam.saved_walls import unpack_walls
 from tccm_ros.surfaces.registration.session_alignment import align_session
-from tccm_ros.surfaces.saved_map import SavedMap, views_in_map
 
 
 def find_alignment(before: SavedMap, after: SavedMap, config: Config) -> Float64 | None:

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from tccm_ros.errors import MapError
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import LabelsFile
 from tccm_ros.surfaces.labels.corrected_labels import label_to_give, with_corrected_labels
 from tccm_ros.surfaces.labels.labels import SurfaceLabel
-from tccm_ros.surfaces.saved_map import SavedMap
 
 MAP_FILE, LABELS_FILE = "map.mcap", "labels.json"
 """Names of a saved map and of its labels file."""

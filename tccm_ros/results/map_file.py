@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
+from tccm_ros.mapping.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.results.array_archive import array_archive, read_arrays
 from tccm_ros.results.labels_file import labels_beside, with_labels
 from tccm_ros.results.numbers import Stamp
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 
 if TYPE_CHECKING:  # slam_node does not import the graph; its child process solves
     from tccm_ros.mapping.surface_slam import SurfaceSolution

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import between2, inverse2, planar
+from tccm_ros.mapping.saved_map import SavedMap, views_in_map
 from tccm_ros.report.align import find_alignment, moved_results
 from tccm_ros.report.changes import wall_changes
 from tccm_ros.report.compare import compare, compare_results
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map
-from tccm_ros.surfaces.saved_map import SavedMap, views_in_map
 
 POSES = st.tuples(st.floats(-8, 8), st.floats(-8, 8), st.floats(-3.14, 3.14)).map(np.array)
 

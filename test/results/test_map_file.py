@@ -16,11 +16,11 @@ from slam_run import PLACES, TABLE, drive, new_slam
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.geometry import planar
+from tccm_ros.mapping.saved_map import pack_views
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.results.models import SurfacesFile
 from tccm_ros.results.numbers import json_text
-from tccm_ros.surfaces.saved_map import pack_views
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from matplotlib.image import imread
 from scipy.stats import chi2
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import LandmarkObservation
 from tccm_ros.report import palette
@@ -19,7 +20,6 @@ from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.slam.factors.landmarks import LandmarkFactor, register_landmark
 from tccm_ros.slam.wall_slam import WallSlam
-from tccm_ros.surfaces.saved_map import SavedMap
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 2)]
 COV = np.diag([0.01, 0.01, 0.03]) ** 2

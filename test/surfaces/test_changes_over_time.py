@@ -11,7 +11,7 @@ from surface_maps import above_floor, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.surfaces.saved_map import pack_views, unpack_views
+from tccm_ros.mapping.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
 
 TABLE = Board(1.6, -0.9, 0.8, 0.9, 0.74)

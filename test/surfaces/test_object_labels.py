@@ -10,6 +10,7 @@ from object_boxes import prism
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.mapping.saved_map import pack_views, unpack_views
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import Detections, Hypothesis, SurfaceCloud
 from tccm_ros.sensors.detections import PosedDetections
@@ -25,7 +26,6 @@ from tccm_ros.surfaces.object_labels import (
     view_of,
 )
 from tccm_ros.surfaces.objects.object_tracks import track_objects, with_objects_of
-from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.views.views import SeenObject, View, empty_view, with_detections
 
 CONFIG = Config()

@@ -9,8 +9,8 @@ from room import EYE, Board, Room, Screen
 from surface_maps import TABLE, above_floor, poses_at
 
 from tccm_ros.config import Config
+from tccm_ros.mapping.saved_map import pack_views, unpack_views
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import (
     LATE_VIEWS,
     SurfaceMap,

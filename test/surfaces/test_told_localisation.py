@@ -8,9 +8,9 @@ from fed import role_of
 from mapped_room import FLOOR, HALF_TIME, TABLE, WALL, record, settings
 
 from tccm_ros.geometry import inverse, spatial
+from tccm_ros.mapping.saved_map import views_in_map
 from tccm_ros.records import MapOdom, Odometry, TransformSample
 from tccm_ros.replay.processors import Pipeline
-from tccm_ros.surfaces.saved_map import views_in_map
 
 T_MAP_ODOM = spatial(np.array([5.0, -3.0, 1.2]))
 

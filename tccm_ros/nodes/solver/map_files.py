@@ -6,13 +6,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.results.exports import solution_files
 from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.results.labels_file import MAP_FILE
 from tccm_ros.results.map_file import map_content
-from tccm_ros.surfaces.saved_map import SavedMap
 
 GRID_NAME = "map"
 """Stem of map.pgm and map.yaml, for nav2_map_server."""

@@ -25,6 +25,7 @@ import numpy as np
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.nodes.process.child_process import yield_to_node
 from tccm_ros.nodes.process.heap import trim_heap
@@ -54,7 +55,6 @@ from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
 from tccm_ros.slam.live_estimate import NO_WALLS
 from tccm_ros.slam.occupancy import RESOLUTION_M, OccupancyGrid
 from tccm_ros.stages import OptionalStages
-from tccm_ros.surfaces.saved_map import SavedMap
 
 
 class SolverProcess:

@@ -11,9 +11,9 @@ from object_boxes import objects_of
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, planar, spatial, transform
+from tccm_ros.mapping.saved_map import pack_views, unpack_views
 from tccm_ros.records import ViewIntervals
 from tccm_ros.surfaces.objects.object_tracks import nearest_pairs, track_objects, with_objects_of
-from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.views.views import empty_view, with_intervals, with_objects
 
 CONFIG = Config()

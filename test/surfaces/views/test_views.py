@@ -13,8 +13,8 @@ from surface_maps import above_floor, build, poses_at
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import compose2, transform2
+from tccm_ros.mapping.saved_map import pack_views, unpack_views
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
 from tccm_ros.surfaces.views.thinning import thin_cloud
 from tccm_ros.surfaces.views.views import empty_view, with_cloud, with_intervals, with_numbers_of

@@ -16,7 +16,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.slam.matching.alignment import Alignment, Prior, agreement, align, seen_through
 from tccm_ros.slam.matching.correlation import SEARCH_WEIGHT, correlate
-from tccm_ros.slam.matching.level_scan import LevelScan
+from tccm_ros.slam.matching.level_scan import LevelScan, point_sigma
 from tccm_ros.slam.matching.likelihood_grid import CELL, LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.matching.visibility import passes_and_hits
@@ -533,7 +533,7 @@ class FrontEnd:
         if self._map is None or not self.config.matching.enabled or len(scan.points) < MIN_POINTS:
             return predicted, prior_cov, 1.0
         result = self._align_near(scan, predicted, prior, self._window(prior_cov))
-        if result.inliers < MIN_INLIERS and not self._is_at_rest(scan):
+        if result.inliers < MIN_INLIERS and self._may_contradict_odometry(scan):
             wide = self._search_wide(scan, predicted, prior_cov, result)
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
@@ -544,6 +544,15 @@ class FrontEnd:
         self._information = information = result.information / self.config.matching.correlated_beams
         cov = fuse(information, float(result.pose[2]), prior_cov)
         return result.pose, cov, result.inliers
+
+    def _may_contradict_odometry(self, scan: LevelScan) -> bool:
+        """Return whether few matches of a scan may mean that odometry is wrong.
+
+        A camera that turns sees new surfaces, and low furniture leaves its view as it approaches:
+        neither contradicts odometry, and a short arc of furniture nearly always fits elsewhere.
+        """
+        is_camera = self.config.sensors.level_from == "depth"
+        return not (self._is_at_rest(scan) or (is_camera and self._believes_odometry(scan)))
 
     def _window(self, prior_cov: Float64) -> tuple[float, float]:
         matching, sigmas = self.config.matching, np.sqrt(np.diag(prior_cov)).tolist()
@@ -576,7 +585,7 @@ class FrontEnd:
             scan.points,
             scan.normals,
             start.pose if start.score > 0.0 else centre,
-            self.config.matching.range_sigma,
+            point_sigma(self.config),
             Prior(prior.pose, self._weight_of_priors * prior.information),
         )
 

@@ -13,7 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.slam.front_end import FrontEnd, decayed, decaying_motion
 from tccm_ros.slam.matching.alignment import align
-from tccm_ros.slam.matching.level_scan import make_level_scan
+from tccm_ros.slam.matching.level_scan import make_level_scan, point_sigma
 from tccm_ros.slam.odometry_model import odometry_covariance
 
 FRONT = np.array([[[1.0, -60.0], [1.0, 60.0]]])
@@ -64,7 +64,7 @@ def test_depths_count_in_the_pose_for_what_they_count_in_its_covariance(source, 
     for posed in run.scans:
         scan = make_level_scan(posed, config)
         front.add(scan)
-    prior, sigma = planar(run.scans[1].T_odom_base[0]), config.matching.range_sigma
+    prior, sigma = planar(run.scans[1].T_odom_base[0]), point_sigma(config)
     match = align(front._map.lines, scan.points, scan.normals, front.pose, sigma)
     used = config.matching.correlated_beams if independent else 1.0
     pull = used * front._information @ (front.pose - match.pose)
@@ -104,6 +104,23 @@ def test_a_camera_is_never_worse_than_its_odometry(seed):
     odometry = np.array([planar(posed.T_odom_base[0]) for posed in run.scans])
     by_odometry = plan.errors(run.truth, odometry)[0]
     assert plan.errors(run.truth, found)[0] < max(1.1 * by_odometry, by_odometry + 0.010)
+
+
+@pytest.mark.parametrize(("source", "jump"), [("none", 0.8), ("depth", 0.0)])
+def test_a_laser_overrules_odometry_by_a_better_match_and_a_camera_does_not(source, jump):
+    """The last scan is of a place 0.8 m further on than odometry says."""
+    config = Config()
+    config.sensors.level_from = source
+    room = np.concatenate([plan.box(-2.0, -3.0, 6.0, 3.0), plan.box(4.0, -1.0, 4.7, 0.0)])
+    places = np.column_stack([np.arange(0.0, 2.0, 0.1), np.zeros((20, 2))])
+    exact = {"drift": 0.0, "scale": 1.0, "noise": (0.0, 0.0), "mount": (0, 0, 0)}
+    run = plan.drive(room, places, beams=181, **exact)
+    further = plan.drive(room, [(1.9 + 0.8, 0.0, 0.0)], beams=181, **exact)
+    run.scans[-1].scan.ranges[:] = further.scans[0].scan.ranges
+    front = FrontEnd(config)
+    for posed in run.scans:
+        front.add(make_level_scan(posed, config))
+    assert front.pose[0] == pytest.approx(1.9 + jump, abs=0.1)
 
 
 FINITE = {"allow_nan": False, "allow_infinity": False}

@@ -24,6 +24,7 @@ from tccm_ros.slam.matching.correlation import (
     known_likelihood,
     support,
 )
+from tccm_ros.slam.matching.level_scan import point_sigma
 from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 
@@ -186,7 +187,7 @@ def propose(submap: Submap, merged: MergedScan, window: Window, config: Config) 
     found = _search(submap.grid, merged, window, penalty=window.penalty, min_score=min_score)
     if found.score < 0.0:
         return None
-    sigma = config.matching.range_sigma
+    sigma = point_sigma(config)
     result = align(submap.lines, merged.points, merged.normals, found.pose, sigma, expected)
     near, free = support(submap.grid, merged.points, result.pose)
     reason = ""

@@ -56,6 +56,11 @@ maximum distance of the middle of three points from their chord, m (chosen: two 
 of a noisy laser)."""
 
 
+PROJECTED_SIGMA = 0.03
+"""Noise (m) of a point of a level scan made from points of many heights: a mean over 6 to 12 cm of
+range, of whichever part of the furniture is in view. Figures in docs/design/experiments/wall_slam.md."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelScan:
     """Planar points of a level scan in the base frame at its stamp.
@@ -96,6 +101,12 @@ class LevelScan:
     def search_points(self) -> Float64:
         """About `SEARCH_POINTS` of the points, evenly spaced."""
         return self.points[:: 1 + len(self.points) // SEARCH_POINTS]
+
+
+def point_sigma(config: Config) -> float:
+    """Return the noise (m) of a point of a level scan of a laser, or of `sensors.level_from`."""
+    is_projected = config.sensors.level_from != "none"
+    return max(config.matching.range_sigma, PROJECTED_SIGMA if is_projected else 0.0)
 
 
 def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:

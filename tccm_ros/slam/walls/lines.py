@@ -14,6 +14,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
+from tccm_ros.slam.matching.level_scan import point_sigma
 from tccm_ros.slam.walls.line_curves import curved_segments
 from tccm_ros.slam.walls.line_fit import fit_segments
 from tccm_ros.slam.walls.line_split import split_segments
@@ -81,13 +82,13 @@ def extract_lines(
     origin
         float64 (2,), position of the laser.
     config
-        Group ``lines``, and ``matching.range_sigma``.
+        Group ``lines``, and as in `point_sigma`.
     label
         Function that assigns beams to segments.
     """
     x = config.lines
     beams = np.ascontiguousarray(beams, np.float64)
-    sigma = config.matching.range_sigma
+    sigma = point_sigma(config)
     segments = fit_segments(beams, label(beams, config), origin, sigma, x.min_points, x.min_length)
     return Lines(*(segments[field.name].copy() for field in fields(Lines)))
 

@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.slam.matching.alignment import Alignment, Prior, agreement, align, seen_through
 from tccm_ros.slam.matching.correlation import SEARCH_WEIGHT, correlate
 from tccm_ros.slam.matching.level_scan import LevelScan, point_sigma
-from tccm_ros.slam.matching.likelihood_grid import CELL, LikelihoodGrid, make_likelihood_grid
+from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.matching.visibility import passes_and_hits
 from tccm_ros.slam.odometry_model import OdometryScale, gyro_yaw_variance, odometry_covariance
@@ -100,12 +100,11 @@ MIN_GAIN, MIN_GAIN_WITHOUT_ODOMETRY = 0.3, 0.1
 """Minimum gain in quality of the wide search over the first match: with odometry, and without
 (chosen)."""
 
-NATS_PER_BEAM = 1.0
-"""Log-likelihood that an independent beam adds to a pose that explains it (chosen: a beam hits a
-surface of a room by accident with a probability of a third)."""
-
 EARLY_KEYFRAME_INLIERS = 0.65
 """Inlier fraction below which a scan becomes a keyframe early (chosen)."""
+
+NARROW = 2.0
+"""Points within fewer radians are a narrow view: cameras have up to 120 deg, lasers 180 or more."""
 
 EARLY_FRACTION = 0.4
 """Min motion to an early keyframe, as the sum of `FrontEnd.step_fractions` (chosen)."""
@@ -551,8 +550,10 @@ class FrontEnd:
         A camera that turns sees new surfaces, and low furniture leaves its view as it approaches:
         neither contradicts odometry, and a short arc of furniture nearly always fits elsewhere.
         """
-        is_camera = self.config.sensors.level_from == "depth"
-        return not (self._is_at_rest(scan) or (is_camera and self._believes_odometry(scan)))
+        bearings = np.sort(np.arctan2(*(scan.points - scan.origin).T[::-1]))
+        gaps = np.diff(bearings, append=bearings[0] + 2.0 * np.pi)
+        is_narrow = bool(2.0 * np.pi - gaps.max() < NARROW)
+        return not (self._is_at_rest(scan) or (is_narrow and self._believes_odometry(scan)))
 
     def _window(self, prior_cov: Float64) -> tuple[float, float]:
         matching, sigmas = self.config.matching, np.sqrt(np.diag(prior_cov)).tolist()
@@ -610,24 +611,10 @@ class FrontEnd:
         found = [self._align_near(scan, c, _prior(c, LOOSE_COV), window) for c in centres]
         min_gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         # No match is an alternative as well; its quality is 0.
-        quality, gains = self._match_quality(scan, near), []
-        for f in found:
-            chance = self._gain_by_chance(scan, predicted, f)
-            limit = max(quality + max(chance, min_gain), chance, min_quality)
-            gains.append(self._match_quality(scan, f) - limit)
-        best = int(np.argmax(gains))
-        return found[best] if gains[best] > 0.0 else near
-
-    def _gain_by_chance(self, scan: LevelScan, predicted: Float64, found: Alignment) -> float:
-        """Return the quality that the best pose within the distance of a match has by chance.
-
-        Among N poses, the best fits log N independent beams by accident: a camera's short arc of
-        furniture nearly always fits somewhere, a scan of 360 deg does not.
-        """
-        away = np.abs(between_se2(predicted, found.pose))
-        cells, yaws = 2.0 * np.hypot(*away[:2]) / CELL + 1.0, 2.0 * away[2] / MIN_ANGLE_STEP + 1.0
-        beams = len(scan.points) / self.config.matching.correlated_beams
-        return float(np.log(cells**2 * yaws) / (NATS_PER_BEAM * beams))
+        limit = max(self._match_quality(scan, near) + min_gain, 0.0, min_quality)
+        qualities = [self._match_quality(scan, f) for f in found]
+        best = int(np.argmax(qualities))
+        return found[best] if qualities[best] > limit else near
 
     def _match_quality(self, scan: LevelScan, alignment: Alignment) -> float:
         assert self._map is not None

@@ -58,7 +58,7 @@ of a noisy laser)."""
 
 PROJECTED_SIGMA = 0.03
 """Noise (m) of a point of a level scan made from points of many heights: a mean over 6 to 12 cm of
-range, of whichever part of the furniture is in view. Figures in docs/design/experiments/wall_slam.md."""
+range, of the furniture in view (figures in docs/design/experiments/wall_slam.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -84,7 +84,7 @@ def bound(found: Calibration) -> Float64:
     told += [layout.wall(number).stop - 1 for number in range(layout.walls)]
     free[told] = False
     lin = problem.linearise(x)
-    mine = ~lin.is_level
+    mine = lin.cluster >= 0  # the others are of the level laser
     J = (lin.jacobian * lin.sigma[:, None])[mine]
     cosine = np.maximum(np.abs(J[:, layout.bias]), GRAZING)
     weights = _all_of_used(found, problem, x)[problem.plane] / (SIGMA * cosine) ** 2

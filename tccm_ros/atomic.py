@@ -59,6 +59,12 @@ def output_file(path: Path | str) -> Iterator[Path]:
             beside.unlink()
 
 
+def write_output(path: Path | str, content: bytes | str) -> None:
+    """Write a whole file, text as UTF-8; errors as of `output_file`."""
+    with output_file(path) as made:
+        made.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 @contextmanager
 def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Path]:
     """Yield a temporary folder beside `out`, and move its files to `out` at the end.

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from tccm_ros.atomic import output_file
+from tccm_ros.atomic import write_output
 from tccm_ros.errors import ConfigError, suggest
 
 NAME = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
@@ -128,8 +128,7 @@ def write_names(path: Path, names: Mapping[str, NamedSpot]) -> None:
         If it cannot be written; the previous file is still there.
     """
     tree = {name: names[name].as_dict() for name in sorted(names)}
-    with output_file(path) as part:
-        part.write_text(yaml.safe_dump(tree, default_flow_style=None, sort_keys=False))
+    write_output(path, yaml.safe_dump(tree, default_flow_style=None, sort_keys=False))
 
 
 def _identity(value: Any) -> int:

@@ -42,14 +42,11 @@ class DepthTopic:
         Name of the topic, and the frame of its first image.
     size
         Width and height, pixels; None if the images are compressed.
-    is_compressed
-        Whether they are CompressedImage messages.
     """
 
     topic: str
     frame_id: str
     size: tuple[int, int] | None
-    is_compressed: bool
 
 
 def depth_topics(reader: BagReader) -> list[DepthTopic]:
@@ -64,7 +61,7 @@ def depth_topics(reader: BagReader) -> list[DepthTopic]:
         else:
             continue
         frame = frame_name(message.header.frame_id)
-        found.append(DepthTopic(topic.name, frame, size, is_compressed))
+        found.append(DepthTopic(topic.name, frame, size))
     best: dict[str, DepthTopic] = {}
     for image in found:
         kept = best.setdefault(uncompressed(image.topic), image)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from heapq import merge
 from operator import attrgetter
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 from tccm_ros.bags.bag_files import storage_paths, unpacked
 from tccm_ros.bags.offered_qos import Qos, qos_of_publishers
@@ -23,7 +23,6 @@ from tccm_ros.bags.storage import BagMessage, StorageFile, StoredTopic
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import BagError, MessageError, TopicError, one_line, suggest
-from tccm_ros.records.building import Record
 from tccm_ros.ros.reading import READERS
 
 DEFAULT_TOPICS: Mapping[str, str] = {
@@ -161,12 +160,7 @@ class BagReader:
     def __enter__(self) -> BagReader:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -239,9 +233,7 @@ class BagReader:
             )
         )
 
-    def records(
-        self, topics: Mapping[str, str] = DEFAULT_TOPICS
-    ) -> Iterator[tuple[str, int, Record]]:
+    def records(self, topics: Mapping[str, str] = DEFAULT_TOPICS) -> Iterator[tuple[str, int, Any]]:
         """Yield (role, log time in ns, record) in log order.
 
         A tf message gives a record per transform. Missing topics, and messages of another type or
@@ -272,7 +264,7 @@ class BagReader:
             if message.topic:
                 yield message
 
-    def _read(self, role: str, message: BagMessage) -> Sequence[Record]:
+    def _read(self, role: str, message: BagMessage) -> Sequence[Any]:
         try:
             return self._readers[role].read(message.data, self._types.deserialize)
         except MessageError as error:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.calibrate.layout import WIDE_LEVEL_SIGMAS, WIDE_SIGMAS, AssumptionSigmas, Layout
 from tccm_ros.calibrate.model import CycleBeams, RigModel, RigValues
 from tccm_ros.calibrate.recording import LevelScans
@@ -77,15 +77,12 @@ class Linearised:
     cluster
         int64 (N,); residuals of one cluster have a common error: they are near each other on one
         plane. Negative for the level laser.
-    is_level
-        bool (N,), whether the residual is of the level laser.
     """
 
     residuals: Float64
     jacobian: Float64
     sigma: Float64
     cluster: Int64
-    is_level: Bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +132,7 @@ class Problem:
         parts = [self._tilt_part(x), *(self._level_part(x, hits) for hits in self.level)]
         return Linearised(
             *(np.concatenate([getattr(part, name) for part in parts])
-              for name in ("residuals", "jacobian", "sigma", "cluster", "is_level"))
+              for name in ("residuals", "jacobian", "sigma", "cluster"))
         )  # fmt: skip
 
     def _tilt_part(self, x: Float64) -> Linearised:
@@ -152,8 +149,7 @@ class Problem:
         J[:, layout.bias] = cosine
         cluster = _clusters(points, self.plane, self.place, normals)
         sigma = self._sigma(cosine, ranges, cluster)
-        is_level = np.zeros(len(ranges), bool)
-        return Linearised(residuals / sigma, J / sigma[:, None], sigma, cluster, is_level)
+        return Linearised(residuals / sigma, J / sigma[:, None], sigma, cluster)
 
     def _level_part(self, x: Float64, level: LevelHits) -> Linearised:
         layout, has_wall = self.layout, level.wall >= 0
@@ -170,8 +166,7 @@ class Problem:
         beams = arm / np.maximum(level.scans.ranges[has_wall], 1e-3)[:, None]
         cluster = _clusters(points, plane, place, normals)
         sigma = self._sigma(np.sum(normals * beams, axis=1), level.scans.ranges[has_wall], cluster)
-        is_level = np.ones(len(sigma), bool)
-        return Linearised(residuals / sigma, J / sigma[:, None], sigma, -1 - cluster, is_level)
+        return Linearised(residuals / sigma, J / sigma[:, None], sigma, -1 - cluster)
 
     def _sigma(self, cosine: Float64, ranges: Float64, cluster: Int64) -> Float64:
         """Return the standard deviation of each residual, m.

@@ -27,7 +27,6 @@ from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import DepthImage, Event, PosedScan, Scan, StreamComplete, TiltAngle
-from tccm_ros.records.building import Record
 from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.robot.chain import JointReading, Part, TransformChain
 from tccm_ros.robot.frames import build_chain, find_path, frames_of
@@ -181,7 +180,7 @@ class _CycleReader:
         """The tilting sensor."""
         return self.robot.sensors[self._role]
 
-    def add(self, role: str, record: Record) -> None:
+    def add(self, role: str, record: Any) -> None:
         """Add one record."""
         self._handle(self.robot.add(role, record))
 
@@ -355,7 +354,7 @@ def _level_points(scans: Sequence[PosedScan], T_odom_place: Float64) -> LevelSca
 
 def _footprint_z(robot: Robot, base: str) -> float | None:
     """Return the height in the base (m) of a footprint frame, which is on the floor by its name."""
-    edges = robot.frames.view(urdf=True, tf=True, moving_tf=False)
+    edges = robot.frames.view(moving_tf=False)
     for frame in sorted({base, *frames_of(edges)}):
         if not frame.endswith("footprint"):
             continue

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.atomic import output_file, output_folder
+from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.map_inputs import MapInput, checksum_of, find_maps, footprints_of, read_map
@@ -30,7 +30,7 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.map_file import save_map
 from tccm_ros.results.models import SurfacesFile
-from tccm_ros.results.numbers import json_text
+from tccm_ros.results.numbers import write_json
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,8 +143,7 @@ def merge_maps(
         pairs = [_pair_entry(p, m, inputs, p in contradicting) for p, m in matches.items()]
         identical = () if same_building else tuple(inputs[k].name for k in copies)
         content = MergeFile(tuple(entries), tuple(pairs), identical)
-        with output_file(made / RECORD) as file:
-            file.write_text(json_text(content), encoding="utf-8")
+        write_json(made / RECORD, content)
     return MergeSummary(out, content, matched)
 
 

@@ -11,9 +11,10 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from tccm_ros.atomic import output_file
-from tccm_ros.fleet.layout import FleetFolder
-from tccm_ros.fleet.record import DoneRecord, read_failure, read_record
+from tccm_ros.atomic import write_output
+from tccm_ros.fleet.layout import RECORD, FleetFolder
+from tccm_ros.fleet.record import DoneRecord, Failure
+from tccm_ros.results.folder_reader import read_json_or_none
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +65,11 @@ def fleet_rows(folder: FleetFolder) -> list[RecordingRow]:
     """
     rows = {}
     for path in _entries(folder.recordings):
-        record = read_record(path)
+        record = read_json_or_none(path / RECORD, DoneRecord)
         if record is not None:
             rows[path.name] = _done(path, record)
     for path in _entries(folder.failures):
-        failure, name = read_failure(path), path.stem
+        failure, name = read_json_or_none(path, Failure), path.stem
         if failure is not None:
             older = rows.get(name)
             has_results, pictures = (older.has_results, older.pictures) if older else (False, False)
@@ -117,8 +118,7 @@ def write_page(folder: FleetFolder) -> Path:
     OutputError
         If the page cannot be written.
     """
-    with output_file(folder.page) as made:
-        made.write_text(page_text(fleet_rows(folder), folder.path.name), encoding="utf-8")
+    write_output(folder.page, page_text(fleet_rows(folder), folder.path.name))
     return folder.page
 
 

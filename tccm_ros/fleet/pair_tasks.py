@@ -11,17 +11,16 @@ from pathlib import Path
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
-from tccm_ros.errors import FleetError, MapError, one_line
+from tccm_ros.errors import FleetError, one_line
 from tccm_ros.fleet.cluster import Workers, connected
 from tccm_ros.fleet.map_inputs import read_map
 from tccm_ros.fleet.pair_matching import PairMatch, match_maps
 from tccm_ros.fleet.pair_selection import Pair
 from tccm_ros.fleet.record import settings_checksum, software_checksum
 from tccm_ros.progress import Bars
-from tccm_ros.results.folder_reader import read_json
-from tccm_ros.results.numbers import json_text
+from tccm_ros.results.folder_reader import read_json_or_none
+from tccm_ros.results.numbers import write_json
 
 
 def match_all(
@@ -57,7 +56,7 @@ def match_all(
         (i, j): pair_file(cache, maps[i][1], maps[j][1], config)
         for i, j in itertools.combinations(sorted(maps), 2)
     }
-    missing = [pair for pair, file in files.items() if read_pair(file) is None]
+    missing = [pair for pair, file in files.items() if read_json_or_none(file, PairMatch) is None]
     bars.start("match", float(len(missing)), "pairs")
     if missing:
         with connected(workers) as client:
@@ -87,7 +86,7 @@ def _run(
 
 
 def _cached_pair(file: Path) -> PairMatch:
-    match = read_pair(file)
+    match = read_json_or_none(file, PairMatch)
     if match is None:
         raise FleetError(f"{file}: the match of two maps is not there; run the command again")
     return match
@@ -109,14 +108,6 @@ def pair_file(folder: Path, one: str, other: str, config: Config) -> Path:
     return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
 
 
-def read_pair(path: Path) -> PairMatch | None:
-    """Return a cached match; None if there is none."""
-    try:
-        return read_json(path, PairMatch)
-    except MapError:
-        return None
-
-
 def match_files(one: Path, other: Path, config: Config, cache: Path) -> None:
     """Match the maps of two files and cache the result (a task).
 
@@ -130,5 +121,4 @@ def match_files(one: Path, other: Path, config: Config, cache: Path) -> None:
         Cache file.
     """
     match = match_maps(read_map(one, config), read_map(other, config), config)
-    with output_file(cache) as made:
-        made.write_text(json_text(match), encoding="utf-8")
+    write_json(cache, match)

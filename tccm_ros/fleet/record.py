@@ -15,15 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import tccm_ros
-from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
-from tccm_ros.errors import MapError
-from tccm_ros.fleet.layout import RECORD
 from tccm_ros.fleet.recordings import FileState
 from tccm_ros.replay.replay import software_versions
-from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import CountsEntry
-from tccm_ros.results.numbers import json_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,11 +74,6 @@ class DoneRecord:
     start: float | None
     cost: Cost
 
-    def write(self, folder: Path) -> None:
-        """Write the record into a result folder."""
-        with output_file(folder / RECORD) as made:
-            made.write_text(json_text(self), encoding="utf-8")
-
     def is_of(self, settings: str) -> bool:
         """Return whether the results come from this software with these settings."""
         return (self.software, self.settings) == (software_checksum(), settings)
@@ -107,27 +97,6 @@ class Failure:
     def __str__(self) -> str:
         is_named = self.source in self.reason
         return self.reason if is_named else f"{self.source}: {self.reason}"
-
-    def write(self, path: Path) -> None:
-        """Write the failure to a file."""
-        with output_file(path) as made:
-            made.write_text(json_text(self), encoding="utf-8")
-
-
-def read_record(folder: Path) -> DoneRecord | None:
-    """Return the record of a result folder; None if there is no readable one."""
-    try:
-        return read_json(folder / RECORD, DoneRecord)
-    except MapError:
-        return None
-
-
-def read_failure(path: Path) -> Failure | None:
-    """Return the failure in a file; None if there is no readable one."""
-    try:
-        return read_json(path, Failure)
-    except MapError:
-        return None
 
 
 @cache

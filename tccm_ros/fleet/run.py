@@ -26,6 +26,7 @@ from tccm_ros.fleet.record import Failure
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, JobStatus, TaskResult, is_done, process
 from tccm_ros.progress import Bars, Silent
+from tccm_ros.results.numbers import write_json
 
 LOOK_S = 5.0
 """Period for checking the set of workers while no task ends, s. Chosen."""
@@ -183,8 +184,8 @@ def _note(summary: FleetSummary, recording: Recording, result: TaskResult, bars:
     path = FleetFolder(summary.out).failure(recording.name)
     summary.counts[result.outcome] += 1
     if result.outcome is JobStatus.FAILED:
-        summary.failures[recording.name] = Failure(recording.source, result.reason)
-        summary.failures[recording.name].write(path)
+        failure = summary.failures[recording.name] = Failure(recording.source, result.reason)
+        write_json(path, failure)
     else:
         path.unlink(missing_ok=True)
     bars.advance(1.0)

@@ -18,11 +18,10 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.fleet.catalogue import Catalogue
-from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.layout import RECORD, FleetFolder
 from tccm_ros.fleet.record import (
     Cost,
     DoneRecord,
-    read_record,
     settings_checksum,
     software_checksum,
 )
@@ -34,6 +33,8 @@ from tccm_ros.fleet.recordings import (
     local_copy,
 )
 from tccm_ros.replay.replay import Summary, replay
+from tccm_ros.results.folder_reader import read_json_or_none
+from tccm_ros.results.numbers import write_json
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.warm_up.compilation import compile_kernels
 from tccm_ros.warm_up.parts import PARTS
@@ -106,12 +107,16 @@ def is_done(job: Job) -> bool:
 
     The recording is not read; the file system reports changes.
     """
-    record = read_record(job.results)
-    if record is None or not record.is_of(job.settings):
-        return False
+    record = _last_record(job)
     with suppress(OSError, TccmError):
-        return record.files == file_states(job.recording.source)
+        return record is not None and record.files == file_states(job.recording.source)
     return False
+
+
+def _last_record(job: Job) -> DoneRecord | None:
+    """Return the record of results by this software with the job's settings; None without one."""
+    record = read_json_or_none(job.results / RECORD, DoneRecord)
+    return record if record is not None and record.is_of(job.settings) else None
 
 
 def process(job: Job) -> TaskResult:
@@ -138,8 +143,8 @@ def _process(job: Job) -> JobStatus:
         if not bag.exists():
             raise TccmError(f"{job.recording.source}: no such recording")
         content = content_checksum(bag)
-        record = read_record(job.results)
-        if record is not None and record.is_of(job.settings) and record.content == content:
+        record = _last_record(job)
+        if record is not None and record.content == content:
             return JobStatus.UNCHANGED
         compile_kernels(PARTS, job.config)  # here, to exclude it from the recording's cost
         with output_folder(job.results, is_replaced=True) as folder:
@@ -147,7 +152,7 @@ def _process(job: Job) -> JobStatus:
             _reset_peak_memory()
             summary = replay(bag, folder, job.config, remap=job.remap, pictures=job.pictures)
             cost = _cost(begin, states, folder)
-            _record(job, states, content, summary, cost).write(folder)
+            write_json(folder / RECORD, _record(job, states, content, summary, cost))
             # Before the folder is renamed: results without rows would never get any.
             Catalogue(FleetFolder(job.out).catalogue).add(job.recording.name, folder, job.results)
     return JobStatus.DONE

@@ -13,32 +13,10 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float32, Float64
 from tccm_ros.errors import MessageError
-from tccm_ros.records.cycle import ObjectBoxes, SurfaceCloud, ViewIntervals
-from tccm_ros.records.sensors import (
-    Imu,
-    JointSample,
-    Odometry,
-    PoseCovariance,
-    RobotDescription,
-    Scan,
-    TransformSample,
-)
+from tccm_ros.records.sensors import Imu, JointSample, Scan, TransformSample
 
 Vector = Sequence[float]
 """Sequence of floats: a translation or a quaternion."""
-
-Record = (
-    Scan
-    | JointSample
-    | Imu
-    | Odometry
-    | PoseCovariance
-    | TransformSample
-    | RobotDescription
-    | SurfaceCloud
-    | ViewIntervals
-    | ObjectBoxes
-)
 
 SCAN_NUMBERS = (
     "angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min",

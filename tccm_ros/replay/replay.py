@@ -26,7 +26,7 @@ from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.replay.run import run_bag
 from tccm_ros.replay.unfinished_maps import UnfinishedMaps
 from tccm_ros.results.cycles_file import CycleParts, save_cycles
-from tccm_ros.results.exports import write_model, write_results
+from tccm_ros.results.exports import write_results
 from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
     CountsEntry,
@@ -36,6 +36,7 @@ from tccm_ros.results.models import (
     SummaryFile,
     TimingFile,
 )
+from tccm_ros.results.numbers import write_json
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
@@ -214,7 +215,7 @@ def replay(
 def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
     seconds = {name: round(value, 6) for name, value in clock.seconds.items()}
     timing = TimingFile(seconds, round(factor, 3))
-    write_model(folder, "timing.json", timing)
+    write_json(folder / "timing.json", timing)
     return timing
 
 
@@ -238,7 +239,7 @@ def _write_page(results: Results, drawn: Pictures, folder: Path, clock: Stopwatc
 
 def _write_summary(folder: Path, outcome: ReplayOutcome) -> SummaryFile:
     content = _summary(outcome, len(outcome.solution.objects))
-    write_model(folder, "summary.json", content)
+    write_json(folder / "summary.json", content)
     return content
 
 

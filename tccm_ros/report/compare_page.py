@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from tccm_ros.arrays import Float64
-from tccm_ros.atomic import output_file
+from tccm_ros.atomic import write_output
 from tccm_ros.records import Wall
 from tccm_ros.report import palette
 from tccm_ros.report.changes import Kind
@@ -61,10 +61,8 @@ def write_comparison(comparison: Comparison, folder: Path | str) -> tuple[Path, 
     """
     picture, page = Path(folder) / "compare.png", Path(folder) / "compare.html"
     drawn = comparison_png(comparison)
-    with output_file(picture) as made:
-        made.write_bytes(drawn)
-    with output_file(page) as made:
-        made.write_text(_page(comparison, drawn), encoding="utf-8", newline="\n")
+    write_output(picture, drawn)
+    write_output(page, _page(comparison, drawn))
     return picture, page
 
 

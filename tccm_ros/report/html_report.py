@@ -10,7 +10,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from tccm_ros.atomic import output_file
+from tccm_ros.atomic import write_output
 from tccm_ros.report.array_pack import ArrayPack
 from tccm_ros.report.page import MAP_LAYERS, viewer_asset, viewer_page, viewer_script
 from tccm_ros.report.pictures import Pictures, draw_pictures
@@ -79,8 +79,7 @@ def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path
         If the page cannot be written.
     """
     path = Path(folder) / "report.html"
-    with output_file(path) as made:
-        made.write_text(report_html(results, pictures), encoding="utf-8", newline="\n")
+    write_output(path, report_html(results, pictures))
     return path
 
 

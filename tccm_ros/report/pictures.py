@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from tccm_ros.atomic import output_file
+from tccm_ros.atomic import write_output
 from tccm_ros.report.map3d_picture import map3d_png
 from tccm_ros.report.map_picture import map_png
 from tccm_ros.results.folder_reader import Results
@@ -41,6 +41,5 @@ def write_pictures(results: Results, folder: Path | str) -> Pictures:
     """
     pictures = draw_pictures(results)
     for name, content in zip(("map.png", "map3d.png"), pictures, strict=True):
-        with output_file(Path(folder) / name) as made:
-            made.write_bytes(content)
+        write_output(Path(folder) / name, content)
     return pictures

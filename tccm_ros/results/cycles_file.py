@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int32, Int64
-from tccm_ros.atomic import output_file
+from tccm_ros.atomic import write_output
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.errors import MapError, one_line
 from tccm_ros.results.array_archive import array_archive, read_arrays
@@ -212,8 +212,7 @@ def save_cycles(path: Path | str, parts: CycleParts) -> None:
         "window": np.int64(parts.window),
         **{name: getattr(parts, name) for name in names},
     }
-    with output_file(path) as made:
-        made.write_bytes(array_archive(arrays))
+    write_output(path, array_archive(arrays))
 
 
 def load_cycles(path: Path | str) -> CycleParts:

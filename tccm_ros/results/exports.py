@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tccm_ros.atomic import output_file
+from tccm_ros.atomic import write_output
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.mapping.surface_slam import SurfaceSolution
@@ -23,9 +23,7 @@ from tccm_ros.results.models import (
     PlanesFile,
     RacksFile,
     SignsFile,
-    SummaryFile,
     SurfacesFile,
-    TimingFile,
     WallsFile,
 )
 from tccm_ros.results.numbers import json_text
@@ -149,11 +147,6 @@ def _placement_request(solution: SurfaceSolution) -> PlacementRequest:
     return PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
 
 
-def write_model(folder: Path, name: str, model: SummaryFile | TimingFile) -> None:
-    """Write summary.json or timing.json; errors as of `write_results`."""
-    _write(folder, _encoded({name: model}))
-
-
 def _encoded(models: Mapping[str, Any]) -> dict[str, bytes]:
     return {name: _json(model) for name, model in models.items()}
 
@@ -164,5 +157,4 @@ def _json(model: Any) -> bytes:
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:
     for name, content in files.items():
-        with output_file(folder / name) as made:
-            made.write_bytes(content)
+        write_output(folder / name, content)

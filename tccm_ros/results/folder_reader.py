@@ -189,6 +189,14 @@ def read_json(path: Path, model: type[FileType]) -> FileType:
         raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
 
 
+def read_json_or_none(path: Path, model: type[FileType]) -> FileType | None:
+    """Read one JSON file as its model; return None if there is no readable one."""
+    try:
+        return read_json(path, model)
+    except MapError:
+        return None
+
+
 @cache
 def _adapter(model: type[Any]) -> TypeAdapter[Any]:
     return TypeAdapter(model)

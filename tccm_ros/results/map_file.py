@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
-from tccm_ros.atomic import finish_moves, output_file
+from tccm_ros.atomic import finish_moves, write_output
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
 from tccm_ros.mapping.saved_map import SavedMap, SavedView, pack_views, unpack_views
@@ -138,8 +138,7 @@ def save_map(
     OutputError
         If the file cannot be written.
     """
-    with output_file(path) as made:
-        made.write_bytes(map_content(saved, solution, frame_id))
+    write_output(path, map_content(saved, solution, frame_id))
 
 
 def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> bytes:

@@ -10,10 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tccm_ros.atomic import write_output
 
 DIGITS = 6
 """Number of decimals of floats. Chosen: a micrometre."""
@@ -70,6 +73,11 @@ def json_text(value: Any) -> str:
         If a value has another type.
     """
     return _json(value, 0) + "\n"
+
+
+def write_json(path: Path | str, value: Any) -> None:
+    """Write a value as a JSON file; errors as of `output_file`."""
+    write_output(path, json_text(value))
 
 
 def _json(value: Any, level: int) -> str:

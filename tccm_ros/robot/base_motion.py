@@ -62,11 +62,6 @@ class BaseMotion:
         self.has_roll_pitch |= max(abs(record.T_odom_base[2, :2]).tolist()) > PLANAR_SINE
         return self._track.append_pose(record.stamp_ns, record.T_odom_base)
 
-    @property
-    def child_frame(self) -> str | None:
-        """The child frame of odometry; None before the first record."""
-        return self._frames.odometry_child
-
     def clear_samples(self) -> None:
         """Clear all time-stamped data, after a jump of the clock."""
         self._track.clear()
@@ -96,7 +91,7 @@ class BaseMotion:
         """Return the tf chain from the odometry frame to a base."""
         chain = self._chains.get(base)
         if chain is None:
-            edges = self._frames.view(urdf=False, tf=True, moving_tf=True)
+            edges = self._frames.view(urdf=False)
             chain = build_chain(find_path(self.odom_frame, base, edges))
             self._chains[base] = chain
         return chain

@@ -116,7 +116,7 @@ class ChainFinder:
             return None
         if source == "urdf" and model is None:
             raise FrameError("no robot description was received; publish it on robot_description")
-        edges = self._frames.view(urdf=source != "tf", tf=True, moving_tf=source != "urdf")
+        edges = self._frames.view(urdf=source != "tf", moving_tf=source != "urdf")
         known = frames_of(edges)
         if source == "auto" and laser not in known and self._has_rig():
             return self._rig_chain() if final else None

@@ -134,25 +134,21 @@ class FrameTree:
             del self.tf[child]
         self.version += 1
 
-    def view(self, *, urdf: bool, tf: bool, moving_tf: bool) -> Edges:
-        """Return the edges of the selected sources, by child frame.
+    def view(self, *, urdf: bool = True, moving_tf: bool = True) -> Edges:
+        """Return the edges of tf and of the selected sources, by child frame.
 
         Parameters
         ----------
         urdf
             Whether to include joints of the robot description; they take precedence over tf.
-        tf
-            Whether to include static tf transforms.
         moving_tf
-            Whether to include moving tf transforms as well.
+            Whether to include moving tf transforms, not only static ones.
         """
-        edges: Edges = {}
-        if tf:
-            edges.update(
-                (child, edge)
-                for child, edge in self.tf.items()
-                if moving_tf or edge.T_parent_child is not None
-            )
+        edges: Edges = {
+            child: edge
+            for child, edge in self.tf.items()
+            if moving_tf or edge.T_parent_child is not None
+        }
         if urdf and self.model is not None:
             edges.update(self.model.joints)
         return edges

@@ -6,7 +6,6 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
-from tccm_ros.robot.base_motion import BaseMotion
 from tccm_ros.robot.frames import FrameTree, build_chain, find_path
 
 
@@ -15,12 +14,12 @@ class ImuMount:
 
     Parameters
     ----------
-    frames, motion
-        Frames of the robot, and motion of its base.
+    frames
+        Frames of the robot.
     """
 
-    def __init__(self, frames: FrameTree, motion: BaseMotion) -> None:
-        self._frames, self._motion = frames, motion
+    def __init__(self, frames: FrameTree) -> None:
+        self._frames = frames
         self._found: Float64 | None = None
         self._found_of = -1, ""
 
@@ -35,12 +34,12 @@ class ImuMount:
         return self._found
 
     def _find(self, frame: str) -> Float64 | None:
-        base = self._motion.child_frame
+        base = self._frames.odometry_child
         if not base or not frame:
             return None
         if frame == base:
             return np.eye(4)
-        edges = self._frames.view(urdf=True, tf=True, moving_tf=False)
+        edges = self._frames.view(moving_tf=False)
         try:
             chain = build_chain(find_path(base, frame, edges))
         except FrameError:

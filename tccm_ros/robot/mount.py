@@ -172,7 +172,7 @@ class Mount:
         if model is None or self.base is None or not model.shapes:
             return None
         if self._shapes is None or self._shapes_version != (self._frames.version, self.base):
-            edges = self._frames.view(urdf=True, tf=True, moving_tf=False)
+            edges = self._frames.view(moving_tf=False)
             self._shapes = ShapeModel(model, self.base, edges, self._finder.reading)
             self._shapes_version = (self._frames.version, self.base)
         return self._shapes.at(stamp_ns)

@@ -10,6 +10,7 @@ from tccm_ros.records import Posed
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain import JointReading, TransformChain
 from tccm_ros.robot.chain_finder import MountKind
+from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.roll_pitch import BaseRollPitch
@@ -24,8 +25,8 @@ class Posing:
     ----------
     config
         Uses `sync_timeout`: two samples with a gap of more than half of it do not bracket a stamp.
-    motion
-        Motion of the base.
+    frames, motion
+        Frames of the robot, and motion of its base.
     gyro, roll_pitch
         Gyroscope heading, and roll and pitch by the IMU: once available, level scans wait for the
         first and all records for the second, with the same timeout as for joints.
@@ -37,9 +38,15 @@ class Posing:
     """
 
     def __init__(
-        self, config: Config, motion: BaseMotion, gyro: GyroHeading, roll_pitch: BaseRollPitch
+        self,
+        config: Config,
+        frames: FrameTree,
+        motion: BaseMotion,
+        gyro: GyroHeading,
+        roll_pitch: BaseRollPitch,
     ):
-        self._motion, self._gyro, self._roll_pitch = motion, gyro, roll_pitch
+        self._frames, self._motion = frames, motion
+        self._gyro, self._roll_pitch = gyro, roll_pitch
         self._timeout_ns = round(config.sync_timeout * 1e9)
         self._max_gap_ns = self._timeout_ns // 2
         self.wait_ns = self._timeout_ns + max(0, round(-config.rig.joint_time_offset * 1e9))
@@ -152,7 +159,7 @@ class Posing:
         frame: str = sensor.waiting[0].frame_id
         is_outside = frame in (self._map_frame, self._motion.odom_frame)
         if sensor.stream.is_occasional and is_outside:
-            return self._base or self._motion.child_frame or frame
+            return self._base or self._frames.odometry_child or frame
         return frame
 
     def _needs(self, mount: Mount, chain: TransformChain) -> list[tuple[str, Track]]:

@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
-from tccm_ros.robot.streams import Companion, Stream, unchanged
+from tccm_ros.robot.streams import Stream, unchanged
 
 COMPLETE_STEP_NS = 20_000_000
 """Step of message time between two `StreamComplete` events (chosen): small compared with the waits
@@ -61,8 +62,6 @@ class _Input:
         Record type.
     take
         Callback for an admitted record.
-    refuse
-        Callback for a refused record, with the reason.
     pose
         Attribute with the record's pose, which must be finite.
     source
@@ -78,7 +77,6 @@ class _Input:
 
     record: type
     take: Callable[[Any], None]
-    refuse: Callable[[str], None]
     pose: str = ""
     source: str = ""
     keeps_time: bool = True
@@ -131,12 +129,14 @@ class Robot:
             for role, sensor in self.sensors.items()
             if sensor.stream.mount is MountKind.TILTING
         }
-        imu_mount = ImuMount(self.frames, self.motion)
+        imu_mount = ImuMount(self.frames)
         self.gyro = GyroHeading(config, self.motion, imu_mount)
-        self.roll_pitch = BaseRollPitch(config, self.motion, imu_mount, self._refusing("imu"))
-        self._posing = Posing(config, self.motion, self.gyro, self.roll_pitch)
+        self.roll_pitch = BaseRollPitch(
+            config, self.motion, imu_mount, partial(self._refuse, "imu")
+        )
+        self._posing = Posing(config, self.frames, self.motion, self.gyro, self.roll_pitch)
         self._clock_jump_ns = round(config.clock_jump * 1e9)
-        self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
+        self._guard: StampGuard[tuple[str, Any]] = StampGuard(self._clock_jump_ns)
         self._inputs = self._inputs_by_role()
         self._events: list[Event] = []
         self._complete_after_ns = START_OF_TIME
@@ -185,7 +185,7 @@ class Robot:
             )
         record = taken.correct(record, self._config)
         if taken.pose and not _is_finite(getattr(record, taken.pose)):
-            taken.refuse("malformed")
+            self._refuse_record(role, "malformed")
         elif taken.is_fixed:
             taken.take(record)
         else:
@@ -219,52 +219,26 @@ class Robot:
 
     def _inputs_by_role(self) -> dict[str, _Input]:
         tf = _Input(
-            TransformSample, self._add_transform, self._refusing("tf"), "T_parent_child", "child",
-            False,
-        )  # fmt: skip
+            TransformSample, self._add_transform, "T_parent_child", "child", keeps_time=False
+        )
         inputs = {
-            "robot_description": _Input(
-                RobotDescription,
-                self._add_description,
-                self._refusing("robot_description"),
-                is_fixed=True,
-            ),
-            "tf_static": replace(tf, refuse=self._refusing("tf_static"), is_fixed=True),
+            "robot_description": _Input(RobotDescription, self._add_description, is_fixed=True),
+            "tf_static": replace(tf, is_fixed=True),
             "tf": tf,
-            "joint_states": _Input(
-                JointSample, self._add_joints, self._refusing("joint_states"), source="names"
-            ),
-            "odom": _Input(Odometry, self._add_odometry, self._refusing("odom"), "T_odom_base"),
-            "imu": _Input(Imu, self._add_imu, self._refusing("imu"), keeps_time=False),
-            "external_pose": _Input(
-                PoseCovariance,
-                self._add_pose_covariance,
-                self._refusing("external_pose"),
-                keeps_time=False,
-            ),
+            "joint_states": _Input(JointSample, self._add_joints, source="names"),
+            "odom": _Input(Odometry, self._add_odometry, "T_odom_base"),
+            "imu": _Input(Imu, self._add_imu, keeps_time=False),
+            "external_pose": _Input(PoseCovariance, self._add_pose_covariance, keeps_time=False),
         }
         for role, sensor in self.sensors.items():
-            inputs[role] = _Input(
-                sensor.stream.record, sensor.add, sensor.refuse, correct=sensor.stream.correct
-            )
-        for role, companions in self._companions_by_role().items():
-            # Drivers publish a calibration once, or with stamp 0.
-            inputs[role] = _Input(
-                companions[0][0].record,
-                lambda record, to=companions: _give(record, to),  # type: ignore[misc]
-                self._refusing(role),
-                is_fixed=True,
-            )
-        return inputs
-
-    def _companions_by_role(self) -> dict[str, list[tuple[Companion, Sensor]]]:
-        """Return the companions of sensor records by role, with the sensors that need them."""
-        found: dict[str, list[tuple[Companion, Sensor]]] = {}
+            inputs[role] = _Input(sensor.stream.record, sensor.add, correct=sensor.stream.correct)
         for sensor in self.sensors.values():
-            if sensor.stream.companion is not None:
-                companion = sensor.stream.companion
-                found.setdefault(companion.role, []).append((companion, sensor))
-        return found
+            companion = sensor.stream.companion
+            if companion is not None:
+                # Drivers publish a calibration once, or with stamp 0.
+                add = partial(self._add_companion, companion.role)
+                inputs[companion.role] = _Input(companion.record, add, is_fixed=True)
+        return inputs
 
     def _admit(self, role: str, taken: _Input, record: Any) -> None:
         """Use a record with a plausible stamp; hold or refuse others."""
@@ -273,18 +247,23 @@ class Robot:
         if self._guard.passes(key, record.stamp_ns):
             taken.take(record)
         else:
-            held = taken, record
+            held = role, record
             self._use(self._guard.admit(key, record.stamp_ns, held, keeps_time=taken.keeps_time))
 
-    def _use(self, admission: Admission[tuple[_Input, Any]]) -> None:
+    def _use(self, admission: Admission[tuple[str, Any]]) -> None:
         if admission.jumped_ns:
             back_s = admission.jumped_ns * 1e-9
             self._events.append(MapReset(f"the stamps of all inputs went back by {back_s:.1f} s"))
             self._forget_samples()
-        for (taken, _), reason in admission.refused:
-            taken.refuse(reason)
-        for taken, record in admission.admitted:
-            taken.take(record)
+        for (role, _), reason in admission.refused:
+            self._refuse_record(role, reason)
+        for role, record in admission.admitted:
+            self._inputs[role].take(record)
+
+    def _add_companion(self, role: str, record: Any) -> None:
+        for sensor in self.sensors.values():
+            if sensor.stream.companion is not None and sensor.stream.companion.role == role:
+                sensor.add_companion(record)
 
     def _add_description(self, record: RobotDescription) -> None:
         before = self.frames.model
@@ -295,7 +274,7 @@ class Robot:
 
     def _add_transform(self, sample: TransformSample) -> None:
         if not self.frames.add_transform(sample):
-            self._refuse("tf", LATE, 1)
+            self._refuse("tf", LATE)
         elif self._config.localisation.is_external:
             edge = sample.parent, sample.child
             if edge == (self._config.frames.map_name, self.motion.odom_frame):
@@ -310,7 +289,7 @@ class Robot:
     def _add_imu(self, record: Imu) -> None:
         self.roll_pitch.add(record)
         if not self.gyro.add(record):
-            self._refuse("imu", LATE, 1)
+            self._refuse("imu", LATE)
 
     def _add_pose_covariance(self, record: PoseCovariance) -> None:
         if not self._config.localisation.is_external:
@@ -318,7 +297,7 @@ class Robot:
         if record.frame_id == self._config.frames.map_name:
             self._events.append(record)
         else:
-            self._refuse("external_pose", "not in the map frame", 1)
+            self._refuse("external_pose", "not in the map frame")
 
     def _add_odometry(self, record: Odometry) -> None:
         if self.motion.source in (MotionSource.TF, MotionSource.STILL):
@@ -329,20 +308,22 @@ class Robot:
         refused, jumps = odometry.refused, odometry.jumps
         for used in odometry.add(record):
             if not self.motion.add(used):
-                self._refuse("odom", LATE, 1)
+                self._refuse("odom", LATE)
             self._events.append(used)
         self._refuse("odom", "outliers", odometry.refused - refused)
         self._refuse(
             "odom", "began elsewhere (the base is taken not to have moved)", odometry.jumps - jumps
         )
 
-    def _refuse(self, role: str, reason: str, count: int) -> None:
+    def _refuse(self, role: str, reason: str, count: int = 1) -> None:
         if count:
             self.refused[f"{role}: {reason}"] += count
 
-    def _refusing(self, role: str) -> Callable[[str], None]:
-        """Return a callback that counts a refused record of a role."""
-        return lambda reason: self._refuse(role, reason, 1)
+    def _refuse_record(self, role: str, reason: str) -> None:
+        if role in self.sensors:
+            self.sensors[role].refuse(reason)
+        else:
+            self._refuse(role, reason)
 
     # -- outputs -------------------------------------------------------------------------------
 
@@ -392,11 +373,6 @@ class Robot:
                 complete.append(StreamComplete(role, until_ns))
                 self._complete_after_ns = now_ns + COMPLETE_STEP_NS
         return complete
-
-
-def _give(record: Any, companions: Iterable[tuple[Companion, Sensor]]) -> None:
-    for _, sensor in companions:
-        sensor.add_companion(record)
 
 
 def _is_finite(T: Float64) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,11 +42,6 @@ class ShapeModel:
         The robot, its base frame, and the tree of frames.
     reading
         Function that returns the samples of a joint.
-
-    Attributes
-    ----------
-    unplaced
-        Links with shapes but without a chain to the base; these shapes are left out.
     """
 
     def __init__(
@@ -55,15 +51,12 @@ class ShapeModel:
         edges: Edges,
         reading: Callable[[Joint], JointReading],
     ):
-        self.unplaced: list[str] = []
         self._joints: list[_MovedFrame] = []
         self._frame_of: dict[tuple[tuple[str, bool], ...], int] = {(): ROOT}
         hangs: dict[str, tuple[int, Float64]] = {}
         for link in dict.fromkeys(shape.link for shape in model.shapes):
-            try:
+            with suppress(FrameError):  # shapes without a chain to the base are left out
                 hangs[link] = self._hang(build_chain(find_path(base, link, edges), reading))
-            except FrameError:
-                self.unplaced.append(link)
         shapes = [shape for shape in model.shapes if shape.link in hangs]
         self._kinds = np.array([SHAPE_KINDS.index(s.kind) for s in shapes], np.int64)
         self._half = np.array([s.size for s in shapes]).reshape(-1, 3)

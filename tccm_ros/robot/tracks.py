@@ -129,16 +129,10 @@ class Track:
 
 
 class ScalarTrack(Track):
-    """Positions of one joint, rad or m.
+    """Positions of one joint, rad or m."""
 
-    Parameters
-    ----------
-    max_samples
-        Bound of the history.
-    """
-
-    def __init__(self, max_samples: int = MAX_SAMPLES):
-        super().__init__(1, max_samples)
+    def __init__(self) -> None:
+        super().__init__(1)
 
     def at(self, stamps_ns: Int64, *, wraps: bool) -> Float64:
         """Return positions float64 (K,) at stamps int64 (K,) that the samples bracket.
@@ -154,11 +148,6 @@ class ScalarTrack(Track):
 class PoseTrack(Track):
     """Rigid transforms T_a_b, kept as translation and unit quaternion xyzw.
 
-    Parameters
-    ----------
-    max_samples
-        Bound of the history.
-
     Attributes
     ----------
     T_constant
@@ -168,8 +157,8 @@ class PoseTrack(Track):
         Whether two samples differed.
     """
 
-    def __init__(self, max_samples: int = MAX_SAMPLES):
-        super().__init__(7, max_samples)
+    def __init__(self) -> None:
+        super().__init__(7)
         self.T_constant: Float64 | None = None
         self.has_moved = False
 

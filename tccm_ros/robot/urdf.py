@@ -99,8 +99,8 @@ class RobotModel:
     ----------
     joints
         Joints by the name of the child link.
-    meshes
-        Links with collision meshes, which are not loaded.
+    shapes
+        Collision shapes, without meshes, which are not loaded.
     faults
         Descriptions of invalid joints and shapes, one line each; invalid shapes are left out.
     """
@@ -110,7 +110,6 @@ class RobotModel:
     links: tuple[str, ...]
     joints: dict[str, Joint]
     shapes: tuple[CollisionShape, ...]
-    meshes: tuple[str, ...]
     faults: tuple[str, ...] = ()
 
 
@@ -176,10 +175,10 @@ def read_urdf(text: str) -> RobotModel:
         raise UrdfError(f"robot description: <robot> is expected, found <{root.tag[:40]}>")
     links = _links(root)
     joints = _joints(root, set(links))
-    shapes, meshes, faults = _shapes(root)
+    shapes, faults = _shapes(root)
     faults = [*(joint.fault for joint in joints.values() if joint.fault), *faults]
     name = root.get("name", "")
-    return RobotModel(name, _root_link(links, joints), links, joints, shapes, meshes, tuple(faults))
+    return RobotModel(name, _root_link(links, joints), links, joints, shapes, tuple(faults))
 
 
 def _links(root: ElementTree.Element) -> tuple[str, ...]:
@@ -327,22 +326,16 @@ def _root_link(links: tuple[str, ...], joints: dict[str, Joint]) -> str:
     return roots[0]
 
 
-def _shapes(
-    root: ElementTree.Element,
-) -> tuple[tuple[CollisionShape, ...], tuple[str, ...], list[str]]:
-    """Return the shapes, the links with meshes, and descriptions of invalid shapes left out."""
+def _shapes(root: ElementTree.Element) -> tuple[tuple[CollisionShape, ...], list[str]]:
+    """Return the shapes but for meshes, and descriptions of invalid shapes left out."""
     shapes: list[CollisionShape] = []
-    meshes: list[str] = []
     faults: list[str] = []
     for link in root.findall("link"):
         name = link.get("name", "")
         for collision in link.findall("collision"):
             geometry = collision.find("geometry")
             found: Any = None if geometry is None else next(iter(geometry), None)
-            if found is None:
-                continue
-            if found.tag not in ("box", "sphere", "cylinder"):
-                meshes.append(name)
+            if found is None or found.tag not in ("box", "sphere", "cylinder"):
                 continue
             where = f"collision of link '{name}'"
             try:
@@ -351,7 +344,7 @@ def _shapes(
                 faults.append(str(error).removeprefix("robot description: "))
             else:
                 shapes.append(CollisionShape(name, found.tag, size, T_link_shape))
-    return tuple(shapes), tuple(dict.fromkeys(meshes)), faults
+    return tuple(shapes), faults
 
 
 def _half_extents(element: ElementTree.Element, where: str) -> Float64:

@@ -10,10 +10,11 @@ from chromium import Browser
 from PIL import Image
 
 from tccm_ros.config import Config
-from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.layout import RECORD, FleetFolder
 from tccm_ros.fleet.page import RecordingRow, fleet_rows, page_text, write_page
 from tccm_ros.fleet.record import Cost, DoneRecord, Failure, settings_checksum, software_checksum
 from tccm_ros.results.models import CountsEntry, ScansUsedEntry
+from tccm_ros.results.numbers import write_json
 
 COUNT = 10_000
 
@@ -35,10 +36,10 @@ def folder(tmp_path):
     fleet = FleetFolder(tmp_path / "fleet")
     for name in ("run-1", "run-3"):
         fleet.results(name).mkdir(parents=True)
-        record(f"/bags/{name}", 7).write(fleet.results(name))
+        write_json(fleet.results(name) / RECORD, record(f"/bags/{name}", 7))
     Image.new("RGB", (60, 40), (200, 30, 30)).save(fleet.results("run-1") / "map.png")
     for name in ("run-2", "run-3"):
-        Failure(f"/bags/{name}", "the file is cut off").write(fleet.failure(name))
+        write_json(fleet.failure(name), Failure(f"/bags/{name}", "the file is cut off"))
     return fleet
 
 

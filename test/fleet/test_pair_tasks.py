@@ -10,8 +10,9 @@ from tccm_ros.errors import FleetError
 from tccm_ros.fleet import pair_tasks
 from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.pair_matching import PairLoop, PairMatch, PairReason
-from tccm_ros.fleet.pair_tasks import match_all, pair_file, read_pair
+from tccm_ros.fleet.pair_tasks import match_all, pair_file
 from tccm_ros.progress import Silent
+from tccm_ros.results.folder_reader import read_json_or_none
 from tccm_ros.results.numbers import json_text
 
 COUNT = 12
@@ -76,11 +77,11 @@ def test_a_match_is_read_as_it_was_written(tmp_path):
     match = PairMatch(PairReason.ACCEPTED, np.array([1.0, 2.0, 0.5]), (loop,), 1.5, 0.75)
     path = tmp_path / "pair.json"
     path.write_text(json_text(match))
-    read = read_pair(path)
+    read = read_json_or_none(path, PairMatch)
     assert read.is_accepted
     assert np.array_equal(read.loops[0].cov, loop.cov)
     assert (read.compared_area, read.agreement) == (1.5, 0.75)
-    assert read_pair(tmp_path / "none.json") is None
+    assert read_json_or_none(tmp_path / "none.json", PairMatch) is None
 
 
 def test_a_match_is_of_two_maps_in_their_order_and_of_the_configuration(tmp_path):

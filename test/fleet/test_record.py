@@ -1,26 +1,24 @@
 """The record of a recording and the reason of a failure are read as they were written."""
 
 from tccm_ros.config import Config
-from tccm_ros.fleet.record import (
-    Failure,
-    read_failure,
-    read_record,
-    settings_checksum,
-    software_checksum,
-)
+from tccm_ros.fleet.layout import RECORD
+from tccm_ros.fleet.record import DoneRecord, Failure, settings_checksum, software_checksum
+from tccm_ros.results.folder_reader import read_json_or_none
+from tccm_ros.results.numbers import write_json
 
 
 def test_a_failure_is_read_as_it_was_written(tmp_path):
     failure = Failure("s3://bucket/run.mcap", "no such topic: /scan")
-    failure.write(tmp_path / "failures" / "run.json")
-    assert read_failure(tmp_path / "failures" / "run.json") == failure
+    path = tmp_path / "failures" / "run.json"
+    write_json(path, failure)
+    assert read_json_or_none(path, Failure) == failure
 
 
 def test_what_is_missing_or_damaged_is_none(tmp_path):
-    assert read_record(tmp_path) is None
-    (tmp_path / "fleet.json").write_text('{"source": "x"')
-    assert read_record(tmp_path) is None
-    assert read_failure(tmp_path / "none.json") is None
+    assert read_json_or_none(tmp_path / RECORD, DoneRecord) is None
+    (tmp_path / RECORD).write_text('{"source": "x"')
+    assert read_json_or_none(tmp_path / RECORD, DoneRecord) is None
+    assert read_json_or_none(tmp_path / "none.json", Failure) is None
 
 
 def test_a_checksum_of_settings_is_of_every_value():

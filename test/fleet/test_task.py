@@ -10,10 +10,12 @@ from fleet_bags import contents, write_bad_recordings, write_recordings
 
 from tccm_ros.config import Config
 from tccm_ros.fleet import task
-from tccm_ros.fleet.record import read_record
+from tccm_ros.fleet.layout import RECORD
+from tccm_ros.fleet.record import DoneRecord
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, JobStatus, TaskResult, is_done, process
 from tccm_ros.replay.replay import replay
+from tccm_ros.results.folder_reader import read_json_or_none
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +33,7 @@ def test_the_results_are_those_of_a_single_replay(job, tmp_path):
     assert process(job) == TaskResult(JobStatus.DONE)
     replay(job.recording.source, tmp_path / "single", job.config, pictures=False)
     assert contents(job.results) == contents(tmp_path / "single")
-    record = read_record(job.results)
+    record = read_json_or_none(job.results / RECORD, DoneRecord)
     assert record.cost.peak_memory > 2**26
     assert record.cost.bytes_read == sum(f.size for f in record.files) > 0
 
@@ -54,7 +56,7 @@ def test_the_cost_is_without_the_kernels_that_a_machine_compiles_once(job, monke
     monkeypatch.setattr(task, "time", clock)
     process(job)
     assert now == 3660.0
-    assert read_record(job.results).cost.seconds == 60.0
+    assert read_json_or_none(job.results / RECORD, DoneRecord).cost.seconds == 60.0
 
 
 def test_what_is_done_is_not_done_again(job):

@@ -13,12 +13,12 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Landmark, Wall
-from tccm_ros.results.exports import write_model, write_results
+from tccm_ros.results.exports import write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.models import GraphFile
-from tccm_ros.results.numbers import Stamp, json_text, rounded
+from tccm_ros.results.numbers import Stamp, json_text, rounded, write_json
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.scene.planning_shapes import surface_box, surface_mesh
 from tccm_ros.slam.occupancy import occupancy_grid
@@ -54,7 +54,7 @@ def folder(solution, tmp_path):
 def write(folder, solution):
     no_cuboids = IntegrationMap(Config()).cuboids()
     write_results(folder, solution, [], no_cuboids, Config())
-    write_model(folder, "summary.json", summary(cycles=0))
+    write_json(folder / "summary.json", summary(cycles=0))
     return folder
 
 

@@ -32,7 +32,7 @@ def test_shapes_agree_with_pinocchio(tree):
         return JointReading(joint.name, joints.of(joint.name), joint.axis, joint.motion == "turn")
 
     base = model.links[len(model.links) // 2]
-    edges = frames.view(urdf=True, tf=False, moving_tf=False)
+    edges = frames.view()
     shapes = ShapeModel(model, base, edges, reading).at(5)
     T_root_link = pinocchio_poses(text, positions)
     T_base_root = np.linalg.inv(T_root_link(base))

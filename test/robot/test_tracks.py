@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tccm_ros.geometry import interpolate_poses, pose, pose_from_rpy, quaternion
-from tccm_ros.robot.tracks import PoseTrack, ScalarTrack, merge_stamps, pose_to_numbers
+from tccm_ros.robot.tracks import PoseTrack, ScalarTrack, Track, merge_stamps, pose_to_numbers
 
 angle = st.floats(-3.1, 3.1)
 pose6 = st.tuples(*[st.floats(-5, 5)] * 3, *[angle] * 3)
@@ -100,13 +100,13 @@ def test_numbers_of_a_pose_that_is_rotated_by_pi_round_trip(rpy):
 
 
 def test_history_is_bounded_and_keeps_the_newest():
-    track = ScalarTrack(max_samples=100)
+    track = Track(1, max_samples=100)
     for stamp in range(1000):
         track.append(stamp, float(stamp))
         assert len(track) <= 100
         assert track.latest_ns == stamp
     assert 900 <= track.stamps_ns[0] <= 950
-    assert track.at(np.array([990]), wraps=False)[0] == 990.0
+    assert track.values[track.stamps_ns == 990] == 990.0
 
 
 def test_an_empty_track_has_no_latest_stamp_and_no_gap():

@@ -19,7 +19,6 @@ from tccm_ros.records import (
     SurfaceCloud,
     TransformSample,
 )
-from tccm_ros.records.building import Record
 from tccm_ros.ros.reading import (
     READERS,
     imu_from_message,
@@ -135,7 +134,7 @@ def test_a_reader_of_random_bytes_raises_nothing_but_message_errors(data, role):
     with suppress(MessageError):
         message = TYPESTORE.deserialize(reader.message_type, b"\0\1\0\0" + data)
         records = reader.of_message(message)
-    assert all(isinstance(record, Record) for record in records)
+    assert all(type(record).__module__.startswith("tccm_ros.records") for record in records)
 
 
 def test_readers_take_any_object_with_the_fields():

@@ -74,7 +74,7 @@ class KnownFrames:
         if frame == base:
             return np.eye(4)
         robot = self._robot.robot
-        edges = robot.frames.view(urdf=True, tf=True, moving_tf=True)
+        edges = robot.frames.view()
         known = frames_of(edges)
         if frame not in known:
             raise FrameError(f"no frame '{frame}'" + suggest(frame, known))

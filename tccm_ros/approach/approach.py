@@ -15,7 +15,7 @@ from tccm_ros.approach.locating import is_elsewhere, is_passed, locate, top_poin
 from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.navigator import Navigator
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
-from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.approach.readings import Readings, TopCycle
 from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.approach.standing import StandingPose, standing_poses
@@ -124,37 +124,37 @@ class Approach:
         self._measured_at: Float64 | None = None
         self._avoided = np.zeros((0, 2))
 
-    def step(self, senses: Senses) -> Speeds | None:
+    def step(self, readings: Readings) -> Speeds | None:
         """Return the velocity command of this step; zero once `outcome` is set.
 
         None while the navigator drives: then nothing may be sent.
         """
-        lost = missing_input(senses, self._robot.patience_s)
+        lost = missing_input(readings, self._robot.patience_s)
         if lost is not None:
-            return self._end(senses, *lost)
-        self._odom_map = inverse2(_required(senses.map_odom))
+            return self._end(readings, *lost)
+        self._odom_map = inverse2(_required(readings.map_odom))
         if self._expected is None:
             self._expected = self._goal.target.moved(self._odom_map)
             self.target = self._expected
-            self._since_s = senses.now_s
-        is_new = self._note_cycle(senses)
+            self._since_s = readings.now_s
+        is_new = self._note_cycle(readings)
         if self.phase == Phase.LOOKING:
-            return self._look(senses, is_new)
+            return self._look(readings, is_new)
         if self.phase == Phase.STAGING:
-            return self._stage(senses, is_new)
+            return self._stage(readings, is_new)
         if self.phase == Phase.CLOSING:
-            return self._close(senses, is_new)
-        return self._verify(senses, is_new)
+            return self._close(readings, is_new)
+        return self._verify(readings, is_new)
 
-    def wait(self, senses: Senses) -> Speeds | None:
+    def wait(self, readings: Readings) -> Speeds | None:
         """Return the zero command, or None while the navigator drives; keep the approach."""
         if self._navigator is not None and self._navigator.is_active:
             return None
-        return self._driver.stop(senses)
+        return self._driver.stop(readings)
 
-    def cancel(self, senses: Senses) -> Speeds:
+    def cancel(self, readings: Readings) -> Speeds:
         """Cancel the approach; return the zero command."""
-        return self._end(senses, Reason.CANCELLED, "cancelled")
+        return self._end(readings, Reason.CANCELLED, "cancelled")
 
     def gap(self, pose: Float64) -> float:
         """Return the gap at a pose (3,) in odom, m; nan before the edge is measured."""
@@ -162,27 +162,27 @@ class Approach:
 
     # --- endings ---
 
-    def _end(self, senses: Senses, reason: Reason, message: str) -> Speeds:
+    def _end(self, readings: Readings, reason: Reason, message: str) -> Speeds:
         """Set the outcome from the newest estimates; return the zero command."""
         if self._navigator is not None:
             self._navigator.cancel()
         gap = yaw_error = sigma = distance = math.nan
         surface, has_moved = None, False
         if self.edge is not None:
-            gap, yaw_error = self._gap_and_yaw_error(senses.pose)
+            gap, yaw_error = self._gap_and_yaw_error(readings.pose)
             sigma = self.edge.sigma
-        if self.target is not None and self._located and senses.map_odom is not None:
-            surface = compose2(senses.map_odom, self.target.pose)
+        if self.target is not None and self._located and readings.map_odom is not None:
+            surface = compose2(readings.map_odom, self.target.pose)
             # Position along an edge whose ends are not visible is less certain than across it.
             has_moved = _is_off(surface, self._goal.target, 2.0 * MOVED_M, 2.0 * MOVED_RAD)
         spot = self._spot()
         if spot is not None:
-            distance = float(np.hypot(*(spot - senses.pose[:2])))
+            distance = float(np.hypot(*(spot - readings.pose[:2])))
         self.outcome = Outcome(
             reason, message, gap, yaw_error, sigma, distance, surface,
             self._goal.target.height, has_moved,
         )  # fmt: skip
-        return self._driver.stop(senses)
+        return self._driver.stop(readings)
 
     def _gap_and_yaw_error(self, pose: Float64) -> tuple[float, float]:
         """Return the gap and the yaw error at a pose (3,) in odom."""
@@ -201,13 +201,13 @@ class Approach:
 
     # --- measurements from tilt cycles ---
 
-    def _note_cycle(self, senses: Senses) -> bool:
+    def _note_cycle(self, readings: Readings) -> bool:
         """Store a new tilt cycle; return whether there was one."""
-        cycle = senses.cycle
+        cycle = readings.cycle
         if cycle is None or (self._cycles and cycle.stamp_s <= self._cycles[-1].stamp_s):
             return False
         self._cycles.append(cycle)
-        self._cycle_came_s = senses.now_s
+        self._cycle_came_s = readings.now_s
         if len(cycle.points):
             self._steepest = max(self._steepest, float(_depressions(cycle).max()))
         return True
@@ -263,46 +263,46 @@ class Approach:
 
     # --- looking ---
 
-    def _look(self, senses: Senses, is_new: bool) -> Speeds:
+    def _look(self, readings: Readings, is_new: bool) -> Speeds:
         if is_new and self._cycles[-1].stamp_s > self._since_s:
             self._seen_cycles += 1
             found = self._locate()
             if found is not None:
                 self.target, self._located = found, True
-                return self._after_look(senses)
+                return self._after_look(readings)
             if self._is_arrived and self._seen_cycles >= EDGE_CYCLES:
                 return self._end(
-                    senses, Reason.GONE,
+                    readings, Reason.GONE,
                     "the surface is gone: tilt cycles from the staging pose do not show it",
                 )  # fmt: skip
             if not self._is_arrived and self._seen_cycles >= 2:
-                return self._after_look(senses)
-        return self._wait_for_cycle(senses, self._since_s)
+                return self._after_look(readings)
+        return self._wait_for_cycle(readings, self._since_s)
 
-    def _wait_for_cycle(self, senses: Senses, since_s: float) -> Speeds:
+    def _wait_for_cycle(self, readings: Readings, since_s: float) -> Speeds:
         """Return the zero command; end the approach if no tilt cycle has come for too long."""
-        waited_s = senses.now_s - max(since_s, self._cycle_came_s)
+        waited_s = readings.now_s - max(since_s, self._cycle_came_s)
         if waited_s > self._robot.patience_s:
             return self._end(
-                senses, Reason.LOST_SURFACE,
+                readings, Reason.LOST_SURFACE,
                 f"no tilt cycle came for {waited_s:.0f} s: does the tilting laser or the camera "
                 "look down at the surface?",
             )  # fmt: skip
-        return self._driver.stop(senses)
+        return self._driver.stop(readings)
 
-    def _after_look(self, senses: Senses) -> Speeds:
+    def _after_look(self, readings: Readings) -> Speeds:
         assert self.target is not None
         limits = REPLAN_DISTANCE_M, REPLAN_ANGLE_RAD
         if _is_off(self.target.pose, self._planned, *limits, self.target.is_round):
-            return self._plan(senses)
+            return self._plan(readings)
         if self._is_arrived:
             self._begin_closing()
         elif self._legs is not None:
             self._legs = self._legs.moved(self._correct())
             self.phase = Phase.STAGING
         else:
-            return self._plan(senses)
-        return self._driver.stop(senses)
+            return self._plan(readings)
+        return self._driver.stop(readings)
 
     def _correct(self) -> Float64:
         """Move the planned place with the surface; return the motion (3,)."""
@@ -324,16 +324,16 @@ class Approach:
 
     # --- planning ---
 
-    def _plan(self, senses: Senses) -> Speeds:
+    def _plan(self, readings: Readings) -> Speeds:
         """Choose a standing pose to which a free path leads; return the zero command."""
         assert self.target is not None
         self._plans += 1
         if self._plans > MAX_PLANS:
             reason = Reason.MOVED if self._located else Reason.BLOCKED
-            return self._end(senses, reason, f"gave up after {MAX_PLANS} plans that failed")
-        map_odom = _required(senses.map_odom)
-        pose, target = compose2(map_odom, senses.pose), self.target.moved(map_odom)
-        others = self._obstacles(senses).others(self._robot.margin)
+            return self._end(readings, reason, f"gave up after {MAX_PLANS} plans that failed")
+        map_odom = _required(readings.map_odom)
+        pose, target = compose2(map_odom, readings.pose), self.target.moved(map_odom)
+        others = self._obstacles(readings).others(self._robot.margin)
         seen = transform2(map_odom, np.concatenate([others, self._avoided]))
         args = self._around.grid, self._around.overhangs
         gone = self._goal.target.outline
@@ -348,28 +348,28 @@ class Approach:
             pose[:2],
         )  # fmt: skip
         if not poses:
-            return self._end(senses, Reason.NO_PLACE, self._why_no_place(spot is not None))
+            return self._end(readings, Reason.NO_PLACE, self._why_no_place(spot is not None))
         found = self._free_path(pose, poses, around)
         standing = poses[0] if found is None else found[0]
         is_far = float(np.hypot(*(standing.staging - pose)[:2])) > NAVIGATE_M
         if self._navigator is not None and is_far:
             self._navigator.start(standing.staging)
-            return self._begin_staging(senses, standing, None)
+            return self._begin_staging(readings, standing, None)
         if found is None:
             return self._end(
-                senses, Reason.BLOCKED, "no free way leads to any place at the surface"
+                readings, Reason.BLOCKED, "no free way leads to any place at the surface"
             )
-        return self._begin_staging(senses, *found)
+        return self._begin_staging(readings, *found)
 
     def _begin_staging(
-        self, senses: Senses, standing: StandingPose, legs: LegDrive | None
+        self, readings: Readings, standing: StandingPose, legs: LegDrive | None
     ) -> Speeds:
         """Begin the drive to a staging pose, both in map; without legs, the navigator drives."""
         self._standing = standing.moved(self._odom_map)
         legs = None if legs is None else legs.moved(self._odom_map)
         self._legs, self._planned, self.edge = legs, self.target, None
         self.phase, self._is_arrived = Phase.STAGING, False
-        return self._driver.stop(senses)
+        return self._driver.stop(readings)
 
     def _why_no_place(self, has_spot: bool) -> str:
         if has_spot:
@@ -398,23 +398,23 @@ class Approach:
 
     # --- driving ---
 
-    def _obstacles(self, senses: Senses) -> Obstacles:
+    def _obstacles(self, readings: Readings) -> Obstacles:
         return Obstacles.of(
-            senses, self.target, self._robot.margin, self._goal.gap, self._robot.height
+            readings, self.target, self._robot.margin, self._goal.gap, self._robot.height
         )
 
-    def _stage(self, senses: Senses, is_new: bool) -> Speeds | None:
+    def _stage(self, readings: Readings, is_new: bool) -> Speeds | None:
         if self._legs is None:
-            return self._stage_by_navigator(senses, is_new)
+            return self._stage_by_navigator(readings, is_new)
         if is_new and self._is_elsewhere():
-            return self._begin_look(senses)
-        wanted = self._legs.wanted(self._driver.pose(senses), self._robot)
+            return self._begin_look(readings)
+        wanted = self._legs.wanted(self._driver.pose(readings), self._robot)
         if wanted is None:
-            return self._begin_look(senses, is_arrived=True)
-        speeds = self._driver.move(wanted, senses, self._obstacles(senses))
-        return self._plan_around(senses) if self._is_blocked(senses) else speeds
+            return self._begin_look(readings, is_arrived=True)
+        speeds = self._driver.move(wanted, readings, self._obstacles(readings))
+        return self._plan_around(readings) if self._is_blocked(readings) else speeds
 
-    def _stage_by_navigator(self, senses: Senses, is_new: bool) -> Speeds | None:
+    def _stage_by_navigator(self, readings: Readings, is_new: bool) -> Speeds | None:
         """Wait until the navigator has ended, then look again: the rest is driven here."""
         assert self._navigator is not None
         if self._navigator.is_active:
@@ -423,49 +423,49 @@ class Approach:
             return None
         if self._navigator.failure:
             message = f"no way to a place at the surface: {self._navigator.failure}"
-            return self._end(senses, Reason.BLOCKED, message)
-        return self._begin_look(senses)
+            return self._end(readings, Reason.BLOCKED, message)
+        return self._begin_look(readings)
 
-    def _begin_look(self, senses: Senses, *, is_arrived: bool = False) -> Speeds:
-        self.phase, self._since_s, self._seen_cycles = Phase.LOOKING, senses.now_s, 0
+    def _begin_look(self, readings: Readings, *, is_arrived: bool = False) -> Speeds:
+        self.phase, self._since_s, self._seen_cycles = Phase.LOOKING, readings.now_s, 0
         self._is_arrived = is_arrived
-        return self._driver.stop(senses)
+        return self._driver.stop(readings)
 
-    def _is_blocked(self, senses: Senses) -> bool:
+    def _is_blocked(self, readings: Readings) -> bool:
         since = self._driver.blocked_s
-        return since is not None and senses.now_s - since > self._robot.patience_s
+        return since is not None and readings.now_s - since > self._robot.patience_s
 
-    def _plan_around(self, senses: Senses) -> Speeds:
+    def _plan_around(self, readings: Readings) -> Speeds:
         """Plan another path, around the obstacle that blocks the current one."""
         blocker = self._driver.blocker
         assert blocker is not None
-        x, y = transform2(_required(senses.map_odom), blocker[None])[0].tolist()
+        x, y = transform2(_required(readings.map_odom), blocker[None])[0].tolist()
         self._avoided = np.concatenate([self._avoided, blocker[None]])
         self._driver.blocked_s = None
-        speeds = self._plan(senses)
+        speeds = self._plan(readings)
         if self.outcome is not None and self.outcome.reason in (Reason.BLOCKED, Reason.NO_PLACE):
             message = f"blocked by something at ({x:.2f}, {y:.2f}) in map"
-            return self._end(senses, Reason.BLOCKED, message)
+            return self._end(readings, Reason.BLOCKED, message)
         return speeds
 
-    def _close(self, senses: Senses, is_new: bool) -> Speeds:
-        if is_new and not self._follow(senses):
-            return self._begin_look(senses) if self.outcome is None else STOP
+    def _close(self, readings: Readings, is_new: bool) -> Speeds:
+        if is_new and not self._follow(readings):
+            return self._begin_look(readings) if self.outcome is None else STOP
         if self._measured_at is None:
-            self._measured_at = senses.pose[:2]
-        if float(np.hypot(*(senses.pose[:2] - self._measured_at))) > UNSEEN_M:
+            self._measured_at = readings.pose[:2]
+        if float(np.hypot(*(readings.pose[:2] - self._measured_at))) > UNSEEN_M:
             return self._end(
-                senses, Reason.LOST_SURFACE,
+                readings, Reason.LOST_SURFACE,
                 f"the edge was not measured on the last {UNSEEN_M:g} m",
             )  # fmt: skip
         speed = CLOSING_SPEED * self._robot.limits.speed
-        pose = self._driver.pose(senses)
+        pose = self._driver.pose(readings)
         wanted = close_in(pose, self._closing_goal(pose), self._robot, speed)
         if wanted is None:
             self.phase, self._stood_s, self._seen_cycles = Phase.VERIFYING, None, 0
-            return self._driver.stop(senses)
-        speeds = self._driver.move(wanted, senses, self._obstacles(senses))
-        return self._plan_around(senses) if self._is_blocked(senses) else speeds
+            return self._driver.stop(readings)
+        speeds = self._driver.move(wanted, readings, self._obstacles(readings))
+        return self._plan_around(readings) if self._is_blocked(readings) else speeds
 
     def _closing_goal(self, pose: Float64) -> Float64:
         """Return the goal pose (3,), at the gap and facing the edge, for a base at a pose (3,)."""
@@ -473,7 +473,7 @@ class Approach:
         place = point + (self._goal.gap + self._robot.footprint.front) * normal
         return np.array([*place, math.atan2(-normal[1], -normal[0])])
 
-    def _follow(self, senses: Senses) -> bool:
+    def _follow(self, readings: Readings) -> bool:
         """Update the edge from a new cycle; return whether the motion may continue.
 
         False where the edge has moved, or where the approach has ended because the edge was not
@@ -485,7 +485,7 @@ class Approach:
             if self._misses < MAX_MISSES or self._is_below_view():
                 return True
             self._end(
-                senses, Reason.LOST_SURFACE,
+                readings, Reason.LOST_SURFACE,
                 f"{MAX_MISSES} tilt cycles do not show the edge of the surface any more",
             )  # fmt: skip
             return False
@@ -494,68 +494,68 @@ class Approach:
         shift = abs(float((found.point - near) @ normal))
         if self.edge is not None and (shift > MOVED_M or turned > 2.0 * MOVED_RAD):
             return False
-        self.edge, self._misses, self._measured_at = found, 0, senses.pose[:2]
+        self.edge, self._misses, self._measured_at = found, 0, readings.pose[:2]
         return True
 
     def _is_below_view(self) -> bool:
         """Return whether the edge is below the field of view: odometry alone guides from there."""
         return self.edge is not None and self._is_at_view_limit(self.edge)
 
-    def _verify(self, senses: Senses, is_new: bool) -> Speeds:
+    def _verify(self, readings: Readings, is_new: bool) -> Speeds:
         """Succeed, correct the pose or look again, by `VERIFYING_CYCLES` cycles after the stop."""
         if self._stood_s is None:
-            self._stood_s = senses.now_s + 2.0 * self._robot.latency_s
+            self._stood_s = readings.now_s + 2.0 * self._robot.latency_s
         if not is_new or self._cycles[-1].stamp_s <= self._stood_s:
-            return self._wait_for_cycle(senses, self._stood_s)
+            return self._wait_for_cycle(readings, self._stood_s)
         self._seen_cycles += 1
         if self._seen_cycles <= VERIFYING_CYCLES:  # the first may have begun before the stop
-            return self._driver.stop(senses)
+            return self._driver.stop(readings)
         while len(self._cycles) > VERIFYING_CYCLES:
             self._cycles.popleft()
         found = self._measure()
         if found is not None:
-            self.edge, self._measured_at = found, senses.pose[:2]
+            self.edge, self._measured_at = found, readings.pose[:2]
         elif not self._is_below_view():
-            return self._look_again(senses)
+            return self._look_again(readings)
         assert self.target is not None
         if is_passed(self._cycles, self.target, self._same_height):
-            return self._look_again(senses, is_arrived=True)
-        gap, yaw_error = self._gap_and_yaw_error(senses.pose)
+            return self._look_again(readings, is_arrived=True)
+        gap, yaw_error = self._gap_and_yaw_error(readings.pose)
         is_off = abs(gap - self._goal.gap) > CORRECTED_GAP_M or abs(yaw_error) > CORRECTED_YAW_RAD
         if is_off and self._corrections < MAX_CORRECTIONS:
             self._corrections += 1
             self.target = self._locate() or self.target
             self.phase, self._misses = Phase.CLOSING, 0
-            return self._driver.stop(senses)
+            return self._driver.stop(readings)
         if abs(gap - self._goal.gap) > MAX_GAP_ERROR_M or abs(yaw_error) > MAX_YAW_ERROR_RAD:
             return self._end(
-                senses, Reason.BLOCKED,
+                readings, Reason.BLOCKED,
                 f"after {MAX_CORRECTIONS} corrections still at {100.0 * gap:.1f} cm and "
                 f"{math.degrees(yaw_error):.1f} deg: the base does not move as odometry says",
             )  # fmt: skip
-        return self._succeed(senses, gap, yaw_error)
+        return self._succeed(readings, gap, yaw_error)
 
-    def _look_again(self, senses: Senses, *, is_arrived: bool = False) -> Speeds:
+    def _look_again(self, readings: Readings, *, is_arrived: bool = False) -> Speeds:
         """Look for a surface that is not visible from the final pose; return zero."""
         if self._corrections >= MAX_CORRECTIONS:
             return self._end(
-                senses, Reason.LOST_SURFACE,
+                readings, Reason.LOST_SURFACE,
                 "tilt cycles from the final pose do not show the edge of the surface",
             )  # fmt: skip
         self._corrections += 1
-        return self._begin_look(senses, is_arrived=is_arrived)
+        return self._begin_look(readings, is_arrived=is_arrived)
 
-    def _succeed(self, senses: Senses, gap: float, yaw_error: float) -> Speeds:
+    def _succeed(self, readings: Readings, gap: float, yaw_error: float) -> Speeds:
         spot = self._spot()
         if spot is not None:
-            distance = float(np.hypot(*(spot - senses.pose[:2])))
+            distance = float(np.hypot(*(spot - readings.pose[:2])))
             if distance > self._goal.max_distance + CORRECTED_GAP_M:
                 return self._end(
-                    senses, Reason.NO_PLACE,
+                    readings, Reason.NO_PLACE,
                     f"the spot is {distance:.2f} m away, beyond {self._goal.max_distance:g} m",
                 )  # fmt: skip
         text = f"{100.0 * gap:.1f} cm before the edge, {math.degrees(yaw_error):.1f} deg off"
-        return self._end(senses, Reason.NONE, text)
+        return self._end(readings, Reason.NONE, text)
 
 
 def _required(pose: Float64 | None) -> Float64:

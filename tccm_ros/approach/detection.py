@@ -14,7 +14,7 @@ from tccm_ros.approach.guard import Obstacles
 from tccm_ros.approach.locating import locate, top_points
 from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.outcome import Outcome, Phase, Reason
-from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.approach.readings import Readings, TopCycle
 from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.standing import StandingPose, standing_poses
 from tccm_ros.approach.target import Target
@@ -54,30 +54,30 @@ class Detection:
         self.pose: Float64 | None = None
         self.stamp_s = -math.inf
 
-    def step(self, senses: Senses) -> None:
+    def step(self, readings: Readings) -> None:
         """Follow the surface in a new tilt cycle; set `outcome` where it is lost."""
-        lost = missing_input(senses, self._robot.patience_s)
+        lost = missing_input(readings, self._robot.patience_s)
         if lost is not None:
             self.outcome = Outcome(*lost)
             return
-        assert senses.map_odom is not None
+        assert readings.map_odom is not None
         if self._expected is None:
-            self._expected = self._goal.target.moved(inverse2(senses.map_odom))
-            self._since_s = senses.now_s
-        cycle = senses.cycle
+            self._expected = self._goal.target.moved(inverse2(readings.map_odom))
+            self._since_s = readings.now_s
+        cycle = readings.cycle
         if cycle is not None and not (self._cycles and cycle.stamp_s <= self._cycles[-1].stamp_s):
             self._cycles.append(cycle)
-            self._follow(senses)
-        if self.outcome is None and senses.now_s - self._since_s > self._robot.patience_s:
+            self._follow(readings)
+        if self.outcome is None and readings.now_s - self._since_s > self._robot.patience_s:
             self.outcome = Outcome(
                 Reason.LOST_SURFACE,
                 f"tilt cycles have not shown the surface for {self._robot.patience_s:.0f} s",
             )
 
-    def wait(self, senses: Senses) -> None:
+    def wait(self, readings: Readings) -> None:
         """Do nothing."""
 
-    def cancel(self, senses: Senses) -> None:
+    def cancel(self, readings: Readings) -> None:
         """End the measurement."""
         self.outcome = Outcome(Reason.CANCELLED, "cancelled")
 
@@ -85,17 +85,17 @@ class Detection:
         """Return nan: whoever drives knows the gap."""
         return math.nan
 
-    def _follow(self, senses: Senses) -> None:
+    def _follow(self, readings: Readings) -> None:
         assert self._expected is not None
-        assert senses.map_odom is not None
-        odom_map = inverse2(senses.map_odom)
+        assert readings.map_odom is not None
+        odom_map = inverse2(readings.map_odom)
         others = [transform2(odom_map, o[:, :2]) for o in self._around.same_height]
         found = locate(self._cycles, self._expected, others)
         if found is None:
             return
         standing = self._standing
         if standing is None:
-            standing = self._chosen(senses, found)
+            standing = self._chosen(readings, found)
             if standing is None:
                 return
         else:
@@ -113,13 +113,13 @@ class Detection:
             standing = standing.moved(compose2(pose, inverse2(standing.pose)))
         self._standing, self._expected = standing, found
         self.pose, self.stamp_s = standing.pose, self._cycles[-1].stamp_s
-        self._since_s = senses.now_s
+        self._since_s = readings.now_s
 
-    def _chosen(self, senses: Senses, target: Target) -> StandingPose | None:
+    def _chosen(self, readings: Readings, target: Target) -> StandingPose | None:
         """Return the best free place at a surface, in odom; None, with the outcome, without one."""
-        assert senses.map_odom is not None
-        map_odom, goal, robot = senses.map_odom, self._goal, self._robot
-        others = Obstacles.of(senses, target, robot.margin, goal.gap, robot.height)
+        assert readings.map_odom is not None
+        map_odom, goal, robot = readings.map_odom, self._goal, self._robot
+        others = Obstacles.of(readings, target, robot.margin, goal.gap, robot.height)
         floor = Floor(
             self._around.grid, self._around.overhangs, goal.target.outline,
             transform2(map_odom, others.others(robot.margin)),
@@ -128,7 +128,7 @@ class Detection:
         spot = None if goal.spot is None else transform2(shift, goal.spot[None])[0]
         poses = standing_poses(
             target.moved(map_odom), floor, robot.footprint, goal.gap, goal.staging,
-            goal.max_distance, spot, goal.side, compose2(map_odom, senses.pose)[:2],
+            goal.max_distance, spot, goal.side, compose2(map_odom, readings.pose)[:2],
         )  # fmt: skip
         if not poses:
             self.outcome = Outcome(

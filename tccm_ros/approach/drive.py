@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tccm_ros.approach.guard import Guarded, Obstacles
-from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.readings import Readings
 from tccm_ros.approach.settings import RobotBase
 from tccm_ros.approach.speeds import CommandHistory, Speeds, along_line, rotate_to
 from tccm_ros.approach.walkers import Walkers
@@ -52,34 +52,34 @@ class Driver:
         self.blocked_s: float | None = None
         self.blocker: Float64 | None = None
 
-    def pose(self, senses: Senses) -> Float64:
+    def pose(self, readings: Readings) -> Float64:
         """Return the predicted pose (3,) of the base when a command sent now takes effect."""
-        return self._history.predict_pose(senses.pose, senses.pose_s, senses.now_s)
+        return self._history.predict_pose(readings.pose, readings.pose_s, readings.now_s)
 
-    def stop(self, senses: Senses) -> Speeds:
+    def stop(self, readings: Readings) -> Speeds:
         """Return the zero command."""
-        self._walkers.add(senses)
-        return self._history.stop(senses.now_s)
+        self._walkers.add(readings)
+        return self._history.stop(readings.now_s)
 
-    def move(self, wanted: Speeds, senses: Senses, obstacles: Obstacles) -> Speeds:
+    def move(self, wanted: Speeds, readings: Readings, obstacles: Obstacles) -> Speeds:
         """Return the next command: the wanted one, slowed or zero where an obstacle requires it."""
-        pose = self.pose(senses)
+        pose = self.pose(readings)
         robot = self._robot
-        self._walkers.add(senses)
+        self._walkers.add(readings)
         wanted, person = self._walkers.limit(wanted, pose)
         guarded = Guarded(wanted, person)
         if person is None:
             guarded = obstacles.guard(wanted, pose, robot.footprint, robot.limits)
         if guarded.blocker is None:
             self.blocked_s = self.blocker = None
-            speeds = self._history.send(guarded.speeds, senses.now_s, PERIOD_S)
+            speeds = self._history.send(guarded.speeds, readings.now_s, PERIOD_S)
             # The limited command may still be faster than wanted: its braking must be free too.
             checked = obstacles.guard(speeds, pose, robot.footprint, robot.limits)
-            return speeds if checked.blocker is None else self._history.stop(senses.now_s)
+            return speeds if checked.blocker is None else self._history.stop(readings.now_s)
         if self.blocked_s is None:
-            self.blocked_s = senses.now_s
+            self.blocked_s = readings.now_s
         self.blocker = guarded.blocker
-        return self._history.stop(senses.now_s)
+        return self._history.stop(readings.now_s)
 
 
 @dataclass(slots=True, eq=False)

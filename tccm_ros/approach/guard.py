@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from tccm_ros.approach.footprint import Footprint
-from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.readings import Readings
 from tccm_ros.approach.speeds import HOLD_S, STOP, SpeedLimits, Speeds, safe_speed
 from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
@@ -72,13 +72,13 @@ class Obstacles:
 
     @classmethod
     def of(
-        cls, senses: Senses, target: Target | None, margin: float, gap: float, height: float
+        cls, readings: Readings, target: Target | None, margin: float, gap: float, height: float
     ) -> Obstacles:
         """Return the obstacles in the newest measurements.
 
         Parameters
         ----------
-        senses
+        readings
             Newest measurements.
         target
             The approached surface, in odom: its margin is smaller. None: there is none.
@@ -87,10 +87,11 @@ class Obstacles:
         height
             Height of the robot, m: higher obstacles are ignored.
         """
-        is_low = (senses.cuboids[:, 2] > FLOOR_M) & (senses.cuboids[:, 2] < height)
-        points = np.concatenate([senses.scan, senses.cuboids[is_low, :2]])
-        radii = np.repeat([0.0, senses.cube_m / math.sqrt(2.0)], [len(senses.scan), is_low.sum()])
-        is_near = np.hypot(*(points - senses.pose[:2]).T) < NEAR_M
+        is_low = (readings.cuboids[:, 2] > FLOOR_M) & (readings.cuboids[:, 2] < height)
+        points = np.concatenate([readings.scan, readings.cuboids[is_low, :2]])
+        rows = [len(readings.scan), is_low.sum()]
+        radii = np.repeat([0.0, readings.cube_m / math.sqrt(2.0)], rows)
+        is_near = np.hypot(*(points - readings.pose[:2]).T) < NEAR_M
         points, radii = points[is_near], radii[is_near]
         if target is None:
             return cls(points, radii, np.full(len(points), margin))

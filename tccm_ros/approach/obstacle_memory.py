@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tccm_ros.approach.guard import NEAR_M
-from tccm_ros.approach.senses import TopCycle
+from tccm_ros.approach.readings import TopCycle
 from tccm_ros.arrays import Bool, Float64, Int64
 
 BEARING_RAD = np.radians(3.0)
@@ -29,7 +29,7 @@ class ObstacleMemory:
     Attributes
     ----------
     points
-        float64 (N, 3) in odom, as `Senses.cuboids`.
+        float64 (N, 3) in odom, as `Readings.cuboids`.
     """
 
     def __init__(self, cube_m: float):

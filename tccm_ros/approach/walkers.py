@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.readings import Readings
 from tccm_ros.approach.settings import RobotBase
 from tccm_ros.approach.speeds import HOLD_S, Speeds
 from tccm_ros.arrays import Bool, Float64
@@ -73,15 +73,16 @@ class Walkers:
         self._scans: deque[_Scan] = deque()
         self.points = np.zeros((0, 2))
 
-    def add(self, senses: Senses) -> None:
+    def add(self, readings: Readings) -> None:
         """Add the newest level scan, unless it is known."""
-        if not len(senses.scan) or (self._scans and senses.scan_s <= self._scans[-1].stamp_s):
+        if not len(readings.scan) or (self._scans and readings.scan_s <= self._scans[-1].stamp_s):
             return
-        while self._scans and senses.scan_s - self._scans[0].stamp_s > MAX_AGE_S:
+        while self._scans and readings.scan_s - self._scans[0].stamp_s > MAX_AGE_S:
             self._scans.popleft()
-        older = [s for s in self._scans if senses.scan_s - s.stamp_s >= MIN_AGE_S]
-        self.points = self._moving(senses.scan, older)
-        self._scans.append(_Scan(senses.scan_s, senses.laser, senses.scan, cKDTree(senses.scan)))
+        older = [s for s in self._scans if readings.scan_s - s.stamp_s >= MIN_AGE_S]
+        self.points = self._moving(readings.scan, older)
+        scan = readings.scan
+        self._scans.append(_Scan(readings.scan_s, readings.laser, scan, cKDTree(scan)))
 
     @staticmethod
     def _moving(points: Float64, older: list[_Scan]) -> Float64:

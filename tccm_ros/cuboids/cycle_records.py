@@ -117,8 +117,8 @@ class CycleScan:
             array.flags.writeable = False  # as in a scan, for the same compiled kernel
         times, T = laser_poses(self.posed, T_frame_odom)
         cosines, sines = directions(scan)
-        ends, beams = place_beams(ranges, useful, cosines, sines, 0.0, step, times, T)
-        origins, _ = place_beams(at_laser, useful, cosines, sines, 0.0, step, times, T)
+        ends, beams = place_beams(ranges, useful, cosines, sines, step, times, T)
+        origins, _ = place_beams(at_laser, useful, cosines, sines, step, times, T)
         return origins, ends, self.keep[beams] & (ranges[beams] < max_length)
 
     def _first_beam_at(self, stamp_ns: int) -> int:

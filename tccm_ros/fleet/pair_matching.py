@@ -79,15 +79,11 @@ class PairMatch:
         float64 (3,), planar pose of the second map in the first; zero without a match.
     loops
         The matched keyframes.
-    compared_area, agreement
-        Area of furniture seen in both maps, m2, and the fraction of it that agrees.
     """
 
     reason: str
     p_one_other: Vector
     loops: tuple[PairLoop, ...] = ()
-    compared_area: float = 0.0
-    agreement: float = 0.0
 
     @property
     def is_accepted(self) -> bool:
@@ -117,7 +113,7 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
     elif area >= MIN_COMPARED_AREA and agreement < MIN_AGREEMENT:
         reason = PairReason.OTHER_FURNITURE.format(agreement)
     rows = [PairLoop(p.a, p.b, p.delta, p.cov, p.inliers, p.score, p.window) for p in loops]
-    return PairMatch(reason, T, tuple(rows), area, agreement)
+    return PairMatch(reason, T, tuple(rows))
 
 
 def compare_furniture(

@@ -31,14 +31,14 @@ from tccm_ros.approach.drive import PERIOD_S
 from tccm_ros.approach.missing_input import missing_input
 from tccm_ros.approach.names import NamedSpot
 from tccm_ros.approach.outcome import Outcome, Reason
+from tccm_ros.approach.readings import Readings
 from tccm_ros.approach.retreat import Retreat
-from tccm_ros.approach.senses import Senses
 from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MissingExtraError, MotionError, RequestError, TccmError, one_line
 from tccm_ros.geometry import spatial
-from tccm_ros.nodes.approach.base_senses import BaseSenses
+from tccm_ros.nodes.approach.base_inputs import BaseInputs
 from tccm_ros.nodes.approach.goals import (
     MAX_BACK_M,
     checked,
@@ -113,7 +113,7 @@ class ActiveGoal:
     robot: RobotBase
     done: Future
     handle: Any
-    publish: Callable[[Senses], None]
+    publish: Callable[[Readings], None]
     is_stopped: bool = False
     steps: int = 0
     zeros: int = 0
@@ -164,7 +164,7 @@ class ApproachNode(Node):
         self._drive: ActiveGoal | None = None
         self._is_taken = self._is_ending = False
         self._reading_until_s = -math.inf
-        self.senses = BaseSenses(
+        self.inputs = BaseInputs(
             self, self.config, lambda: self._client.localisation, self._refusals
         )
         self._start_loop()
@@ -178,7 +178,7 @@ class ApproachNode(Node):
             self._in_map,
             self.config.frames.map_name,
         )
-        self.senses.intake.start()
+        self.inputs.intake.start()
         self.get_logger().info("ready; the base moves only while a goal is active")
 
     def _create_actions(self) -> None:
@@ -206,7 +206,7 @@ class ApproachNode(Node):
         """
         is_simulated = bool(self.get_parameter("use_sim_time").value)
         clock = self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
-        intake = self.senses.intake
+        intake = self.inputs.intake
         timer = self.create_timer(PERIOD_S, self._step, callback_group=intake.group, clock=clock)
         intake.add_timer(timer)
 
@@ -222,7 +222,7 @@ class ApproachNode(Node):
         """Stop the base and the subscriptions."""
         drive = self._drive
         self._is_ending = True
-        self.senses.intake.close()
+        self.inputs.intake.close()
         self._stop(drive)
         if self._navigator is not None:
             self._navigator.close()
@@ -259,20 +259,20 @@ class ApproachNode(Node):
         if outcome is not None:
             return self._finish_drive(drive, outcome)
         start_ns = self.get_clock().now().nanoseconds
-        senses = self.senses.newest(start_ns, drive.robot.footprint)
-        if senses is None:
+        readings = self.inputs.newest(start_ns, drive.robot.footprint)
+        if readings is None:
             self._fail(drive, Outcome(Reason.LOST_POSE, "no odometry has come"))
             return None
         if self._is_ending or drive.handle.is_cancel_requested:
-            speeds = machine.cancel(senses)
-        elif time.monotonic() < self._reading_until_s and missing_input(senses, patience_s):
-            speeds = machine.wait(senses)
+            speeds = machine.cancel(readings)
+        elif time.monotonic() < self._reading_until_s and missing_input(readings, patience_s):
+            speeds = machine.wait(readings)
         else:
-            speeds = machine.step(senses)
+            speeds = machine.step(readings)
             end_ns = self.get_clock().now().nanoseconds
             if end_ns - start_ns > PERIOD_NS:
                 # The base has moved on since: a command for its old place may touch something.
-                speeds = None if speeds is None else machine.wait(senses)
+                speeds = None if speeds is None else machine.wait(readings)
         if speeds is not None:
             with self._lock:
                 # A cancellation may have stopped the base during the step.
@@ -281,7 +281,7 @@ class ApproachNode(Node):
             self._publish_dock_pose(drive, machine)
         drive.steps += 1
         if drive.steps % FEEDBACK_STEPS == 1:
-            drive.publish(senses)
+            drive.publish(readings)
         return None
 
     def _finish_drive(self, drive: ActiveGoal, outcome: Outcome) -> Outcome | None:
@@ -312,8 +312,8 @@ class ApproachNode(Node):
         if detection.pose is None or detection.stamp_s <= drive.published_s:
             return
         drive.published_s = detection.stamp_s
-        header = header_message(self._types, round(detection.stamp_s * 1e9), self.senses.odom_frame)
-        pose = pose_message(self._types, spatial(self.senses.in_odom(detection.pose)))
+        header = header_message(self._types, round(detection.stamp_s * 1e9), self.inputs.odom_frame)
+        pose = pose_message(self._types, spatial(self.inputs.in_odom(detection.pose)))
         self._dock_poses.publish(PoseStamped(header=header, pose=pose))
 
     def _send(self, speeds: Speeds) -> None:
@@ -450,8 +450,8 @@ class ApproachNode(Node):
                 navigator = None
             return Approach(robot, goal, around, navigator), robot
 
-        def publish(machine: Any, senses: Senses) -> None:
-            gap = machine.gap(senses.pose)
+        def publish(machine: Any, readings: Readings) -> None:
+            gap = machine.gap(readings.pose)
             handle.publish_feedback(
                 self._approach.Feedback(phase=int(machine.phase), gap=float(gap))
             )
@@ -472,9 +472,9 @@ class ApproachNode(Node):
             robot = robot_of(self.config)
             return Retreat(robot, distance), robot
 
-        def publish(machine: Any, senses: Senses) -> None:
+        def publish(machine: Any, readings: Readings) -> None:
             handle.publish_feedback(
-                self._retreat.Feedback(distance=float(machine.way(senses.pose)))
+                self._retreat.Feedback(distance=float(machine.way(readings.pose)))
             )
 
         outcome = await self._run(handle, prepare, publish)
@@ -482,7 +482,7 @@ class ApproachNode(Node):
         return self._finish(handle, result, outcome)
 
     async def _run(
-        self, handle: Any, prepare: Callable[[], Any], publish: Callable[[Any, Senses], None]
+        self, handle: Any, prepare: Callable[[], Any], publish: Callable[[Any, Readings], None]
     ) -> Outcome:
         """Drive a goal to its end; return the outcome."""
         with self._lock:

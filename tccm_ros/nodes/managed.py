@@ -92,7 +92,7 @@ class ManagedNode(SensorNode, LifecycleNode):
             self.configure()
         finally:
             self._is_configuring = False
-        self.warming.load()
+        self.kernels.load()
 
     def activate(self) -> None:
         """Subscribe, and log the known sensors and silent inputs."""
@@ -120,7 +120,7 @@ class ManagedNode(SensorNode, LifecycleNode):
         """Destroy everything that configure created, also after it failed half-way."""
         self.is_active = self._is_configured = False
         with suppress(AttributeError):  # after a configure that failed half-way
-            self.warming.stop()
+            self.kernels.stop()
             self.intake.stop()
             self.unsubscribe()
             self.worker.close()
@@ -139,7 +139,7 @@ class ManagedNode(SensorNode, LifecycleNode):
     def interrupt(self) -> None:
         """End the process while it loads kernels, where signals are not handled."""
         if self._is_configured and self.is_loading:
-            self.warming.stop()
+            self.kernels.stop()
             leave(0)
 
     def destroy_node(self) -> None:

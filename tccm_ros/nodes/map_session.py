@@ -24,7 +24,7 @@ from tccm_ros.nodes.publishing.localisation import (
 from tccm_ros.nodes.publishing.outputs import SolutionOutputs
 from tccm_ros.nodes.saving.solution_saver import Session, Wanted
 from tccm_ros.nodes.services.client_api import ClientApi
-from tccm_ros.nodes.solver.channel import Placed, PoseStamp, Solved
+from tccm_ros.nodes.solver.channel import Localised, PoseStamp, Solved
 from tccm_ros.nodes.solver.schedule import SolveSchedule, ViewMessage
 from tccm_ros.nodes.solver.solver import Solver
 from tccm_ros.records import (
@@ -127,7 +127,7 @@ class MapSession:
         self._schedule.note(event, time.monotonic())
         if type(event) is not Odometry:
             self._complete_from = self._solver.next_number
-        self._solver.feed(event)
+        self._solver.add(event)
         is_scan = isinstance(event, PosedScan)
         if is_scan and (self._is_pose_given or not self.tracker.is_localised):
             self._solver.flush()  # each scan may tell where the robot is
@@ -139,7 +139,7 @@ class MapSession:
 
     def take_config(self) -> None:
         """Give changed parameters to the solver."""
-        self._solver.feed(self._config.model_copy(deep=True))
+        self._solver.add(self._config.model_copy(deep=True))
 
     def take_guess(self, guess: PoseGuess) -> str:
         """Look for the robot around a user-supplied pose, from the next scan on.
@@ -198,24 +198,24 @@ class MapSession:
             if scene is not None:
                 self._client_api.show_objects(scene)
 
-    def take_placed(self, placed: Placed) -> None:
+    def take_localised(self, localised: Localised) -> None:
         """Take over the pose found by a search, or the reason why it goes on."""
-        if not self._is_current(placed):
+        if not self._is_current(localised):
             return
-        self._localisation.note_wait(placed.waits_for)
-        if placed.map is None:
+        self._localisation.note_wait(localised.waits_for)
+        if localised.map is None:
             return
         self._schedule.request()
         was_given, self._is_pose_given = self._is_pose_given, False
-        self._take_map(placed.map)
-        if was_given and not placed.map.is_unjoined:
-            self._localisation.note_given_pose(self.tracker, is_taken=placed.is_at_given_pose)
+        self._take_map(localised.map)
+        if was_given and not localised.map.is_unjoined:
+            self._localisation.note_given_pose(self.tracker, is_taken=localised.is_at_given_pose)
 
     def _solve(self, *, is_final: bool = False) -> None:
         if not self._waits_for_scan and not self._solver.is_solving and self._is_running():
             self.ask_solution(is_final=is_final)
 
-    def _is_current(self, answer: Solved | Placed) -> bool:
+    def _is_current(self, answer: Solved | Localised) -> bool:
         resets = self.tracker.counts["resets"]
         return self._solver.is_of_session(answer) and answer.resets == resets
 
@@ -275,7 +275,7 @@ class MapSession:
 
     @property
     def _waits_for_scan(self) -> bool:
-        """Whether nothing places this session in the map that was loaded yet."""
+        """Whether this session is not localised in the loaded map and cannot be before a scan."""
         return self._saved_keyframes > 0 and not self.tracker.counts["level scans"]
 
     def _track_with(self, tracker: Tracker) -> None:

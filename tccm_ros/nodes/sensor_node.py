@@ -7,6 +7,7 @@ the intake. An overloaded node drops whole scans and counts them.
 
 from __future__ import annotations
 
+import math
 import time
 from abc import abstractmethod
 from collections import Counter
@@ -23,16 +24,16 @@ from std_srvs.srv import Trigger
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import one_line
 from tccm_ros.nodes.clock import ClockWatch, is_clock_missing, steady_timer
-from tccm_ros.nodes.intake.diagnostics import Diagnostics, InputStatus
+from tccm_ros.nodes.intake.diagnostics import Diagnostics, message_counts
+from tccm_ros.nodes.intake.drops import DropWatch
 from tccm_ros.nodes.intake.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake.intake import Intake
-from tccm_ros.nodes.intake.node_status import NodeStatus
 from tccm_ros.nodes.intake.record_subscriptions import RecordSubscriptions
 from tccm_ros.nodes.intake.refusals import Refusals
 from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.process.ending import Ending
-from tccm_ros.nodes.process.warming import Warming
+from tccm_ros.nodes.process.kernel_loader import KernelLoader
 from tccm_ros.nodes.process.worker import BACKLOG, Worker
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.saving.saves import Saves
@@ -101,7 +102,7 @@ class SensorNode(Node):
         """Configure and activate the node, and start loading the kernels."""
         self.configure()
         self.activate()
-        self.warming.start()
+        self.kernels.start()
 
     def declare(self) -> None:
         """Declare the parameters."""
@@ -122,7 +123,9 @@ class SensorNode(Node):
         self.bulk_types = TypestoreMessages()
         self.intake = shared.intake if shared else Intake(self, partial(self.refuse, "intake"))
         self.at_end(self.intake.close)
-        self.inputs = Inputs(self, self.config.qos.silence, self.intake)
+        has_stamps = self.config.qos.stamp == "header"
+        max_lag_s = self.config.sync_timeout if has_stamps else math.inf
+        self.inputs = Inputs(self, self.config.qos.silence, self.intake, max_lag_s)
         self.refusals = Refusals(self.get_logger().error)
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
@@ -137,17 +140,24 @@ class SensorNode(Node):
         self.record_subscriptions = RecordSubscriptions(
             self, self.config, self.inputs, self.refusals, self._streams
         )
-        self._status = NodeStatus(self.config, self.inputs, self.refusals)
+        self._drops = DropWatch()
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
         self.at_end(self._clock_watch.close)
-        self.warming = Warming(processor_name, self.config, self._log_progress, self._become_ready)
+        self.kernels = KernelLoader(
+            processor_name, self.config, self._log_progress, self._become_ready
+        )
         self.robot.hold()
-        self.worker.post(self.warming.wait_until_loaded)
-        self.robot.listen(self.offer, lambda: self.worker.backlog > BACKLOG // 2)
+        self.worker.post(self.kernels.wait_until_loaded)
+        self.robot.listen(self.queue_events, lambda: self.worker.backlog > BACKLOG // 2)
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.diagnostics = Diagnostics(
-            self, self.all_problems, self._all_values, self._input_states, self.refusals.problems
+            self,
+            self.inputs,
+            self.refusals,
+            self.all_problems,
+            self._all_values,
+            lambda: {self.resolve_topic_name(role): n for role, n in self.used().items()},
         )
         if self.config.save.autosave_minutes > 0.0:
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self.autosave)
@@ -163,7 +173,7 @@ class SensorNode(Node):
         """Return whether an event is for the processor."""
 
     @abstractmethod
-    def feed(self, event: Any) -> None:
+    def process_event(self, event: Any) -> None:
         """Feed one event to the processor and publish the results (in the worker)."""
 
     @abstractmethod
@@ -216,15 +226,15 @@ class SensorNode(Node):
 
         `watch` is the rule for silent sensors.
         """
-        self.record_subscriptions.to_sensors(self.take, watch=watch)
+        self.record_subscriptions.to_sensors(self.add_record, watch=watch)
         if self.owns_robot:
-            self.record_subscriptions.to_robot(self.take)
+            self.record_subscriptions.to_robot(self.add_record)
 
-    def take(self, role: str, record: Any) -> None:
+    def add_record(self, role: str, record: Any) -> None:
         """Pass a record to the robot."""
         self.robot.add(role, record)
 
-    def offer(self, events: Sequence[Any]) -> None:
+    def queue_events(self, events: Sequence[Any]) -> None:
         """Queue events for the worker; drop scans when it cannot keep up."""
         for event in filter(self.takes, events):
             if type(event) is MapReset:
@@ -234,14 +244,14 @@ class SensorNode(Node):
             if not self.worker.offer(partial(self._work, event), is_droppable=is_droppable):
                 self.overload["overload" if is_droppable else "overload: samples"] += 1
 
-    def offer_computed(self, role: str, record: Any) -> None:
+    def queue_computed(self, role: str, record: Any) -> None:
         """Queue another node's result, unless it dates from before the clock went back."""
         now_ns = self.robot.robot.message_time_ns
         latest_ns = (now_ns or 0) + self.config.clock_jump * 1e9
         if self._clock_watch.just_went_back and record.stamp_ns > latest_ns:
             self.overload[f"clock jump: {role}"] += 1
         else:
-            self.offer([record])
+            self.queue_events([record])
 
     def refuse(self, what: str, error: Exception) -> None:
         """Count and report a message that cannot be used, or a failed step."""
@@ -251,7 +261,7 @@ class SensorNode(Node):
 
     def _work(self, event: Any) -> None:
         start = time.monotonic()
-        self.feed(event)
+        self.process_event(event)
         self.longest_step_s = max(self.longest_step_s, time.monotonic() - start)
 
     def _is_odometry_published(self) -> bool:
@@ -296,7 +306,7 @@ class SensorNode(Node):
     def restart(self, reason: str) -> None:
         """Begin a new map after the clock went back."""
         with self.robot.lock:
-            self.offer([MapReset(reason)])
+            self.queue_events([MapReset(reason)])
             self.robot.robot.begin_anew()
 
     def activate(self) -> None:
@@ -349,8 +359,8 @@ class SensorNode(Node):
     @property
     def is_loading(self) -> bool:
         """Whether its kernels are being loaded, in a thread that cannot be ended."""
-        warming = vars(self).get("warming")
-        return warming is not None and not warming.is_loaded
+        kernels = vars(self).get("kernels")
+        return kernels is not None and not kernels.is_loaded
 
     def close(self, ending: Ending | None = None) -> None:
         """Finish the queued jobs and save if configured.
@@ -364,7 +374,7 @@ class SensorNode(Node):
         """
         ending = ending or Ending()
         if self.is_loading:
-            self.warming.stop()
+            self.kernels.stop()
             return
         if self.config.save.on_shutdown:
             self.save_at_end(ending)
@@ -384,8 +394,8 @@ class SensorNode(Node):
         """Return the current problems, one line each; none while the node is inactive."""
         if not self.is_active:
             return []
-        drops = self._status.problems_of_drops(self.dropped + self.overload)
-        return [*self._status.problems_of_inputs(), *self._problems(), *drops]
+        drops = self._drops.problems(self.dropped + self.overload)
+        return [*self.inputs.problems(), *self._problems(), *drops]
 
     def _problems(self) -> Iterable[str]:
         if is_clock_missing(self):
@@ -404,16 +414,12 @@ class SensorNode(Node):
             yield self.problem_without_odometry()
         yield from self.problems()
 
-    def _input_states(self) -> list[InputStatus]:
-        used = {self.resolve_topic_name(role): n for role, n in self.used().items()}
-        return self._status.input_states(used)
-
     def _all_values(self) -> dict[str, object]:
         return {
-            **self._status.values(self.dropped + self.overload),
+            **message_counts(self.inputs, self.refusals, self.dropped + self.overload),
             **self.values(),
             "active": self.is_active,
-            "ready": self.warming.is_done,
+            "ready": self.kernels.is_done,
             "waiting": self.worker.backlog,
             "longest step [s]": f"{self.longest_step_s:.3f}",
         }

@@ -39,8 +39,8 @@ from tccm_ros.nodes.solver.channel import (
     GRID,
     GRID_TOPIC,
     KEEPOUT_TOPIC,
+    Localised,
     Messages,
-    Placed,
     Solved,
 )
 from tccm_ros.nodes.solver.solver import Answer, Solver
@@ -167,7 +167,7 @@ class SlamNode(SensorNode):
             self.record_subscriptions.to(
                 role,
                 surface_message_qos(),
-                self.offer_computed,
+                self.queue_computed,
                 topic=f"tccm/{role}",
                 watch="event",
                 is_measured=False,
@@ -210,11 +210,11 @@ class SlamNode(SensorNode):
         wanted = super().wanted_streams(processor_name)
         return wanted if missing_extra() else wanted + super().wanted_streams("signs")
 
-    def take(self, role: str, record: Any) -> None:
+    def add_record(self, role: str, record: Any) -> None:
         """Pass a record to the robot."""
         if type(record) is Scan:
             self.live.note_scan(record.stamp_ns)
-        super().take(role, record)
+        super().add_record(role, record)
 
     def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
@@ -223,7 +223,7 @@ class SlamNode(SensorNode):
 
     # --- in the worker ---
 
-    def feed(self, event: Any) -> None:
+    def process_event(self, event: Any) -> None:
         """Track the base, publish its pose and start a solution when one is due."""
         if type(event) is PosedPicture:
             self.signs.offer(event)
@@ -253,8 +253,8 @@ class SlamNode(SensorNode):
             self._client_api.receive(answer)
             self.worker.post(lambda: self.session.take_solved(answer))
             trim_heap()
-        elif isinstance(answer, Placed):
-            self.worker.post(lambda: self.session.take_placed(answer))
+        elif isinstance(answer, Localised):
+            self.worker.post(lambda: self.session.take_localised(answer))
         elif isinstance(answer, Messages):
             self.worker.post(lambda: self._outputs.publish(answer.messages))
         else:

@@ -112,16 +112,16 @@ class TccmNode(SensorNode):
         """
         return self.processor.takes(event) and (not self.is_paused or type(event) is MapReset)
 
-    def offer(self, events: Sequence[Any]) -> None:
+    def queue_events(self, events: Sequence[Any]) -> None:
         """Queue events for the worker; during a pause, only count the sensor measurements."""
         if self.is_paused:
             measured = (e for e in events if isinstance(e, Posed) and self.processor.takes(e))
             self._passed_by[PAUSED] += sum(1 for _ in measured)
-        super().offer(events)
+        super().queue_events(events)
 
     # --- in the worker ---
 
-    def feed(self, event: Event) -> None:
+    def process_event(self, event: Event) -> None:
         """Feed one event to the processor and publish the cycles that it completes.
 
         Planes are published as soon as they are known.

@@ -29,12 +29,6 @@ VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<
 HIT_ROW = np.dtype([*VIEW_ROW.descr, ("is_hit", "<u4")])
 """A row of ~/view with hits of beams (is_hit = 1) and free intervals (0)."""
 
-OBJECT_ROW = np.dtype(
-    [(name, "<f8") for name in ("x", "y", "z", "size_x", "size_y", "size_z", "yaw")]
-    + [("points", "<u4")]
-)
-"""A row of ~/object_boxes of older versions."""
-
 CORNER_ROW = np.dtype(
     [(name, "<f8") for name in ("x", "y", "z", "z_high")] + [("points", "<u4"), ("object", "<u4")]
 )

@@ -41,14 +41,12 @@ from tccm_ros.records.building import (
 from tccm_ros.ros.pointcloud import (
     CORNER_ROW,
     HIT_ROW,
-    OBJECT_ROW,
     SURFACE_ROW,
     VIEW_ROW,
     VIEWPOINT_ROW,
     cloud_rows,
 )
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.tabletop.free_places import rectangle_corners
 
 
 def joint_sample_from_message(message: Any) -> JointSample:
@@ -191,19 +189,12 @@ def object_boxes_from_message(message: Any) -> ObjectBoxes:
         If fields differ, sizes are inconsistent, numbers are not finite, or a footprint has fewer
         than three corners.
     """
-    has_corners = any(field.name == "z_high" for field in message.fields)
-    rows = cloud_rows(message, CORNER_ROW if has_corners else OBJECT_ROW)
+    rows = cloud_rows(message, CORNER_ROW)
     if not all(np.isfinite(rows[name]).all() for name in rows.dtype.names or ()):
         raise MessageError("object boxes have numbers that are not finite")
     stamp = stamp_ns_from_message(message.header.stamp)
     frame = frame_name(message.header.frame_id)
     xy = np.stack([rows["x"], rows["y"]], axis=1)
-    if not has_corners:
-        half = 0.5 * rows["size_z"]
-        z = np.stack([rows["z"] - half, rows["z"] + half], axis=1)
-        edges = zip(xy, rows["size_x"].tolist(), rows["size_y"].tolist(), rows["yaw"].tolist())
-        boxes = tuple(middle + rectangle_corners(*edge) for middle, *edge in edges)
-        return ObjectBoxes(stamp, frame, boxes, z, np.ascontiguousarray(rows["points"]))
     _, first, corners = np.unique(rows["object"], return_index=True, return_counts=True)
     if (np.diff(rows["object"].astype(np.int64)) < 0).any() or corners.min(initial=3) < 3:
         raise MessageError("object boxes: expected three or more corners an object, by object")

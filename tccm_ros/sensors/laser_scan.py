@@ -249,7 +249,7 @@ def project(
     times, T = laser_poses(posed, T_frame_odom)
     cosines, sines = directions(posed.scan)
     step = float(posed.scan.time_increment)
-    return place_beams(posed.scan.ranges, chosen, cosines, sines, 0.0, step, times, T)
+    return place_beams(posed.scan.ranges, chosen, cosines, sines, step, times, T)
 
 
 def used_beams(posed: PosedScan, config: Config) -> Bool:

@@ -235,17 +235,18 @@ def refine_poses(times, T):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: ignore[no-untyped-def]
+def place_beams(ranges, valid, cosines, sines, step, times, T):  # type: ignore[no-untyped-def]
     """Return the points of valid beams, each with the pose at its own time.
 
     Parameters
     ----------
     ranges, valid, cosines, sines
         (N,): ranges in m, mask, and cosine and sine of the bearings.
-    first, step
-        Time of the first beam and time between beams, s, on the clock of `times`.
+    step
+        Time between beams, s.
     times, T
-        float64 (M,), increasing, and (M, 3, 4): poses of the laser, blended linearly.
+        float64 (M,), s after the first beam, increasing, and (M, 3, 4): poses of the laser, blended
+        linearly.
 
     Returns
     -------
@@ -263,7 +264,7 @@ def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: 
     for i in range(n):
         if not valid[i]:
             continue
-        time = first + i * step
+        time = i * step
         while k < last - 1 and time >= times[k + 1]:
             k += 1
         while k > 0 and time < times[k]:

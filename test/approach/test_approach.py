@@ -139,8 +139,8 @@ class SlowCycles(SimulatedBase):
     period_s = 0.0
     _held, _held_s = None, -math.inf
 
-    def senses(self):
-        new = super().senses()
+    def readings(self):
+        new = super().readings()
         if new.now_s - self._held_s >= self.period_s:
             self._held, self._held_s = new.cycle, new.now_s
         return replace(new, cycle=self._held)
@@ -323,7 +323,7 @@ def test_without_obstacles_of_the_integration_map_nothing_moves():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.1, 0.0, math.pi))
     base = SimulatedBase(flat, np.random.default_rng(0))
     for machine in (Retreat(ROBOT, 0.3), approach(flat)[0]):
-        blind = replace(base.senses(), cuboids=np.zeros((0, 3)), cuboids_s=-np.inf)
+        blind = replace(base.readings(), cuboids=np.zeros((0, 3)), cuboids_s=-np.inf)
         assert machine.step(blind) == STOP
         assert machine.outcome.reason == Reason.LOST_SCANS
         assert "no ~/obstacles of tccm_node" in machine.outcome.message

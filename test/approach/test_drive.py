@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tccm_ros.approach.drive import Driver
 from tccm_ros.approach.guard import Obstacles
-from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.readings import Readings
 from tccm_ros.approach.speeds import STOP, Speeds
 from tccm_ros.geometry import compose2, inverse2, transform2
 
@@ -54,8 +54,8 @@ def test_a_late_loop_carries_the_base_into_nothing(points, ahead, yaw_rate, dela
     obstacles = Obstacles(points, np.zeros(len(points)), np.full(len(points), ROBOT.margin))
     base, driver = IdealBase(), Driver(ROBOT)
     for late in [k for delay in delays for k in (0, 0, delay)]:
-        senses = Senses(base.t, base.pose, base.t, np.zeros(3))
-        base.tick(driver.move(Speeds(ahead, yaw_rate), senses, obstacles))
+        readings = Readings(base.t, base.pose, base.t, np.zeros(3))
+        base.tick(driver.move(Speeds(ahead, yaw_rate), readings, obstacles))
         for _ in range(late):
             base.tick(None)
         local = transform2(inverse2(base.pose), points)

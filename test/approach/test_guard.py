@@ -9,7 +9,7 @@ from shapely import Point, Polygon
 
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
-from tccm_ros.approach.senses import Senses
+from tccm_ros.approach.readings import Readings
 from tccm_ros.approach.speeds import Speeds
 from tccm_ros.geometry import inverse2, transform2
 from tccm_ros.slam.occupancy import OccupancyGrid
@@ -21,8 +21,8 @@ inside = st.floats(-0.5 * CUBE_M, 0.5 * CUBE_M)
 def obstacles_of(*middles):
     """Return the obstacles of occupied cubes at middles (2,), for a base at the origin."""
     cuboids = np.array([[*middle, 0.4] for middle in middles])
-    senses = Senses(0.0, np.zeros(3), 0.0, np.zeros(3), cuboids=cuboids, cube_m=CUBE_M)
-    return Obstacles.of(senses, None, ROBOT.margin, 0.05, ROBOT.height)
+    readings = Readings(0.0, np.zeros(3), 0.0, np.zeros(3), cuboids=cuboids, cube_m=CUBE_M)
+    return Obstacles.of(readings, None, ROBOT.margin, 0.05, ROBOT.height)
 
 
 @given(

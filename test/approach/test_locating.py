@@ -15,9 +15,9 @@ from tccm_ros.geometry import compose2, inverse2, transform2, wrap_angle
 def seen(flat):
     """Return one tilt cycle, the mapped target in odom, and the pose of map in odom."""
     base = SimulatedBase(flat, np.random.default_rng(5))
-    while base.senses().cycle is None:
+    while base.readings().cycle is None:
         base.tick(Speeds())
-    cycle = base.senses().cycle
+    cycle = base.readings().cycle
     in_odom = inverse2(flat.start)
     mapped = mapped_target(flat).moved(in_odom)
     return cycle, mapped, in_odom

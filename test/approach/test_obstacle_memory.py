@@ -4,7 +4,7 @@ import numpy as np
 from approach_world import CUBE_M
 
 from tccm_ros.approach.obstacle_memory import ObstacleMemory
-from tccm_ros.approach.senses import TopCycle
+from tccm_ros.approach.readings import TopCycle
 
 NOTHING = np.zeros((0, 3))
 CUBES = np.array([[1.0, 0.0, 0.7], [1.05, 0.0, 0.7], [0.5, -1.0, 0.4]])

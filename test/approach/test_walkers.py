@@ -19,7 +19,7 @@ def moving_points(flat, motion, ticks=60, walkers=None):
     base, walkers = SimulatedBase(flat, np.random.default_rng(1)), walkers or Walkers(ROBOT)
     steps = []
     for _ in range(ticks):
-        walkers.add(base.senses())
+        walkers.add(base.readings())
         base.tick(motion)
         in_room = compose2(base.truth, inverse2(base.odom))
         steps.append((base.t, transform2(in_room, walkers.points)))
@@ -63,12 +63,12 @@ def test_a_single_point_in_free_space_is_no_person():
     base = SimulatedBase(flat, np.random.default_rng(1))
     for _ in range(20):
         base.tick(Speeds())
-    senses = base.senses()
-    stray = np.concatenate([senses.scan, [[0.5, 0.0]]])
-    walkers.add(replace(senses, scan=stray, scan_s=senses.scan_s + 0.05))
+    readings = base.readings()
+    stray = np.concatenate([readings.scan, [[0.5, 0.0]]])
+    walkers.add(replace(readings, scan=stray, scan_s=readings.scan_s + 0.05))
     assert not len(walkers.points)
-    stray = np.concatenate([senses.scan, [[0.5, 0.0], [0.5, 0.05]]])
-    walkers.add(replace(senses, scan=stray, scan_s=senses.scan_s + 0.1))
+    stray = np.concatenate([readings.scan, [[0.5, 0.0], [0.5, 0.05]]])
+    walkers.add(replace(readings, scan=stray, scan_s=readings.scan_s + 0.1))
     assert len(walkers.points) == 2
 
 

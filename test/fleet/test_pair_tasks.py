@@ -74,13 +74,12 @@ def test_a_pair_whose_workers_die_is_an_error_of_one_line(tmp_path, monkeypatch)
 
 def test_a_match_is_read_as_it_was_written(tmp_path):
     loop = PairLoop(3, 4, np.array([1.0, 2.0, 0.5]), np.diag([1e-4, 2e-4, 1e-5]), 0.9, 0.8, 2.0)
-    match = PairMatch(PairReason.ACCEPTED, np.array([1.0, 2.0, 0.5]), (loop,), 1.5, 0.75)
+    match = PairMatch(PairReason.ACCEPTED, np.array([1.0, 2.0, 0.5]), (loop,))
     path = tmp_path / "pair.json"
     path.write_text(json_text(match))
     read = read_json_or_none(path, PairMatch)
     assert read.is_accepted
     assert np.array_equal(read.loops[0].cov, loop.cov)
-    assert (read.compared_area, read.agreement) == (1.5, 0.75)
     assert read_json_or_none(tmp_path / "none.json", PairMatch) is None
 
 

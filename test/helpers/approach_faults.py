@@ -35,13 +35,13 @@ class FaultyDrive:
         if machine is None:
             base.tick(None)
             return
-        senses = base.senses()
-        command = machine.cancel(senses) if self.is_cancelled else machine.step(senses)
+        readings = base.readings()
+        command = machine.cancel(readings) if self.is_cancelled else machine.step(readings)
         late = self.chance.randint(1, 10) if self.chance.random() < LATE else 0
         for _ in range(late):
             base.tick(None)
         # As approach_node: a command for a place that the base has left is not sent.
-        base.tick(machine.wait(senses) if late > 1 else command)
+        base.tick(machine.wait(readings) if late > 1 else command)
         if machine.outcome is not None:
             self.outcomes.append(machine.outcome)
             self.machine = None

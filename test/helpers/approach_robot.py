@@ -197,8 +197,8 @@ class ApproachRobot:
         """Return whether approach_node has received the odometry and the clock of this step."""
         if self.driver is None:
             return False
-        now_ns, senses = ns(self.base.t), self.driver.senses
-        is_newest = "odom" in self.base.mute or senses.newest_ns >= now_ns
+        now_ns, readings = ns(self.base.t), self.driver.inputs
+        is_newest = "odom" in self.base.mute or readings.newest_ns >= now_ns
         return is_newest and self.driver.get_clock().now().nanoseconds >= now_ns
 
     def _is_driven(self) -> bool:

@@ -18,7 +18,7 @@ from shapely import Point, Polygon, affinity
 
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.obstacle_memory import ObstacleMemory
-from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.approach.readings import Readings, TopCycle
 from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import SpeedLimits, Speeds
 from tccm_ros.approach.target import Target
@@ -191,7 +191,7 @@ class SimulatedBase:
         self.path: list = []
         while self.t < 0.0:
             self.tick(None)
-        self.senses()
+        self.readings()
 
     def tick(self, command: Speeds | None) -> None:
         """Advance the time by one step of the control loop; None: no command has come."""
@@ -309,7 +309,7 @@ class SimulatedBase:
         r = best[ok] + self.rng.normal(0, RANGE_SIGMA, int(ok.sum()))
         return LASER + r[:, None] * d[ok]
 
-    def senses(self) -> Senses:
+    def readings(self) -> Readings:
         """Return the newest measurements of all inputs that are not in `mute`."""
         now = {
             "odom": (self.odom.copy(), self.t),
@@ -323,7 +323,7 @@ class SimulatedBase:
         map_odom = None if "map" in self.mute else self.map_odom
         (pose, pose_s), scan = self._last["odom"], self._last["scan"]
         cycle, cuboids, cuboids_s = self._last["cycle"]
-        return Senses(
+        return Readings(
             self.t, pose, pose_s, map_odom, "it is lost", *scan, cuboids, cuboids_s, cycle, CUBE_M
         )  # fmt: skip
 
@@ -395,7 +395,7 @@ def run(approach, base: SimulatedBase, seconds: float = 180.0, on_tick=lambda ba
     """Run an approach to its end; return its outcome."""
     while approach.outcome is None and base.t < seconds:
         on_tick(base)
-        base.tick(approach.step(base.senses()))
+        base.tick(approach.step(base.readings()))
     for _ in range(20):
         base.tick(Speeds())
     return approach.outcome

@@ -300,7 +300,7 @@ def _node(ros, kind, namespace, context, words, values):
             cli_args=["--ros-args", *words] if words else None,
         )
     )
-    ros.spin_until(lambda: node.warming.is_done, what="the kernels")
+    ros.spin_until(lambda: node.kernels.is_done, what="the kernels")
     return node
 
 

@@ -1,7 +1,7 @@
 """The files of a saved map as a folder, without a node."""
 
 from tccm_ros.atomic import output_folder
-from tccm_ros.nodes.solver.map_files import map_files
+from tccm_ros.nodes.solver.process import map_files
 
 
 def write_map(folder, processor, solution):

@@ -200,9 +200,9 @@ def test_a_surface_message_from_before_the_jump_is_not_put_into_the_new_map(ros)
     assert resets(node) == 1
     points = np.zeros((0, 3), np.float32)
     late = SurfaceCloud(START_NS + 61 * SECOND, "base", points, np.zeros(0, np.uint32))
-    node.offer_computed("surfaces", late)
+    node.queue_computed("surfaces", late)
     wait_until_done(ros, node)
     assert node.processor.counts["clouds"] == 0
-    node.offer_computed("surfaces", replace(late, stamp_ns=START_NS + SECOND))
+    node.queue_computed("surfaces", replace(late, stamp_ns=START_NS + SECOND))
     wait_until_done(ros, node)
     assert node.processor.counts["clouds"] == 1

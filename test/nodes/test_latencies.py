@@ -2,7 +2,7 @@
 
 import pytest
 
-from tccm_ros.nodes.intake.node_status import lagging
+from tccm_ros.nodes.intake.inputs import lagging
 
 
 @pytest.mark.parametrize(

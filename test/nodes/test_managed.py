@@ -89,7 +89,7 @@ def test_a_managed_tccm_node_maps_while_it_is_active_and_only_then(ros):
     assert not manager.offers("pause")
     assert not node.has_parameter("map.cell_size")
     manager.to(CONFIGURE, INACTIVE)
-    assert node.warming.is_done
+    assert node.kernels.is_done
     assert node.has_parameter("map.cell_size")
     answer = manager.ask("pause", SetBool, data=True)
     assert (answer.success, answer.message) == (False, "tccm is not active; have it activated")

@@ -182,8 +182,8 @@ def test_lost_messages_are_counted(ros):
     # What was lost before the first message that came cannot be told.
     robot.publish("tilt_scan", scan, node)
     ros.spin_until(lambda: node.inputs.counts()["/tilt_scan"] == 1)
-    gate, take = threading.Event(), node.take
-    node.take = lambda role, record: (gate.wait(), take(role, record))
+    gate, add = threading.Event(), node.add_record
+    node.add_record = lambda role, record: (gate.wait(), add(role, record))
     for _ in range(600):  # while the intake is held: the queue holds 200
         robot.publish("tilt_scan", scan)
     gate.set()

@@ -22,7 +22,6 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
-from tccm_ros.ros.pointcloud import OBJECT_ROW, cloud_message
 from tccm_ros.ros.reading import (
     joint_sample_from_message,
     object_boxes_from_message,
@@ -220,14 +219,6 @@ def test_objects_are_read_back(corners):
     back = read_objects(object_boxes_message(TYPESTORE, boxes))
     assert [bits(ring) for ring in back.footprints] == [bits(ring) for ring in rings]
     assert (bits(back.z), bits(back.points)) == (bits(boxes.z), bits(points))
-
-
-def test_objects_of_version_0_1_0_have_the_footprints_of_their_boxes():
-    rows = np.array([(1.0, 2.0, 0.8, 0.4, 0.2, 0.1, 0.0, 50)], OBJECT_ROW)
-    back = read_objects(cloud_message(TYPESTORE, STAMP, "base", rows))
-    np.testing.assert_allclose(back.z, [[0.75, 0.85]])
-    np.testing.assert_allclose(np.sort(back.footprints[0][:, 0]), [0.8, 0.8, 1.2, 1.2])
-    np.testing.assert_allclose(np.sort(back.footprints[0][:, 1]), [1.9, 1.9, 2.1, 2.1])
 
 
 def test_footprints_without_area_are_refused():

@@ -3,38 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from tccm_ros.nodes.clock import steady_timer
-from tccm_ros.nodes.intake.inputs import Blocking
-from tccm_ros.nodes.intake.refusals import kind_of
+from tccm_ros.nodes.intake.inputs import Blocking, Inputs
+from tccm_ros.nodes.intake.refusals import Refusals, kind_of
 
 NAMES = {DiagnosticStatus.WARN: "the warning", DiagnosticStatus.ERROR: "the error"}
 
 PERIOD_S = 1.0
 """Period of /diagnostics, s: the default of diagnostic_updater."""
-
-
-@dataclass(frozen=True, slots=True)
-class InputStatus:
-    """Diagnostics of one input.
-
-    Attributes
-    ----------
-    topic
-        Resolved name of the topic.
-    problems
-        Its problems, `Blocking` if the node cannot work without it.
-    values
-        Values to show.
-    """
-
-    topic: str
-    problems: tuple[str, ...]
-    values: Mapping[str, object]
 
 
 class Diagnostics:
@@ -44,26 +24,27 @@ class Diagnostics:
     ----------
     node
         Node of the publisher.
+    inputs, refusals
+        Inputs of the node, and their messages that were refused, which are logged there.
     problems
         Returns the current problems, one line each; no problem is OK, a `Blocking` one an error.
     values
         Returns the values to show.
-    inputs
-        Returns the state of each input.
-    said
-        Returns the problems that are logged elsewhere.
+    used
+        Returns the number of records that the processor has used, by resolved topic.
     """
 
     def __init__(
         self,
         node: Node,
+        inputs: Inputs,
+        refusals: Refusals,
         problems: Callable[[], Sequence[str]],
         values: Callable[[], Mapping[str, object]],
-        inputs: Callable[[], Sequence[InputStatus]],
-        said: Callable[[], Sequence[str]],
+        used: Callable[[], Mapping[str, int]],
     ):
-        self._node, self._problems, self._values, self._inputs = node, problems, values, inputs
-        self._said = said
+        self._node, self._inputs, self._refusals = node, inputs, refusals
+        self._problems, self._values, self._used = problems, values, used
         self._logged: set[str] = set()
         self._level = DiagnosticStatus.OK
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -79,12 +60,16 @@ class Diagnostics:
             if kind_of(text) not in self._logged:
                 self._log(text)
         self._logged = kinds
-        problems += self._said()
+        problems += self._refusals.problems()
         self._say_better(problems)
         name = self._node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[_status(name, problems, self._values())])
-        for state in self._inputs():
-            status = _status(f"{name}: {state.topic}", state.problems, state.values)
+        late, used = self._inputs.late(), self._used()
+        for entry in self._inputs:
+            topic = entry.topic
+            found = self._refusals.problem(entry.name), self._inputs.problem(entry), late.get(topic)
+            values = entry.values(used.get(topic))
+            status = _status(f"{name}: {topic}", [text for text in found if text], values)
             message.status.append(status)
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
@@ -120,3 +105,14 @@ def _status(name: str, problems: Sequence[str], values: Mapping[str, object]) ->
         message="; ".join(problems) or "ok",
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )
+
+
+def message_counts(
+    inputs: Inputs, refusals: Refusals, dropped: Mapping[str, int]
+) -> dict[str, object]:
+    """Return the counts of messages by topic, and of dropped records by reason."""
+    received = {f"received {topic}": n for topic, n in inputs.counts().items()}
+    lost = {f"lost {topic}": n for topic, n in inputs.lost().items()}
+    refused = {f"refused {topic}": n for topic, n in sorted(refusals.counts.items())}
+    reasons = {f"dropped: {why}": n for why, n in sorted(dropped.items())}
+    return {**received, **lost, **refused, **reasons}

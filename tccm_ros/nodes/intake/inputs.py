@@ -7,9 +7,10 @@ with advice.
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -100,6 +101,24 @@ class Input:
         else:
             self.latencies_s.append(latency_s)
 
+    def values(self, used: int | None) -> dict[str, object]:
+        """Return the values for /diagnostics.
+
+        Parameters
+        ----------
+        used
+            Number of records that the processor has used; None for all that were read.
+        """
+        received = self.count
+        used = received - self.refused if used is None else used
+        return {
+            "needed": self.watch,
+            "expected": received + self.lost,
+            "received": received,
+            "used": min(used, received),
+            "latency [s]": "" if self.latency_s is None else f"{self.latency_s:.3f}",
+        }
+
 
 class Inputs:
     """Subscribes to topics, counts messages and reports problems.
@@ -112,11 +131,20 @@ class Inputs:
         An input without messages for this long, in s of the node clock, is a problem.
     intake
         Receives the messages; by default the node's executor does.
+    max_lag_s
+        An input that arrives this much later than the others, s, is a problem.
     """
 
-    def __init__(self, node: Node, silence_s: float, intake: Intake | None = None):
+    def __init__(
+        self,
+        node: Node,
+        silence_s: float,
+        intake: Intake | None = None,
+        max_lag_s: float = math.inf,
+    ):
         self._node = node
         self._intake = intake
+        self._max_lag_s = max_lag_s
         self._silence_ns = round(silence_s * 1e9)
         self._start_ns: int | None = None
         self._inputs: list[Input] = []
@@ -208,13 +236,14 @@ class Inputs:
         """Return the number of messages lost, by topic, for topics with losses."""
         return {entry.topic: entry.lost for entry in self._inputs if entry.lost}
 
-    def latencies(self) -> dict[str, float]:
-        """Return the median latency of each stream with enough records, s, by topic."""
-        return {
+    def late(self) -> dict[str, str]:
+        """Return a sentence for each stream that lags behind the others, by topic."""
+        latencies_s = {
             entry.topic: statistics.median(tuple(entry.latencies_s))
             for entry in self._inputs
             if entry.watch != "event" and len(entry.latencies_s) == LATENCIES
         }
+        return lagging(latencies_s, self._max_lag_s)
 
     def awaited(self, optional: Collection[str] = ()) -> list[str]:
         """Return the topics without a message so far, except events and optional ones.
@@ -237,8 +266,9 @@ class Inputs:
         return not entry.count and not self.is_published(topic) and self._is_silent(entry)
 
     def problems(self) -> list[str]:
-        """Return one line for each silent input, with advice."""
-        return [text for text in map(self.problem, self._inputs) if text]
+        """Return one line for each silent or late input, with advice."""
+        silent = [text for text in map(self.problem, self._inputs) if text]
+        return [*silent, *self.late().values()]
 
     def problem(self, entry: Input) -> str | None:
         """Return why an input is silent, with advice; `Blocking` if the input is needed."""
@@ -325,3 +355,32 @@ class Inputs:
         entry.last_ns = min(entry.last_ns, now)  # the clock was set back
         newest = max((e.last_ns or 0 for e in self if e.watch != "event"), default=0)
         return min(newest, now) - entry.last_ns > self._silence_ns
+
+
+def lagging(latencies_s: Mapping[str, float], limit_s: float) -> dict[str, str]:
+    """Return a problem for each input that lags, by topic.
+
+    An input is compared with the median of the others (the higher one of two), so that a single
+    early input makes none of the others late.
+
+    Parameters
+    ----------
+    latencies_s
+        Latency from stamp to arrival, s, by topic.
+    limit_s
+        Tolerated lag, s: `sync_timeout`, for which records wait for each other.
+    """
+    found = {}
+    for topic, latency_s in latencies_s.items():
+        others = [s for name, s in latencies_s.items() if name != topic]
+        if not others:
+            continue
+        usual_s = statistics.median_high(others)
+        if latency_s - usual_s > limit_s:
+            found[topic] = (
+                f"'{topic}' comes {latency_s - usual_s:.1f} s later than the other inputs "
+                f"({latency_s:.2f} s from stamp to arrival, the others {usual_s:.2f} s): look at "
+                "its driver's queue and the network, or set the clock that stamps it; what it "
+                "measures is used late or dropped, and poses and heights suffer"
+            )
+    return found

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.nodes.intake.intake import Intake
 from tccm_ros.nodes.intake.shared_robot import SharedRobot
-from tccm_ros.nodes.publishing.tf import TfPublisher
-from tccm_ros.nodes.ros_types import has_tf2_msgs, message_class
+from tccm_ros.nodes.ros_types import TF_MESSAGE, has_tf2_msgs, message_class
 from tccm_ros.records import TransformSample
 from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes
@@ -59,17 +59,18 @@ class LivePosePublisher:
         self._transform = node.create_publisher(
             message_class("geometry_msgs/msg/TransformStamped"), "~/map_to_odom", 10
         )
-        self._tf = self._start_tf(node, intake)
-
-    def _start_tf(self, node: Node, intake: Intake) -> TfPublisher | None:
-        if not self._config.tf.publish:
-            return None
-        if not has_tf2_msgs():
+        if config.tf.publish and has_tf2_msgs():
+            self._tf_message = message_class(TF_MESSAGE)
+            self._tf = node.create_publisher(self._tf_message, "/tf", QoSProfile(depth=100))
+            self._tf_rate = config.tf.rate
+            self._tf_timer = node.create_timer(
+                1.0 / self._tf_rate, self._publish_tf, callback_group=intake.group
+            )
+            intake.add_timer(self._tf_timer)
+        elif config.tf.publish:
             node.get_logger().info(
                 "tf2_msgs is not installed: map -> odom is on ~/map_to_odom alone"
             )
-            return None
-        return TfPublisher(node, intake, self._config.tf, self._transforms)
 
     def forget(self, *, is_localised: bool = True) -> None:
         """Publish nothing until the next scan, nor before the session is localised in its map."""
@@ -118,6 +119,14 @@ class LivePosePublisher:
     def correct(self, live: LivePose) -> None:
         """Replace the estimate at the same stamp; map -> odom may jump (REP-105)."""
         self._live = live if self.is_localised and live.stamp_ns >= 0 else None
+
+    def _publish_tf(self) -> None:
+        if self._tf_rate != self._config.tf.rate:
+            self._tf_rate = self._config.tf.rate
+            self._tf_timer.timer_period_ns = round(1e9 / self._tf_rate)
+        transforms = self._transforms()
+        if transforms:
+            self._tf.publish(self._tf_message(transforms=transforms))
 
     def _transforms(self) -> list[Any]:
         """Return map -> odom, then the frames of surfaces with the same stamp.

@@ -7,14 +7,21 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, suggest
+from tccm_ros.geometry import planar
 from tccm_ros.nodes.intake.shared_robot import SharedRobot
 from tccm_ros.robot import MountKind
 from tccm_ros.robot.chain_finder import ChainFinder
 from tccm_ros.robot.frames import build_chain, find_path, frames_of
 
+STANDING_NS = 500_000_000
+"""The base is at rest if it has not moved for this time, ns. Chosen."""
+
+STANDING_M, STANDING_RAD = 0.01, np.deg2rad(0.25)
+"""Tolerated motion: speeds of 0.02 m/s and 0.5 deg/s over that time, as for still views."""
+
 
 class KnownFrames:
-    """Returns the current poses of frames.
+    """Returns the current poses of frames, and whether the base is at rest.
 
     Parameters
     ----------
@@ -53,6 +60,35 @@ class KnownFrames:
             base = self._base()
             return self._T_odom_base(base) @ self._T_base_frame(base, frame)
 
+    def base_pose(self) -> Float64:
+        """Return the newest (x, y, yaw) of the base in the odometry frame.
+
+        Raises
+        ------
+        FrameError
+            If nothing is known of it.
+        """
+        return planar(self.T_odom_frame(self.base))
+
+    def is_base_standing(self) -> bool:
+        """Return whether the base has data and has not moved for `STANDING_NS` of message time."""
+        with self._robot.lock:
+            try:
+                base = self._base()
+            except FrameError:
+                return False
+            motion = self._robot.robot.motion
+            tracks = motion.tracks(base)
+            if not tracks:
+                return True
+            last_ns = min(track.latest_ns or 0 for track in tracks)
+            first_ns = max(int(track.stamps_ns[0]) if len(track) else last_ns for track in tracks)
+            if last_ns - STANDING_NS < first_ns:
+                return False
+            stamps = np.linspace(last_ns - STANDING_NS, last_ns, 6).astype(np.int64)
+            poses = motion.at(stamps, base)
+        return all(is_near(planar(T), planar(poses[-1])) for T in poses[:-1])
+
     def _base(self) -> str:
         robot = self._robot.robot
         bases = [s.mount.base for s in robot.sensors.values() if s.mount.base is not None]
@@ -89,3 +125,10 @@ class KnownFrames:
         stamp_ns = min((ns for ns in latest if ns is not None), default=0)
         T: Float64 = chain.at(np.array([stamp_ns], np.int64))[0]
         return T
+
+
+def is_near(pose: Float64, other: Float64) -> bool:
+    """Return whether two planar poses (x, y, yaw) differ by no more than odometry jitter."""
+    dx, dy, dyaw = pose - other
+    dyaw = (dyaw + np.pi) % (2.0 * np.pi) - np.pi
+    return bool(np.hypot(dx, dy) < STANDING_M and abs(dyaw) < STANDING_RAD)

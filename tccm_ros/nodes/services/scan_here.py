@@ -12,7 +12,6 @@ from rclpy.action import ActionServer, CancelResponse
 from tccm_ros.errors import MotionError, TccmError, one_line
 from tccm_ros.nodes.process.worker import Worker
 from tccm_ros.nodes.sensor_node import SensorNode
-from tccm_ros.nodes.services.base_watch import BaseWatch
 from tccm_ros.nodes.services.joint_mover import JointMover, has_controllers
 from tccm_ros.nodes.services.known_frames import KnownFrames
 from tccm_ros.nodes.services.surface_services import SurfaceServices
@@ -43,9 +42,7 @@ class ViewAction:
         self._kind = import_module("tccm_interfaces.action").ScanHere
         self._worker = Worker("scan_here", partial(node.refuse, "scan_here"))
         self._mover = JointMover(node, node.config.scan_here.controller)
-        self._views = ViewTaker(
-            node.config, node.robot, BaseWatch(node.robot, frames), self._mover, surfaces
-        )
+        self._views = ViewTaker(node.config, node.robot, frames, self._mover, surfaces)
         self._is_busy = False
         self._server = ActionServer(
             node, self._kind, "~/scan_here", self._execute,

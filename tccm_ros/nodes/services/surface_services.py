@@ -109,8 +109,6 @@ class SurfaceServices:
 
     Attributes
     ----------
-    prepared
-        Prepared queries by solution number.
     number
         Number of the solution in use; -1 if there is none.
     """
@@ -125,7 +123,6 @@ class SurfaceServices:
     ):
         self._node, self._types, self._live, self._frames = node, types, live, frames
         self._correct_label = correct_label
-        self.prepared: dict[int, SceneQueries] = {}
         self._newest: SceneQueries | None = None
         self.number = -1
         offer_service(node, "FindSurfaces", "~/find_surfaces", self._find_surfaces)
@@ -133,15 +130,9 @@ class SurfaceServices:
         offer_service(node, "FindObjects", "~/find_objects", self._find_objects)
         offer_service(node, "SetLabel", "~/set_label", self._set_label)
 
-    def answer_from(self, number: int) -> None:
-        """Answer from a prepared solution, and free the older ones."""
-        self._newest, self.number = self.prepared[number], number
-        for old in [n for n in self.prepared if n <= number]:
-            del self.prepared[old]
-
-    def forget(self) -> None:
-        """Answer no queries until the next solution."""
-        self._newest, self.number = None, -1
+    def answer_from(self, number: int, queries: SceneQueries | None) -> None:
+        """Answer from the queries of a solution; without any, not at all until the next."""
+        self._newest, self.number = queries, number
 
     def _current(self) -> SceneQueries:
         if self._newest is None:

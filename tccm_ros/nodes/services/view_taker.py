@@ -16,8 +16,8 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import MotionError
 from tccm_ros.nodes.intake.shared_robot import SharedRobot
-from tccm_ros.nodes.services.base_watch import BaseWatch, is_near
 from tccm_ros.nodes.services.joint_mover import JointMover
+from tccm_ros.nodes.services.known_frames import KnownFrames, is_near
 from tccm_ros.nodes.services.surface_services import SurfaceServices
 from tccm_ros.nodes.solver.schedule import MESSAGES
 
@@ -73,8 +73,8 @@ class ViewTaker:
     ----------
     config
         Groups `frames` and `scan_here`.
-    robot, base, mover
-        The robot, the monitor of its base, and the controller of its joints.
+    robot, frames, mover
+        The robot, the poses of its frames, and the controller of its joints.
     surfaces
         Queries of the surface map.
     """
@@ -83,12 +83,12 @@ class ViewTaker:
         self,
         config: Config,
         robot: SharedRobot,
-        base: BaseWatch,
+        frames: KnownFrames,
         mover: JointMover,
         surfaces: SurfaceServices,
     ):
         self._config, self._settings = config, config.scan_here
-        self._robot, self._base, self._mover, self._surfaces = robot, base, mover, surfaces
+        self._robot, self._frames, self._mover, self._surfaces = robot, frames, mover, surfaces
         self._solutions: dict[int, list[int]] = {}
         self._is_closed = threading.Event()
         self._goal: Any = None
@@ -131,11 +131,11 @@ class ViewTaker:
         report(WAITING, 0.0)
         late = f"the base has not stood still within {patience_s:g} s"
         try:
-            self._wait(self._base.is_standing, patience_s, late)
+            self._wait(self._frames.is_base_standing, patience_s, late)
         except MotionError:
-            self._base.pose()  # raises the more specific error if the pose is unknown
+            self._frames.base_pose()  # raises the more specific error if the pose is unknown
             raise
-        self._start = self._base.pose()
+        self._start = self._frames.base_pose()
         spans = self._move(goal.request, lambda fraction: report(MOVING, MOVED_PROGRESS * fraction))
         report(MAPPING, MOVED_PROGRESS)
         views_ns = self._wait_for_map(spans)
@@ -213,7 +213,7 @@ class ViewTaker:
         self._check_base()
 
     def _check_base(self) -> None:
-        if self._start is not None and not is_near(self._base.pose(), self._start):
+        if self._start is not None and not is_near(self._frames.base_pose(), self._start):
             raise MotionError("the robot has moved while the view was taken")
 
     def _message_time_ns(self) -> int:

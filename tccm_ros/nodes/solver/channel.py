@@ -166,7 +166,7 @@ class Solved(NamedTuple):
     archive: int = -1
 
 
-class Placed(NamedTuple):
+class Localised(NamedTuple):
     """A session has been localised in the map, or its search waits for another condition.
 
     Attributes

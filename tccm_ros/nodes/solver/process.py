@@ -7,13 +7,14 @@ for the node, and ends with the node.
 
 from __future__ import annotations
 
+import json
 import os
 import queue
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
@@ -37,24 +38,31 @@ from tccm_ros.nodes.solver.channel import (
     Begin,
     Failed,
     Feed,
+    Localised,
     Messages,
-    Placed,
     PoseStamp,
     Show,
     Solve,
     Solved,
     read_events,
 )
-from tccm_ros.nodes.solver.map_files import map_files, pack_files
 from tccm_ros.nodes.solver.scene_channel import pack_scene
+from tccm_ros.results.exports import solution_files
+from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.keepout_mask import keepout_mask
-from tccm_ros.results.labels_file import with_labels
-from tccm_ros.results.map_file import MapContent, load_map
+from tccm_ros.results.labels_file import MAP_FILE, with_labels
+from tccm_ros.results.map_file import MapContent, load_map, map_content
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
 from tccm_ros.slam.live_estimate import NO_WALLS
 from tccm_ros.slam.occupancy import RESOLUTION_M, OccupancyGrid
 from tccm_ros.stages import OptionalStages
+
+GRID_NAME = "map"
+"""Stem of map.pgm and map.yaml, for nav2_map_server."""
+
+MASK_NAME = "keepout"
+"""Stem of keepout.pgm and keepout.yaml, for the costmap filters of Nav2."""
 
 
 class SolverProcess:
@@ -73,7 +81,7 @@ class SolverProcess:
         self._journal = -1
         self._read = 0
         self._slam = SurfaceSlam(Config())
-        self._walls, self._reported_place = NO_WALLS, self._place
+        self._walls, self._reported_localisation = NO_WALLS, self._localisation
         self._shown: dict[str, TopicMessage] = {}
         self._builder = SolutionMessageBuilder(self._types, "map")
         self._do: dict[type, Callable[[Any], None]] = {
@@ -108,7 +116,7 @@ class SolverProcess:
             os.close(self._journal)
         self._session, self._journal, self._read = begin.session, journal, 0
         self._slam, self._shown = slam, {}
-        self._walls, self._reported_place = NO_WALLS, self._place
+        self._walls, self._reported_localisation = NO_WALLS, self._localisation
         self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
         self._connection.send(Began(begin.session, slam.wall_slam.first_keyframe))
 
@@ -128,23 +136,23 @@ class SolverProcess:
                 setattr(self._slam.config, group, getattr(event, group))
         else:
             self._slam.add(event)
-            self._report_place()
+            self._report_localisation()
 
     @property
-    def _place(self) -> tuple[int, bool, bool, str]:
+    def _localisation(self) -> tuple[int, bool, bool, str]:
         walls = self._slam.wall_slam
         return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
 
-    def _report_place(self) -> None:
+    def _report_localisation(self) -> None:
         """Report a change of the localisation, or of its wait condition, at once."""
-        if self._place == self._reported_place:
+        if self._localisation == self._reported_localisation:
             return
-        self._reported_place = self._place
+        self._reported_localisation = self._localisation
         slam = self._slam
-        placed = slam.placed_map(self._walls)
+        localised = slam.placed_map(self._walls)
         resets, is_at_given_pose = slam.counts["resets"], slam.wall_slam.is_at_given_pose
         self._connection.send(
-            Placed(self._session, resets, placed, slam.wall_slam.waits_for, is_at_given_pose)
+            Localised(self._session, resets, localised, slam.wall_slam.waits_for, is_at_given_pose)
         )
 
     def _solve(self, solve: Solve) -> None:
@@ -207,6 +215,40 @@ class SolverProcess:
     def _grid_message(self, solution: SurfaceSolution, grid: OccupancyGrid) -> Any:
         frame = self._slam.config.frames.map_name
         return grid_message(self._types, solution.stamp_ns, frame, grid)
+
+
+def map_files(
+    processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str, saved: SavedMap
+) -> dict[str, bytes]:
+    """Return the files of a map by name.
+
+    Parameters
+    ----------
+    processor, solution
+        The processor, and its newest solution.
+    map_frame
+        Name of the map frame.
+    saved
+        `SurfaceSlam.saved` of the solution.
+    """
+    files = solution_files(solution, processor.config)
+    grid = solution.grid
+    if grid is not None:
+        files |= grid_files(GRID_NAME, grid)
+        mask = solution.stages.run(
+            "keepout mask", lambda: keepout_mask(grid, solution.surfaces, solution.floor_z)
+        )
+        files |= {} if mask is None else grid_files(MASK_NAME, mask)
+    return files | {MAP_FILE: map_content(saved, solution, map_frame)}
+
+
+def pack_files(files: Mapping[str, bytes], stream: Any) -> None:
+    """Write an archive: one line of JSON with names and sizes, then the concatenated contents."""
+    sizes = {name: len(content) for name, content in files.items()}
+    stream.write(json.dumps(sizes).encode() + b"\n")
+    for content in files.values():
+        stream.write(content)
+    stream.flush()
 
 
 def _reason(error: Exception) -> str:

@@ -25,8 +25,8 @@ from tccm_ros.nodes.solver.channel import (
     Failed,
     Feed,
     Journal,
+    Localised,
     Messages,
-    Placed,
     Show,
     Solve,
     Solved,
@@ -44,7 +44,7 @@ MAX_DEATHS = 3
 RETRY_S = 1.0
 """Time between attempts to start the process again, s. Chosen: memory may be free by then."""
 
-Answer = Solved | Placed | Messages | Failed
+Answer = Solved | Localised | Messages | Failed
 
 
 @dataclass
@@ -67,12 +67,12 @@ class _Session:
 class Solver:
     """Sends events to the solver process and passes its solutions to the node.
 
-    Only one thread, the node's worker, may call `begin`, `feed`, `solve` and `show`.
+    Only one thread, the node's worker, may call `begin`, `add`, `solve` and `show`.
 
     Parameters
     ----------
     config
-        All groups; a change of parameters is an event (`feed`).
+        All groups; a change of parameters is an event (`add`).
     on_answer
         Called with each `Answer`, in a thread of its own.
 
@@ -122,7 +122,7 @@ class Solver:
 
     @property
     def next_number(self) -> int:
-        """Number of the next requested solution, which contains all events fed by then."""
+        """Number of the next requested solution, which contains all events added by then."""
         return self._number + 1
 
     @property
@@ -175,7 +175,7 @@ class Solver:
             raise MapError(error)
         return began.first_keyframe
 
-    def feed(self, event: Any) -> None:
+    def add(self, event: Any) -> None:
         """Add an event to the next batch."""
         self._waiting.append(event)
         self._is_current = False
@@ -192,9 +192,9 @@ class Solver:
             self._send(Feed(self._session.journal.length))
 
     def solve(self, topics: frozenset[str], *, is_final: bool = False, map_name: str = "") -> int:
-        """Request a solution with all events fed; return its number for `wait`.
+        """Request a solution with all events added; return its number for `wait`.
 
-        If no event was fed since the last request, its number is returned.
+        If no event was added since the last request, its number is returned.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class Solver:
         with self._changed:
             return self._changed.wait_for(lambda: self._last >= number or self.is_dead, timeout_s)
 
-    def is_of_session(self, answer: Solved | Placed) -> bool:
+    def is_of_session(self, answer: Solved | Localised) -> bool:
         """Return whether an answer belongs to the current session."""
         return answer.session == self._session.number
 

@@ -87,8 +87,8 @@ def test_what_came_during_a_long_plan_is_read_before_an_input_is_lost(drive, mon
     driver = drive(simple_flat())
     plan = Approach._plan
 
-    def long_plan(self, senses):
-        speeds, until = plan(self, senses), driver.robot.base.t + 1.0
+    def long_plan(self, readings):
+        speeds, until = plan(self, readings), driver.robot.base.t + 1.0
         end_s = time.monotonic() + 60.0
         driver.robot.wait_s = 0.0  # no command comes now
         while driver.robot.base.t < until and time.monotonic() < end_s:
@@ -107,10 +107,10 @@ def test_a_step_that_fails_stops_the_base_as_the_end_of_a_goal_does(drive, monke
     driver = drive(simple_flat())
     step = Approach.step
 
-    def fail_on_the_way(self, senses):
+    def fail_on_the_way(self, readings):
         if driver.robot.base.speed > 0.1:
             raise ValueError("no such row")
-        return step(self, senses)
+        return step(self, readings)
 
     monkeypatch.setattr(Approach, "step", fail_on_the_way)
     status, result = driver.ask()
@@ -185,8 +185,8 @@ def test_cancelling_stops_the_base_while_a_step_computes(drive, monkeypatch):
     is_computing, may_end = threading.Event(), threading.Event()
     step = Approach.step
 
-    def slow(machine, senses):
-        command = step(machine, senses)
+    def slow(machine, readings):
+        command = step(machine, readings)
         is_computing.set()
         assert may_end.wait(60.0)
         return command

@@ -497,7 +497,7 @@ def test_a_view_that_comes_last_and_is_older_than_what_was_solved_is_not_passed_
     os.kill(node.solver.pid, signal.SIGSTOP)
     points = np.array([[x, y, 0.7] for x in (0.8, 0.9) for y in (-0.1, 0.1)], np.float32)
     view = SurfaceCloud(START_NS, "base", points, np.zeros(4, np.uint32))
-    node.worker.wait(lambda: node.feed(view))
+    node.worker.wait(lambda: node.process_event(view))
     answer = trigger(ros, "/surface_slam/save_map")
     os.kill(node.solver.pid, signal.SIGCONT)
     assert "the newest records are not in it" in answer.message

@@ -140,8 +140,7 @@ def test_planners_get_the_scene_after_the_newest_view_and_queries_that_of_the_so
 def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):
     monkeypatch.setattr(client_api, "has_interfaces", lambda: False)
     monkeypatch.setattr(client_api, "missing_interfaces", lambda: MISSING)
-    for module in ("surface_events", "collision"):
-        monkeypatch.setattr(f"tccm_ros.nodes.services.{module}.has_interfaces", lambda: False)
+    monkeypatch.setattr("tccm_ros.nodes.services.collision.has_interfaces", lambda: False)
     offering = Offering(monkeypatch)
     offering.receive(2, TABLE)
     offering.show(2)

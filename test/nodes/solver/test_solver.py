@@ -96,7 +96,7 @@ def test_an_answer_that_cannot_be_used_is_told_and_the_next_one_is_taken(drive):
         half = len(events) // 2
         for part in (events[:half], events[half:]):
             for event in part:
-                solver.feed(event)
+                solver.add(event)
             assert solver.wait(solver.solve(TOPICS), PATIENCE_S)
         assert is_second.wait(PATIENCE_S)
         assert told == ["ValueError: other fields"]
@@ -119,7 +119,7 @@ def test_a_stage_that_fails_is_left_out_of_the_map_and_named(drive, tmp_path, mo
     solver = Solver(Config(), answers.append)
     try:
         for event in events:
-            solver.feed(event)
+            solver.add(event)
         number = solver.solve(TOPICS)
         assert solver.wait(number, PATIENCE_S)
         assert dict(solver.newest.failed_stages) == {"rooms: ValueError: no ring closes": 1}
@@ -138,11 +138,11 @@ def test_it_saves_the_bytes_of_the_processor_also_after_it_was_killed(drive, sol
     write_map(tmp_path / "offline", slam, slam.solve())
     half = len(events) // 2
     for event in events[:half]:
-        solver.feed(event)
+        solver.add(event)
     solved(solver)
     os.kill(solver.pid, signal.SIGKILL)
     for event in events[half:]:
-        solver.feed(event)
+        solver.add(event)
     found = solved(solver)
     assert solver.restarts == 1
     assert found.content.views == len(slam.map.views)
@@ -154,7 +154,7 @@ def test_it_saves_the_bytes_of_the_processor_also_after_it_was_killed(drive, sol
 def test_what_killed_it_too_often_is_said_and_the_newest_solution_stays(drive, solver, tmp_path):
     events, _ = drive
     for event in events:
-        solver.feed(event)
+        solver.add(event)
     found = solved(solver)
     assert list(solver.problems()) == []
     for death in range(MAX_DEATHS):
@@ -168,7 +168,7 @@ def test_what_killed_it_too_often_is_said_and_the_newest_solution_stays(drive, s
         assert len(list(solver.problems())) == 1
     assert solver.is_dead
     assert not solver.is_solving
-    solver.feed(events[-1])
+    solver.add(events[-1])
     assert solver.wait(solver.solve(TOPICS), PATIENCE_S)
     save_archive(found.archive, tmp_path)
     assert load_map(tmp_path / "map.mcap").views
@@ -180,7 +180,7 @@ def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
     events, slam = drive
     write_map(tmp_path, slam, slam.solve())
     for event in events:
-        solver.feed(event)
+        solver.add(event)
     before = solved(solver)
     for path in (tmp_path / "nowhere.mcap", tmp_path / "walls.json"):
         with pytest.raises(MapError, match=path.name):
@@ -229,7 +229,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
     room, route = plan.box(0.0, 0.0, 7.0, 4.5), plan.route([(1, 1), (4, 1)])
     for scan in plan.drive(room, route, start_ns=2 * 10**18).scans:
         slam.add(scan)
-        solver.feed(scan)
+        solver.add(scan)
     assert slam.wall_slam.is_unjoined
     found = solved(solver)
     told = [a for a in solver.answers if isinstance(a, Placed)]
@@ -245,7 +245,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
 def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):
     events, _ = drive
     for event in events:
-        solver.feed(event)
+        solver.add(event)
     old = solver.solve(TOPICS)
     solver.begin()
     assert solver.newest is None
@@ -256,7 +256,7 @@ def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):
 
 def test_what_is_final_is_solved_again_where_the_newest_solution_is_no_batch(drive, solver):
     for event in drive[0][:50]:
-        solver.feed(event)
+        solver.add(event)
     first = solved(solver)
     assert first.is_batch, "a small graph is solved as a batch"
     assert solver.solve(TOPICS, is_final=True) == first.number
@@ -281,7 +281,7 @@ def test_a_reset_starts_a_process_again_that_died_too_often(drive, solver):
     assert solver.is_dead
     solver.begin()
     for event in events:
-        solver.feed(event)
+        solver.add(event)
     assert solved(solver).content.keyframes
     assert list(solver.problems()) == []
 
@@ -300,7 +300,7 @@ def test_a_process_that_cannot_be_started_again_is_started_later(drive, solver, 
     monkeypatch.setattr(solver_module, "spawn", spawned)
     os.kill(solver.pid, signal.SIGKILL)
     for event in events:
-        solver.feed(event)
+        solver.add(event)
     assert solved(solver).content.keyframes
     assert refused
     assert solver.restarts == 1

@@ -37,7 +37,7 @@ def test_a_node_asks_for_no_solution_between_them(ros, monkeypatch):
     monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
     for k, part in enumerate(empty_view(1_700_000_000_000_000_000)):
         assert not asked, k
-        node.worker.wait(lambda p=part: node.feed(p))
+        node.worker.wait(lambda p=part: node.process_event(p))
     assert len(asked) == 1
 
 
@@ -49,7 +49,7 @@ def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_sca
     node, asked = slam(ros), []
     monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
     for number, part in enumerate(empty_view(1_700_000_000_000_000_000), start=1):
-        node.worker.wait(lambda p=part: node.feed(p))
+        node.worker.wait(lambda p=part: node.process_event(p))
         assert len(asked) == number
 
 
@@ -66,5 +66,5 @@ def test_a_node_shows_the_objects_once_a_view_is_whole_if_anybody_listens(ros, m
         monkeypatch.setattr(ClientApi, "has_scene_listeners", has_listeners)
         for part in empty_view(stamp_ns):
             assert not shown
-            node.worker.wait(lambda p=part: node.feed(p))
+            node.worker.wait(lambda p=part: node.process_event(p))
     assert shown == [1_700_000_005_000_000_000]

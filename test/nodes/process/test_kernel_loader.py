@@ -7,8 +7,8 @@ from processes import read_until, settings, started
 from rcl_interfaces.srv import GetParameters
 
 from tccm_ros.nodes.intake import shared_robot
-from tccm_ros.nodes.process import warming
-from tccm_ros.nodes.process.warming import Warming
+from tccm_ros.nodes.process import kernel_loader
+from tccm_ros.nodes.process.kernel_loader import KernelLoader
 
 
 def test_parameters_are_answered_while_kernels_are_compiled(ros, tmp_path, monkeypatch):
@@ -31,12 +31,12 @@ class Held:
 
     def __init__(self, monkeypatch):
         self.gate = threading.Event()
-        plain = warming.warm_up
-        monkeypatch.setattr(warming, "warm_up", lambda *a: (self.gate.wait(), plain(*a)))
+        plain = kernel_loader.warm_up
+        monkeypatch.setattr(kernel_loader, "warm_up", lambda *a: (self.gate.wait(), plain(*a)))
 
     def node(self, ros, monkeypatch, **values):
         with monkeypatch.context() as patch:  # the helper waits until a node is ready
-            patch.setattr(Warming, "is_done", True)
+            patch.setattr(KernelLoader, "is_done", True)
             return tccm(ros, **values)
 
 
@@ -51,7 +51,7 @@ def test_what_comes_before_the_kernels_are_loaded_is_used_afterwards(ros, monkey
     ros.spin_until(lambda: node.robot.early >= sent)
     assert node.processor.counts["scans used"] == 0
     held.gate.set()
-    ros.spin_until(lambda: node.warming.is_done)
+    ros.spin_until(lambda: node.kernels.is_done)
     ros.spin_until(lambda: node.processor.counts["cycles"] >= 3)
     assert not node.overload
     assert not node.dropped["before the start"]
@@ -72,7 +72,7 @@ def test_what_does_not_fit_is_counted(ros, monkeypatch):
     assert node.robot.early <= 31
     assert node.dropped["before the start"] >= len(scans) - 30
     held.gate.set()
-    ros.spin_until(lambda: node.warming.is_done)
+    ros.spin_until(lambda: node.kernels.is_done)
 
 
 def test_the_ready_line_names_what_is_waited_for(ros, capfd):

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from tccm_ros.approach.footprint import Footprint
 from tccm_ros.approach.obstacle_memory import ObstacleMemory
-from tccm_ros.approach.senses import Senses, TopCycle
+from tccm_ros.approach.readings import Readings, TopCycle
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, TccmError
@@ -37,7 +37,7 @@ STALE_NS = 3_000_000_000
 """Maximum age of ~/localisation, ns. It is published once a second: older, its node is gone."""
 
 
-class BaseSenses:
+class BaseInputs:
     """Subscribes to the inputs of the control loop.
 
     Parameters
@@ -72,7 +72,7 @@ class BaseSenses:
         self._laser = np.zeros(2)
         self._memory, self._cuboids_ns = ObstacleMemory(OBSTACLE_STEP_M), -1
         self._cycle: TopCycle | None = None
-        self._placed: tuple[MapLocalisation, Float64] | None = None
+        self._localised: tuple[MapLocalisation, Float64] | None = None
         records = RecordSubscriptions(node, config, self._inputs, refusals, {scans.role: scans})
         records.to_sensors(self._take_sensor, watch="event")
         measured = sensor_qos(config.qos.reliability)
@@ -183,12 +183,13 @@ class BaseSenses:
         stamp_ns = stamp_ns_from_message(localisation.message.header.stamp)
         if now_ns - stamp_ns > STALE_NS:
             return None, f"~/localisation is {(now_ns - stamp_ns) * 1e-9:.1f} s old"
-        if self._placed is None or self._placed[0] is not localisation:
+        if self._localised is None or self._localised[0] is not localisation:
             pose = self._pose_at(stamp_ns)
             if pose is None:
                 return None, "odometry does not go back to the stamp of ~/localisation"
-            self._placed = localisation, compose2(planar(localisation.T_map_base), inverse2(pose))
-        return self._placed[1], ""
+            map_odom = compose2(planar(localisation.T_map_base), inverse2(pose))
+            self._localised = localisation, map_odom
+        return self._localised[1], ""
 
     @property
     def odom_frame(self) -> str:
@@ -196,10 +197,10 @@ class BaseSenses:
         return self._robot.motion.odom_frame
 
     def in_odom(self, pose: Float64) -> Float64:
-        """Return a pose float64 (3,) of `Senses` in the odometry frame as others know it."""
+        """Return a pose float64 (3,) of `Readings` in the odometry frame as others know it."""
         return compose2(inverse2(planar(self._robot.motion.odometry.T_near_odom)), pose)
 
-    def newest(self, now_ns: int, footprint: Footprint) -> Senses | None:
+    def newest(self, now_ns: int, footprint: Footprint) -> Readings | None:
         """Return the newest measurements; None before the first odometry.
 
         Parameters
@@ -216,7 +217,7 @@ class BaseSenses:
         map_odom, why_lost = self._map_odom(now_ns)
         local = transform2(inverse2(pose), self._scan)
         scan = self._scan[footprint.distance(local) > 0.0] if len(local) else self._scan
-        return Senses(
+        return Readings(
             now_ns * 1e-9, pose, stamp_ns * 1e-9, map_odom, why_lost, scan, _seconds(self._scan_ns),
             self._laser, self._memory.points, _seconds(self._cuboids_ns), self._cycle,
             OBSTACLE_STEP_M,

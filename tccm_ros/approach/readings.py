@@ -29,7 +29,7 @@ class TopCycle:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Senses:
+class Readings:
     """Newest measurement of every input.
 
     Attributes

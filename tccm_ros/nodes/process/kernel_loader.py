@@ -20,7 +20,7 @@ PROGRESS_S = 5.0
 """Period of the progress message, s."""
 
 
-class Warming:
+class KernelLoader:
     """Compiles and loads the kernels of a node in the background.
 
     Parameters
@@ -33,7 +33,16 @@ class Warming:
         Called with a sentence every `PROGRESS_S` while kernels are compiled.
     on_done
         Called in the thread when all kernels are loaded.
+
+    Attributes
+    ----------
+    is_loaded
+        Whether all kernels are loaded.
+    is_done
+        Whether the records kept during the compilation are processed as well.
     """
+
+    is_loaded = is_done = False
 
     def __init__(
         self,
@@ -45,22 +54,10 @@ class Warming:
         self._processor_name, self._config = processor_name, config
         self._report, self._on_done = report, on_done
         self._compilation = Compilation([processor_name], config)
-        self._is_ended = False
-        self._loaded, self._done = threading.Event(), threading.Event()
         self._over = threading.Event()
         self._thread = threading.Thread(
-            target=self._run, name=f"{processor_name} warming", daemon=True
+            target=self._run, name=f"{processor_name} kernels", daemon=True
         )
-
-    @property
-    def is_loaded(self) -> bool:
-        """Whether all kernels are loaded."""
-        return self._loaded.is_set()
-
-    @property
-    def is_done(self) -> bool:
-        """Whether the records kept during the compilation are processed as well."""
-        return self._done.is_set()
 
     def start(self) -> None:
         """Start the thread."""
@@ -85,7 +82,6 @@ class Warming:
 
     def stop(self) -> None:
         """End the child processes, because the node stops."""
-        self._is_ended = True
         self._over.set()
         self._compilation.stop()
 
@@ -98,7 +94,7 @@ class Warming:
     def _load(self) -> None:
         if self._compilation.is_needed:
             self._compile()
-        if self._is_ended:
+        if self._over.is_set():
             return
         warm_up(self._processor_name, self._config)
         # Modules and kernels live until the end; collecting their objects would take 0.1 s each
@@ -106,10 +102,10 @@ class Warming:
         gc.collect()
         gc.freeze()
         trim_heap()
-        self._loaded.set()
+        self.is_loaded = True
         self._over.set()
         self._on_done()
-        self._done.set()
+        self.is_done = True
 
     def _compile(self) -> None:
         """Compile all kernels in child processes; the node itself compiles those that fail."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tccm_ros.nodes.approach.base_senses import cube_middles
+from tccm_ros.nodes.approach.base_inputs import cube_middles
 
 CUBE_M = 0.05
 

@@ -28,10 +28,11 @@ from random_flats import random_flat
 from tccm_ros.config import Config
 from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.layout import FleetFolder
-from tccm_ros.fleet.record import Cost, read_record
+from tccm_ros.fleet.record import Cost, DoneRecord
 from tccm_ros.fleet.recordings import find_recordings
 from tccm_ros.fleet.run import run_fleet
 from tccm_ros.replay.replay import replay
+from tccm_ros.results.folder_reader import read_json_or_none
 from tccm_sim.engine import Simulation
 from tccm_sim.options import Options
 from tccm_sim.recording import record
@@ -96,7 +97,8 @@ def measure(recordings: Sequence[str], workers: int) -> Run:
         if summary.failures:
             raise SystemExit(summary.text())
         paths = sorted(FleetFolder(Path(out)).recordings.iterdir())
-        costs = [found.cost for found in map(read_record, paths) if found is not None]
+        found = (read_json_or_none(path, DoneRecord) for path in paths)
+        costs = [record.cost for record in found if record is not None]
         digests = {path.name: digest(path) for path in paths}
     row = f"{summary.seconds:.1f} | {children:.1f} | {client:.1f}"
     print(f"| {workers} | {row} | {children / len(costs):.2f} |", flush=True)

@@ -120,10 +120,10 @@ def test_a_place_that_is_found_moves_the_views_before_it():
     session.look(20 * S, FIRST, SECOND)
     assert np.linalg.norm(session.shown_between[-1] - SECOND) > 0.1
     session.tracker.correction = T
-    placed = SimpleNamespace(
+    localised = SimpleNamespace(
         resets=0, waits_for="", map=SimpleNamespace(is_unjoined=False), is_at_given_pose=True
     )
-    session.session.take_placed(placed)
+    session.session.take_localised(localised)
     session.move(21 * S, AHEAD)
     session.look(21 * S, FIRST, SECOND)
     assert session.shown_between == [pytest.approx(place, abs=0.02) for place in (FIRST, SECOND)]

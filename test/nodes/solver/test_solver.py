@@ -22,7 +22,7 @@ from tccm_ros.nodes.solver.channel import (
     Begin,
     Failed,
     Journal,
-    Placed,
+    Localised,
     PoseStamp,
     Solved,
     read_events,
@@ -232,7 +232,7 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
         solver.add(scan)
     assert slam.wall_slam.is_unjoined
     found = solved(solver)
-    told = [a for a in solver.answers if isinstance(a, Placed)]
+    told = [a for a in solver.answers if isinstance(a, Localised)]
     assert [(a.map is not None, "beside the map" in a.waits_for) for a in told][-1] == (True, True)
     assert told[-1].map.is_unjoined
     assert found.map.is_localised

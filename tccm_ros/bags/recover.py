@@ -25,7 +25,7 @@ from mcap.writer import MCAP0_MAGIC
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 
 from tccm_ros.bags.bag_files import storage_paths, unpacked
-from tccm_ros.bags.storage import SQLITE_MAGIC, reading, unpacked_chunk
+from tccm_ros.bags.storage import QOS_KEY, SQLITE_MAGIC, reading, topic_rows, unpacked_chunk
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError
@@ -35,8 +35,8 @@ RECORD_KINDS = frozenset(Opcode)
 """Valid record kinds of mcap; other values are damage."""
 
 CHUNK_MARK = bytes([Opcode.CHUNK])
+
 HEADER_BYTES = 9
-QOS_KEY = "offered_qos_profiles"
 
 _u64 = struct.Struct("<Q").unpack_from
 _u32 = struct.Struct("<I").unpack_from
@@ -253,14 +253,11 @@ def _records_of_database(database: sqlite3.Connection) -> Iterator[McapRecord]:
 
     Bags before Galactic have no QoS, those before Iron no definitions.
     """
-    columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
-    qos = QOS_KEY if QOS_KEY in columns else "''"
     definitions: dict[str, tuple[str, str]] = {}
     with suppress(sqlite3.Error):
         rows = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
         definitions = {kind: (text, encoding) for kind, text, encoding in database.execute(rows)}
-    rows = f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
-    for number, name, kind, serialization, offered in database.execute(rows):
+    for number, name, kind, serialization, offered in topic_rows(database):
         text, encoding = definitions.get(kind, ("", ""))
         yield Schema(id=number, name=kind, encoding=encoding, data=text.encode())
         yield Channel(number, name, serialization, {QOS_KEY: offered or ""}, number)

@@ -369,16 +369,13 @@ class _Database:
 
     def topics(self) -> list[StoredTopic]:
         """Return the rows of the topics table."""
-        columns = {row[1] for row in self._file.execute("PRAGMA table_info(topics)")}
-        qos = QOS_KEY if QOS_KEY in columns else "''"
         rows = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
         counts = dict(self._file.execute(rows))
-        rows = f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
         return [
             StoredTopic(
                 k, name, ros_name(kind), encoding, counts.get(k, 0), tuple(_offered_qos(offered))
             )
-            for k, name, kind, encoding, offered in self._file.execute(rows)
+            for k, name, kind, encoding, offered in topic_rows(self._file)
         ]
 
     def messages(self, topics: Collection[StoredTopic]) -> Iterator[tuple[StoredTopic, int, bytes]]:
@@ -391,6 +388,15 @@ class _Database:
         )
         for number, log_ns, data in self._file.execute(rows):
             yield wanted[number], log_ns, data
+
+
+def topic_rows(database: sqlite3.Connection) -> Iterator[tuple[int, str, str, str, str]]:
+    """Yield id, name, type, encoding and QoS profiles of topics; before Galactic without QoS."""
+    columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
+    qos = QOS_KEY if QOS_KEY in columns else "''"
+    yield from database.execute(
+        f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
+    )
 
 
 def _reader(path: Path) -> _McapFile | _Database:

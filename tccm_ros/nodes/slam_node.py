@@ -193,11 +193,6 @@ class SlamNode(SensorNode):
         """Tracks the base."""
         return self.session.tracker
 
-    @property
-    def newest_ns(self) -> int:
-        """Stamp of the newest event, ns."""
-        return self.session.newest_ns
-
     # --- intake ---
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
@@ -283,7 +278,7 @@ class SlamNode(SensorNode):
         """Request a solution with all records and pictures received."""
 
         def ask() -> None:
-            note(Wanted(self.newest_ns, self.session.ask_solution()))
+            note(Wanted(self.session.newest_ns, self.session.ask_solution()))
 
         self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
 
@@ -372,7 +367,7 @@ class SlamNode(SensorNode):
                     "is not"
                 )
         if self._is_external:
-            if self.newest_ns and not self.processor.is_localised:
+            if self.session.newest_ns and not self.processor.is_localised:
                 yield f"nothing is mapped: {NO_MAP_ODOM}"
         elif not self.live.is_localised:
             reason = self.localisation.reason

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from tccm_ros.bags.depth_topics import (
     INFO,
@@ -35,6 +37,8 @@ from tccm_ros.robot.urdf import read_urdf
 from tccm_ros.sensors.camera_rays import has_known_lens
 from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
 from tccm_ros.sensors.depth_messages import camera_info_from_message
+
+Estimate = TypeVar("Estimate")
 
 CONSEQUENCES = {
     "tilt_scan": "no surfaces",
@@ -101,22 +105,23 @@ def bag_info(path: Path | str) -> BagInfo:
     return BagInfo(Path(path), duration, topics, [*_beam_notes(path), *notes])
 
 
+def _or_none(estimate: Callable[[], Estimate]) -> Estimate | None:
+    """Return an estimate; None after an error, which other notes or the replay report."""
+    with suppress(TccmError):
+        return estimate()
+    return None
+
+
 def _beam_notes(path: Path | str) -> list[str]:
     """Return advice if the level laser's beams were measured at other times than stamped."""
-    try:
-        timing = read_beam_timing(path)
-    except TccmError:  # reported elsewhere, or by the replay
-        return []
+    timing = _or_none(lambda: read_beam_timing(path))
     return [timing.text()] if timing is not None and timing.is_significant else []
 
 
 def _joint_notes(reader: BagReader, choice: TopicChoice, config: Config) -> list[str]:
     """Return a line if the stamps of the tilting laser and its joint contradict each other."""
     reader.add_readers(choice.readers)
-    try:
-        timing = joint_timing(reader, choice, config)
-    except TccmError:  # reported elsewhere, or by the replay
-        return []
+    timing = _or_none(lambda: joint_timing(reader, choice, config))
     if timing is None or not timing.is_significant:
         return []
     return [f"{timing.text()}; a replay corrects that, nodes need it as a parameter"]
@@ -124,10 +129,7 @@ def _joint_notes(reader: BagReader, choice: TopicChoice, config: Config) -> list
 
 def _level_notes(path: Path | str, source: Literal["points", "depth"]) -> list[str]:
     """Return advice to make level scans of points or depths, if these reveal the robot's motion."""
-    try:
-        helps = level_scans_help(path, source)
-    except TccmError:  # reported elsewhere, or by the replay
-        helps = False
+    helps = _or_none(lambda: level_scans_help(path, source))
     return [f"--set sensors.level_from={source} makes level scans for walls"] if helps else []
 
 

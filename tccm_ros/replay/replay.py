@@ -238,7 +238,7 @@ def _write_page(results: Results, drawn: Pictures, folder: Path, clock: Stopwatc
 
 
 def _write_summary(folder: Path, outcome: ReplayOutcome) -> SummaryFile:
-    content = _summary(outcome, len(outcome.solution.objects))
+    content = _summary(outcome)
     write_json(folder / "summary.json", content)
     return content
 
@@ -251,8 +251,7 @@ def _write(
     stages = solution.stages
     write_results(folder, solution, cycles, outcome.tccm.map.cuboids(), config)
     saved = outcome.slam.saved(solution)
-    map_frame = config.frames.prefix + config.frames.map
-    save_map(folder / "map.mcap", saved, solution, map_frame)
+    save_map(folder / "map.mcap", saved, solution, config.frames.map_name)
     stages.run("cycles.npz", lambda: save_cycles(folder / "cycles.npz", parts))
     stages.run(
         "result.mcap",
@@ -280,7 +279,7 @@ def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
         shutil.copyfile(stamps, folder / stamps.name)
 
 
-def _summary(outcome: ReplayOutcome, objects: int) -> SummaryFile:
+def _summary(outcome: ReplayOutcome) -> SummaryFile:
     slam, solution = outcome.slam, outcome.solution
     cycles = outcome.cycles
     surfaces = count_surfaces(solution.surfaces)
@@ -303,7 +302,7 @@ def _summary(outcome: ReplayOutcome, objects: int) -> SummaryFile:
             loops_rejected=len(solution.graph.loops) - accepted,
             surfaces=surfaces.counted,
             small_surfaces=surfaces.small,
-            objects=objects,
+            objects=len(solution.objects),
             failed_stages=dict(sorted(solution.stages.failed.items())),
             unjoined_trajectories=slam.wall_slam.unjoined_trajectories,
         ),

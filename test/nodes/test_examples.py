@@ -133,7 +133,7 @@ def map_all(ros, nodes) -> None:
     end_input(tilt_node)
     wait_until_done(ros, node)
     ros.spin_until(
-        lambda: node.solver.newest and node.solver.newest.stamp_ns >= node.newest_ns,
+        lambda: node.solver.newest and node.solver.newest.stamp_ns >= node.session.newest_ns,
         what="the solution with all that has come",
     )
 

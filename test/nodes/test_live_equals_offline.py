@@ -166,7 +166,7 @@ def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, session_files, tmp_
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
     play_and_save(ros, bag, *nodes)
     node = nodes[1]
-    told = node.robot.robot.roll_pitch.at(np.array([node.newest_ns]))
+    told = node.robot.robot.roll_pitch.at(np.array([node.session.newest_ns]))
     assert np.abs(told).max() > 0.005, "the base stood level in the end"
     assert_equal(tmp_path / "live", offline)
 

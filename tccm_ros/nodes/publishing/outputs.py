@@ -62,11 +62,6 @@ class Outputs:
         Queues a job for the worker.
     always
         Topics whose messages are all built and published, with or without subscribers.
-
-    Attributes
-    ----------
-    built
-        Number of messages built since the start.
     """
 
     def __init__(
@@ -82,7 +77,6 @@ class Outputs:
         self._types = types
         self._always = frozenset(always)
         self._newest: dict[str, TopicMessage] = {}
-        self.built = 0
         self._publishers = _create_publishers(
             node, topics, profiles.__getitem__, lambda name: post(lambda: self._send(name))
         )
@@ -102,7 +96,6 @@ class Outputs:
             return
         publisher = self._publishers[name]
         if name in self._always or publisher.get_subscription_count():
-            self.built += 1
             newest = self._newest.pop(name)
             publisher.publish(bytes(self._types.serialize(newest.msgtype, newest.build())))
 

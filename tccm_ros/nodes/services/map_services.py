@@ -114,10 +114,9 @@ def saved_folders(root: Path) -> list[Path]:
     """Return the folders of maps, sorted by name; none if the root does not exist."""
     if not root.exists():
         return []
-    names = (path.name for path in root.iterdir() if (path / MAP_FILE).is_file())
-    return [
-        root / name
-        for name in sorted(names)
-        if NAME.fullmatch(name) and not name.endswith(PREVIOUS)
-        and (root / name).resolve() == root.resolve() / name
-    ]  # fmt: skip
+    found = []
+    for name in sorted(path.name for path in root.iterdir()):
+        with suppress(MapError):
+            folder = named_folder(root, name)
+            found += [folder] if (folder / MAP_FILE).is_file() else []
+    return found

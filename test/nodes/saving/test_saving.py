@@ -455,7 +455,7 @@ def test_a_save_after_a_drive_waits_for_what_had_come_when_it_was_asked_for(ros,
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
     robot.play(recording(2, tilt=False), node)
     asked = node.begin_save()
-    node.worker.wait(lambda: node.session.add(RollPitch(node.newest_ns, 0.0, 0.0)))
+    node.worker.wait(lambda: node.session.add(RollPitch(node.session.newest_ns, 0.0, 0.0)))
     ros.spin_until(asked.done, what="the save")
     assert "not in it" not in asked.result()
 
@@ -550,7 +550,7 @@ def test_what_came_last_is_solved_when_input_has_ended(ros, is_time_standing):
     """Also where nobody publishes /clock, and ROS time stands."""
     node, robot = slam(ros, use_sim_time=is_time_standing), ros.robot()
     robot.play(recording(1, tilt=False), node)
-    last_ns = node.newest_ns
+    last_ns = node.session.newest_ns
     ros.spin_until(
         lambda: node.solver.newest is not None and node.solver.newest.stamp_ns == last_ns,
         what="a solution with all that has come",

@@ -88,7 +88,6 @@ def _none_of(points: Float64, *_: Any) -> Bool:
 
 RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "mark_strays": ("views.views", _none_of),
-    "are_on_front": ("views.views", _none_of),
     "_was_moved": ("merging.carving", lambda *_: False),
     "_in_block": ("merging.carving", lambda points, chosen, size: chosen),
     "_with_strays": ("merging.carving", lambda gone, keep: gone),
@@ -116,7 +115,7 @@ RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "EdgeSampler.reached_fraction": ("edges.edge_samples", lambda *_: 0.0),
     "EdgeSampler.hides": ("edges.edge_samples", lambda *_: False),
     "adopt_ids": ("identity.recognition", lambda surfaces, *_: (surfaces, {})),
-    "_Stand.lies_close_to": ("identity.recognition", lambda *_: False),
+    "_PlacedSurface.lies_close_to": ("identity.recognition", lambda *_: False),
     "_views_over": ("objects.object_tracks", lambda tracks, *_: np.zeros(len(tracks), np.int64)),
     "_is_lower": ("objects.object_tracks", lambda *_: False),
     "without_noise": ("objects.object_footprints", lambda footprint, *_: footprint),

@@ -1,4 +1,4 @@
-"""Robust estimation: the scale of residuals with outliers, their gate, and majorities."""
+"""Robust estimation: the scale of residuals with outliers, their gate, majorities, widths."""
 
 import numpy as np
 
@@ -13,6 +13,9 @@ GATE = 3.0
 
 MAJORITY = 0.5
 """The larger part of a whole is more than this fraction of it."""
+
+UNIFORM_WIDTH = 12.0**0.5
+"""Width of a uniform distribution, in its standard deviations."""
 
 
 def median_sigma(residuals: Float64) -> float:

@@ -11,7 +11,8 @@ from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.kernels import kernel
 from tccm_ros.outlines.gaps import patch_of
-from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
+from tccm_ros.outlines.raster import EMPTY, SAMPLE
+from tccm_ros.robust import UNIFORM_WIDTH
 
 SPARSE_SPACING = 1.2
 """Min spacing of samples, cells, for which the surface extends beyond the last one. Chosen: the
@@ -89,8 +90,8 @@ def bound_edges_horizontal(
         i = members[k]
         n = 1.0 / count[i]
         x, y = s[i, 0] * n, s[i, 1] * n
-        spread_x = ROOT3 * np.sqrt(max(S[i, 0] * n - x * x, 0.0)) / size * scale
-        spread_y = ROOT3 * np.sqrt(max(S[i, 3] * n - y * y, 0.0)) / size * scale
+        spread_x = 0.5 * UNIFORM_WIDTH * np.sqrt(max(S[i, 0] * n - x * x, 0.0)) / size * scale
+        spread_y = 0.5 * UNIFORM_WIDTH * np.sqrt(max(S[i, 3] * n - y * y, 0.0)) / size * scale
         at_a, at_b = (ix[i] + x / size) * scale - low_a, (iy[i] + y / size) * scale - low_b
         include_points(bounds[e], at_a, at_b, spread_x, spread_y)
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr
 
 from tccm_ros.arrays import Bool, Float64
+from tccm_ros.robust import UNIFORM_WIDTH
 
 HALF_RANGE = 0.15
 """Max distance of candidate positions from the first guess, m; chosen."""
@@ -96,7 +97,7 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     density /= density.sum()
     mean = float(density @ across)
     median = float(np.interp(0.5, np.cumsum(density) - 0.5 * density, across))
-    return median, float(np.sqrt(density @ (across - mean) ** 2 + SIGMA**2 / 12.0))
+    return median, float(np.sqrt(density @ (across - mean) ** 2 + (SIGMA / UNIFORM_WIDTH) ** 2))
 
 
 def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:

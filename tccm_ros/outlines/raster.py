@@ -10,9 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.kernels import kernel
-
-ROOT3 = 1.7320508075688772
-"""Ratio of half the width of a uniform distribution to its standard deviation, sqrt(3)."""
+from tccm_ros.robust import UNIFORM_WIDTH
 
 EMPTY, FILLED, SAMPLE = -1, -2, -3
 """Values of a cell: empty, filled between samples, with a sample."""
@@ -85,9 +83,9 @@ def measure_vertical(
         x, y, z = s[i, 0] * n, s[i, 1] * n, s[i, 2] * n
         xx, yy = max(S[i, 0] * n - x * x, 0.0), max(S[i, 3] * n - y * y, 0.0)
         extent[k, 0] = ux * (x + np.rint(ix[i] * size)) + uy * (y + np.rint(iy[i] * size))
-        extent[k, 1] = ROOT3 * np.sqrt(ux * ux * xx + uy * uy * yy)
+        extent[k, 1] = 0.5 * UNIFORM_WIDTH * np.sqrt(ux * ux * xx + uy * uy * yy)
         # The top is a point; the bottom is below the lowest point by a variable depth.
-        low = z - ROOT3 * np.sqrt(max(S[i, 5] * n - z * z, 0.0))
+        low = z - 0.5 * UNIFORM_WIDTH * np.sqrt(max(S[i, 5] * n - z * z, 0.0))
         extent[k, 2] = min(max(low, np.float64(bottom[i])), np.float64(top[i]))
         extent[k, 3] = top[i]
 

@@ -54,9 +54,6 @@ FACING = 0.75
 """Min cosine between the outward directions of an edge and its samples; chosen: 41 deg, so that
 each sample belongs to one of four edges."""
 
-MAX_CORNERS = 14
-"""Max number of corners of a polygon; an outline with more is free; chosen."""
-
 CAP_CORNERS = 48
 """Number of corners of the polygon of a circle or an ellipse; chosen: within 0.2 % of its
 radius."""
@@ -219,8 +216,7 @@ def _models(
     if samples.seen.mean() >= MAJORITY:  # unseen parts of a round outline are no prior knowledge
         yield from _round_models(outline)
     for polygon in simple:
-        if 3 <= len(polygon.exterior.coords) - 1 <= MAX_CORNERS:
-            yield _straight(polygon, samples)
+        yield _straight(polygon, samples)
 
 
 def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
@@ -276,7 +272,7 @@ def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterato
     begins = np.flatnonzero(side != np.roll(side, 1))
     sides = side[begins]
     is_corner = (sides - np.roll(sides, 1)) % 2 == 1
-    if not 6 < len(begins) <= MAX_CORNERS or not is_corner.all():
+    if len(begins) <= 6 or not is_corner.all():
         return
     run_of = np.cumsum(side != np.roll(side, 1)) - 1
     lines = shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1))

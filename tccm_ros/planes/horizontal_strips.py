@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.inliers import MIN_INSIDE
-from tccm_ros.robust import GATE, MAJORITY
+from tccm_ros.robust import GATE, MAJORITY, UNIFORM_WIDTH
 from tccm_ros.union_find import find_root, merge_sets
 
 TOLERANCE = 0.006
@@ -288,7 +288,8 @@ def _extents(group: Int64, xy: Float64) -> tuple[Float64, Float64]:
     dx, dy = xy[:, 0] - x[group], xy[:, 1] - y[group]
     xx, xy_, yy = (np.bincount(group, product) / count for product in (dx * dx, dx * dy, dy * dy))
     middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy_)
-    return np.sqrt(12.0 * np.maximum(middle - half, 0.0)), np.sqrt(12.0 * (middle + half))
+    variances = np.maximum(middle - half, 0.0), middle + half
+    return UNIFORM_WIDTH * np.sqrt(variances[0]), UNIFORM_WIDTH * np.sqrt(variances[1])
 
 
 @kernel
@@ -426,9 +427,8 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
     slope, squares, spread = line_through(sums, low, high)
     noise = math.sqrt(squares / (n - 2.0))
     run.height_sigma = noise / math.sqrt(n)
-    # The length of a uniform distribution is sqrt(12) standard deviations.
-    rise = abs(slope) * math.sqrt(12.0 * spread / n)
-    return rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / n)
+    rise = abs(slope) * UNIFORM_WIDTH * math.sqrt(spread / n)
+    return rise <= MAX_RISE + GATE * noise * UNIFORM_WIDTH / math.sqrt(n)
 
 
 @kernel

@@ -27,6 +27,7 @@ from tccm_ros.planes.reassignment import reassign_inliers
 from tccm_ros.planes.region_growing import grow_regions
 from tccm_ros.planes.vertical_patches import link_vertical
 from tccm_ros.planes.vertical_planes import fit_vertical
+from tccm_ros.robust import UNIFORM_WIDTH
 
 PATCH_POINTS = 6
 """Minimum number of points of a flat patch: three define a plane, three more test it. Chosen."""
@@ -364,8 +365,8 @@ def is_plane(row: Any, limits: PlaneLimits) -> bool:
     row.variances[0], row.variances[1], row.variances[2] = l1, l2, l3
     if l3 > min(limits.max_rms * limits.max_rms, limits.flatness * limits.flatness * l2):
         return False
-    # 12 sqrt(l1 l2) is the area of an evenly filled rectangle.
-    return 12.0 * math.sqrt(l1 * l2) >= limits.min_area
+    # The area of an evenly filled rectangle.
+    return UNIFORM_WIDTH**2 * math.sqrt(l1 * l2) >= limits.min_area
 
 
 @kernel

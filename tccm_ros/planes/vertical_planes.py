@@ -40,9 +40,6 @@ CONVERGED = 0.9
 """A round that accepts the same patches as the one before is the last, unless the variance falls
 below this fraction of the one before: then the next round may reject more. Chosen."""
 
-SLICES = 256
-"""Number of histogram bins of the patches' distances, for their median. Chosen."""
-
 MIN_POINTS = 10.0
 """Minimum number of accepted points for a refit. Chosen."""
 
@@ -123,23 +120,17 @@ def through_median(pooled: Float64, plane: Plane) -> Plane:
     foot. Tested against it, the board itself could be rejected.
     """
     nx, ny, nz, d, noise = plane
-    off = np.empty(len(pooled))
-    low, high, half = np.inf, -np.inf, 0.0
+    off, half = np.empty(len(pooled)), 0.0
     for p in range(len(pooled)):
         m = pooled[p]
         off[p] = (nx * m[1] + ny * m[2] + nz * m[3]) / m[0] - d
-        low, high = min(low, off[p]), max(high, off[p])
         half += 0.5 * m[0]
-    # The middle of the median's bin is accurate enough, without sorting.
-    slices = np.zeros(SLICES + 1)
-    width = max((high - low) / SLICES, 1e-12)
-    for p in range(len(pooled)):
-        slices[int((off[p] - low) / width)] += pooled[p, 0]
+    order = np.argsort(off)
     k = 0
-    while k < SLICES and half > slices[k]:
-        half -= slices[k]
+    while half > pooled[order[k], 0]:
+        half -= pooled[order[k], 0]
         k += 1
-    return nx, ny, nz, d + low + (k + 0.5) * width, noise
+    return nx, ny, nz, d + off[order[k]], noise
 
 
 @kernel

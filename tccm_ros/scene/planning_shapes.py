@@ -21,7 +21,7 @@ from tccm_ros.racks.unseen_space import UnseenSpace
 from tccm_ros.records import Surface
 from tccm_ros.scene.scene import object_pose
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
-from tccm_ros.surfaces.polygons import MIN_BOX_FILL
+from tccm_ros.surfaces.polygons import NEARLY_WHOLE
 
 SURFACE_PREFIX = "tccm_surface_"
 """Prefix of the names of collision objects, so that those of other programs are kept."""
@@ -93,7 +93,7 @@ def surface_shape(surface: Surface, thickness: float = THICKNESS) -> Box | Mesh:
         Thickness downwards from the surface, m.
     """
     box = surface_box(surface, thickness)
-    if surface.area / surface.normal[2] < MIN_BOX_FILL * box.size[0] * box.size[1]:
+    if surface.area / surface.normal[2] < NEARLY_WHOLE * box.size[0] * box.size[1]:
         return surface_mesh(surface, thickness)
     return box
 

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Float64
 from tccm_ros.outlines.transformation import transform_outline
-from tccm_ros.surfaces.polygons import MIN_BOX_FILL, equal_sides
+from tccm_ros.surfaces.polygons import NEARLY_WHOLE, equal_sides
 
 BORDER = 0.03
 """Max distance between two outlines of a static surface, m. Chosen: each ends within 1 or 2 cm of
@@ -95,7 +95,7 @@ def is_of_one_size(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     """
     smaller, larger = sorted((first, second), key=lambda f: float(f.outline.area))
     area = blurred(smaller.outline, 0.0, smaller.blur).area
-    if area < MIN_BOX_FILL * larger.outline.area or larger.outline.area == 0.0:
+    if area < NEARLY_WHOLE * larger.outline.area or larger.outline.area == 0.0:
         return False
     sides = equal_sides(first.outline) - equal_sides(second.outline)
     return bool(np.abs(sides).sum() <= np.hypot(SIZE_DIFFERENCE, _larger_blur(first, second)))

@@ -9,6 +9,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float64
+from tccm_ros.robust import UNIFORM_WIDTH
 
 GRID = 1e-6
 """Grid to which outlines are snapped, m, so that unions do not depend on rounding; chosen."""
@@ -17,9 +18,10 @@ OVERLAP = 1e-3
 """Buffer of an area, m, so that it overlaps the outline that it touches. Chosen: more than rounding
 of coordinates, less than any gap."""
 
-MIN_BOX_FILL = 0.75
-"""Min fraction of its narrowest box that a surface covers, else it is angled like an L; chosen. A
-square of 0.4 m that lost 2.5 cm at each edge covers as much."""
+NEARLY_WHOLE = 0.75
+"""Min fraction of an area or a length that is nearly the whole: of the narrowest box of a surface
+that is not angled like an L, of a seat along which a back runs. A square of 0.4 m that lost 2.5 cm
+at each edge has as much."""
 
 
 def close_gaps(area: shapely.Geometry, half_width: float) -> shapely.Geometry:
@@ -55,7 +57,7 @@ def equal_sides(area: shapely.Geometry) -> Float64:
         both = a + b
         moments += np.einsum("k,ki,kj->ij", cross, a, a) + np.einsum("k,ki,kj->ij", cross, b, b)
         moments += np.einsum("k,ki,kj->ij", cross, both, both)
-    return np.sqrt(np.linalg.eigvalsh(moments / (24.0 * area.area)).clip(0.0) * 12.0)
+    return np.sqrt(np.linalg.eigvalsh(moments / (24.0 * area.area)).clip(0.0)) * UNIFORM_WIDTH
 
 
 def largest_part(area: MultiPolygon) -> Polygon:

@@ -12,8 +12,8 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.kernels import kernel
-from tccm_ros.outlines.raster import ROOT3
 from tccm_ros.outlines.rings import is_inside
+from tccm_ros.robust import UNIFORM_WIDTH
 from tccm_ros.union_find import find_root, merge_sets
 
 
@@ -68,9 +68,9 @@ def loose_cuboids(arrays: tuple[Any, ...], labels: Int32, structure: Bool) -> Lo
             continue
         w = 1.0 / count[i]
         x, y, z = s[i, 0] * w, s[i, 1] * w, s[i, 2] * w
-        rx = ROOT3 * math.sqrt(max(S[i, 0] * w - x * x, 0.0))
-        ry = ROOT3 * math.sqrt(max(S[i, 3] * w - y * y, 0.0))
-        rz = ROOT3 * math.sqrt(max(S[i, 5] * w - z * z, 0.0))
+        rx = 0.5 * UNIFORM_WIDTH * math.sqrt(max(S[i, 0] * w - x * x, 0.0))
+        ry = 0.5 * UNIFORM_WIDTH * math.sqrt(max(S[i, 3] * w - y * y, 0.0))
+        rz = 0.5 * UNIFORM_WIDTH * math.sqrt(max(S[i, 5] * w - z * z, 0.0))
         x, y = x + np.rint(ix[i] * cell), y + np.rint(iy[i] * cell)
         column[k], points[k] = ix[i], count[i]
         mean[k, 0], mean[k, 1], mean[k, 2] = x * tick, y * tick, z * tick

@@ -20,13 +20,14 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
 from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE, SPACING, OutlineSamples
-from tccm_ros.robust import GATE, MAD_TO_SIGMA, MAJORITY, median_sigma
+from tccm_ros.records import SensorKind
+from tccm_ros.robust import GATE, MAJORITY, UNIFORM_WIDTH, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.merging import NumberedPatch, clouds_in_map
-from tccm_ros.surfaces.merging.occluded_areas import MAX_SEEN_FRACTION, looked_through, probes
+from tccm_ros.surfaces.merging.occluded_areas import EDGE_FRACTION, looked_through, probes
 from tccm_ros.surfaces.views.crossings import crossings
-from tccm_ros.surfaces.views.scan_lines import beam_step, line_direction
+from tccm_ros.surfaces.views.scan_lines import line_direction
 from tccm_ros.surfaces.views.views import View
 
 FREE_MARGIN_M = 0.02
@@ -44,10 +45,6 @@ STRAIGHT = 0.02
 BEYOND = (0.10, 0.15)
 """Distances beyond an outline at which free space is tested, m; chosen: the edge of a column, and
 1.5 times that."""
-
-SAMPLING_FRACTION = 12.0**-0.5
-"""Standard deviation of a sample between two scan lines, and of the end of the surface beyond it,
-in distances of the lines: that of a uniform distribution, 1 / sqrt(12)."""
 
 PASSED_WITHIN, LINES_BEYOND = 2.0 * PROBE, 1.5
 """Radius of the circle that touches an outline, in which crossings of rays count: min, m, and as a
@@ -74,10 +71,6 @@ this: scan lines continue down its front. Chosen: 30 deg."""
 LINE_INSIDE, LINE_LENGTH = 0.24, 0.36
 """Distances inside of an edge within which a line may end, and within which its points are counted,
 m; chosen: two and three times `INSIDE`, as no neighbouring line shows the end of the line."""
-
-EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
-"""`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
-a quarter of the width."""
 
 FRONT_FRACTION = 0.7
 """Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
@@ -152,8 +145,8 @@ class EdgeSampler:
         outward = _outward_at(ring, points)
         spacings = [m.patch.spacing for m in self.surface.members if m.patch.spacing > 0.0]
         spacing = min(spacings, default=SPACING)
-        sigma = np.full(count, np.hypot(SIGMA, SAMPLING_FRACTION * spacing))
-        sampling = np.full(count, SAMPLING_FRACTION * spacing)
+        sigma = np.full(count, np.hypot(SIGMA, spacing / UNIFORM_WIDTH))
+        sampling = np.full(count, spacing / UNIFORM_WIDTH)
         seen, within = np.zeros(count, bool), np.full(count, np.inf)
         for view in self._inverses:
             if len(self.views[view].hits):
@@ -161,7 +154,7 @@ class EdgeSampler:
             else:  # a map of version 0.1
                 seen |= self._looks_past(view, points, outward)[0]
         is_passed = np.isfinite(within)
-        sampling[is_passed] = SAMPLING_FRACTION * np.maximum(within[is_passed], spacing)
+        sampling[is_passed] = np.maximum(within[is_passed], spacing) / UNIFORM_WIDTH
         return OutlineSamples(
             points, outward, sigma, sampling, seen | is_passed, self._looked_through()
         )
@@ -213,7 +206,12 @@ class EdgeSampler:
 
     @cached_property
     def _directions(self) -> dict[NumberedPatch, Float64 | None]:
-        return {m: line_direction(cloud[:, :2], m.patch.spacing) for m, cloud in self._clouds}
+        return {
+            m: None
+            if self.views[m.view].sensor is SensorKind.DEPTH_IMAGE
+            else line_direction(cloud[:, :2], m.patch.spacing)
+            for m, cloud in self._clouds
+        }
 
     def _of_patch(self, edge: Edge, member: NumberedPatch, cloud: Float64) -> Float64 | None:
         """Return the rows of `EdgeSamples` of one patch."""
@@ -239,19 +237,21 @@ class EdgeSampler:
         near &= (crosses_at > 0.0) & (crosses_at < edge.length)
         if not near.any():
             return None
-        step = beam_step(cloud[near, :2], direction)
-        if step is None:
-            return None
         at, across, crosses_at = at[near], across[near], crosses_at[near]
         width = max(SPACING, member.patch.spacing / sine)
         lines = np.floor(crosses_at / width).astype(np.int64)
         order = np.lexsort((-across, lines))
-        first = np.flatnonzero(np.r_[True, np.diff(lines[order]) > 0])
+        begins = np.r_[True, np.diff(lines[order]) > 0]
+        step = -np.diff(across[order])[~begins[1:]]
+        if not (step > SIGMA * sine).any():
+            return None
+        step = float(np.median(step[step > SIGMA * sine]))
+        first = np.flatnonzero(begins)
         count = np.diff(np.r_[first, len(order)])
         is_line = count >= max(2.0, MAJORITY * float(np.median(count)))
         tips = order[first[is_line]]
         tips = tips[across[tips] > -LINE_INSIDE]
-        gap = np.full(len(tips), step * sine)
+        gap = np.full(len(tips), step)
         front = FRONT_FRACTION * np.maximum(-self._cosines(edge, member, at[tips]), 0.0)
         return self._rows(edge, member, at[tips], across[tips], gap, front)
 
@@ -340,7 +340,7 @@ class EdgeSampler:
         if len(last) < MIN_PIECES:
             return 0.0
         spread = median_sigma(last - np.median(last))
-        expected = float(np.mean(gap**2)) * EVEN_SIGMA**2 + SIGMA**2
+        expected = float(np.mean(gap**2)) / UNIFORM_WIDTH**2 + SIGMA**2
         return max(spread**2 - expected, 0.0) ** 0.5
 
     def shared_sigma(self, edge: Edge) -> float:
@@ -424,7 +424,7 @@ class EdgeSampler:
             for z in (0.0, *HEIGHTS_ABOVE)
         )
         is_over = np.any(above, axis=0).mean() >= MAJORITY
-        return bool(through.mean() <= MAX_SEEN_FRACTION and is_over)
+        return bool(through.mean() <= EDGE_FRACTION and is_over)
 
     def hides(self, edge: Edge, other: MergedSurface) -> bool:
         """Return whether a higher surface is between any view and the middle of an edge."""

@@ -25,20 +25,17 @@ from tccm_ros.surfaces.displacement import (
     is_of_one_size,
     line_of_sight,
 )
-from tccm_ros.surfaces.identity.track_ids import CUT, TrackIds, ViewKey
+from tccm_ros.surfaces.identity.track_ids import TrackIds, ViewKey
 from tccm_ros.surfaces.merging.carving import MIN_RECOGNISED_AREA, Survivors, may_be_recognised
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch, merge_coplanar
+from tccm_ros.surfaces.merging.occluded_areas import EDGE_FRACTION
 from tccm_ros.surfaces.views.stray_points import MAX_FRACTION
 from tccm_ros.surfaces.views.views import View, first_numbers
 
 MAX_LIFT = 0.15
 """Max change of height of a surface at its place, m. Chosen: boards of shelves are at least 0.2 m
 from each other."""
-
-MAX_LEFT_OVER = 0.06
-"""Max change of height, m, after which points at the old height may remain: they are within twice
-`views.clear_margin` of the new height. After a larger change they are looked through."""
 
 
 class PastPose(NamedTuple):
@@ -71,15 +68,15 @@ class _PlacedSurface(NamedTuple):
     last: ViewKey
     is_former: bool
 
-    def follows(self, old: _PlacedSurface) -> bool:
+    def follows(self, old: _PlacedSurface, margin: float) -> bool:
         """Return whether this can be the surface `old` after it was moved.
 
         At the same place, views of the old height may have been merged into this surface, so that
-        `placed` is compared instead of `first`.
+        `placed` is compared instead of `first`. `margin` is `views.clear_margin`, m.
         """
         if self.footprint.outline.area < MIN_RECOGNISED_AREA:
             return False
-        if self.placed > old.last and old.lies_close_to(self):
+        if self.placed > old.last and old.lies_close_to(self, margin):
             return True
         if not is_of_one_size(old.whole, self.whole):
             return False
@@ -88,20 +85,23 @@ class _PlacedSurface(NamedTuple):
             return self.placed > old.last and step <= MAX_LIFT
         return self.first > old.last and step <= MIN_LIFT
 
-    def was_lifted_to(self, new: _PlacedSurface) -> bool:
+    def was_lifted_to(self, new: _PlacedSurface, margin: float) -> bool:
         """Return whether it is the surface `new` at an earlier height."""
         step = abs(new.footprint.z - self.footprint.z)
         is_at_its_place = is_in_place(self.footprint, new.footprint) and step > MIN_LIFT
-        is_close = new.placed > self.last and self.lies_close_to(new)
-        return (is_close or is_at_its_place) and new.follows(self)
+        is_close = new.placed > self.last and self.lies_close_to(new, margin)
+        return (is_close or is_at_its_place) and new.follows(self, margin)
 
-    def lies_close_to(self, new: _PlacedSurface) -> bool:
-        """Return whether the vertical gap to another surface is too small for both to exist."""
+    def lies_close_to(self, new: _PlacedSurface, margin: float) -> bool:
+        """Return whether the vertical gap to another surface is too small for both to exist.
+
+        Points at the old height are not looked through up to twice `margin`, m, from the new one.
+        """
         old, other = self.footprint, new.footprint
-        if not MIN_LIFT < abs(old.z - other.z) <= MAX_LEFT_OVER:
+        if not MIN_LIFT < abs(old.z - other.z) <= 2.0 * margin:
             return False
         beside = old.outline.difference(other.outline.buffer(BORDER)).area
-        return bool(beside <= CUT * old.outline.area)
+        return bool(beside <= EDGE_FRACTION * old.outline.area)
 
 
 def adopt_ids(
@@ -125,7 +125,7 @@ def adopt_ids(
     poses
         float64 (V, 4, 4), poses of the views, and (V, 3, 3), covariances of z, roll and pitch.
     config
-        Uses the group ``surfaces``.
+        Uses `views.clear_margin` and the group ``surfaces``.
 
     Returns
     -------
@@ -143,9 +143,12 @@ def adopt_ids(
     old_surfaces = [s for s in candidates if s is not None and s.has_area]
     placed = [_placed_surface(s, ids, T, is_former=True) for s in old_surfaces]
     now = [_placed_surface(s, ids, T, is_former=False) for s in surfaces]
-    placed += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
+    margin = config.views.clear_margin
+    for s in now:
+        is_former = any(s.was_lifted_to(new, margin) for new in now)
+        placed.append(s._replace(is_former=is_former))
     found = {}
-    for i, j in sorted(_successors(placed).items(), key=lambda pair: placed[pair[0]].last):
+    for i, j in sorted(_successors(placed, margin).items(), key=lambda pair: placed[pair[0]].last):
         old, new = placed[i], placed[j]
         ids.adopt(new.surface.members, old.surface.members)
         if not new.is_former:
@@ -210,14 +213,14 @@ def footprint_of(surface: MergedSurface, T_map_view: Float64) -> HorizontalOutli
     return HorizontalOutline(surface.polygon, surface.height, tuple(blur.tolist()))
 
 
-def _successors(placed: Sequence[_PlacedSurface]) -> dict[int, int]:
+def _successors(placed: Sequence[_PlacedSurface], margin: float) -> dict[int, int]:
     """Associate former surfaces with their successors, one to one; return indices of `placed`."""
     pairs = [
         (new.first, float(np.linalg.norm(new.footprint.middle - old.footprint.middle)), i, j)
         for i, old in enumerate(placed)
         if old.is_former
         for j, new in enumerate(placed)
-        if new.follows(old)
+        if new.follows(old, margin)
     ]
     chosen: dict[int, int] = {}
     for _, _, i, j in sorted(pairs):

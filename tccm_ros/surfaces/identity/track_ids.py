@@ -23,12 +23,9 @@ from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.displacement import HorizontalOutline, footprint_in_map, is_displaced
 from tccm_ros.surfaces.merging.carving import Survivors
 from tccm_ros.surfaces.merging.merging import Members
+from tccm_ros.surfaces.merging.occluded_areas import EDGE_FRACTION
 from tccm_ros.surfaces.polygons import GRID
 from tccm_ros.surfaces.views.views import View, first_numbers
-
-CUT = 0.1
-"""Fraction of an area that the errors of its edges may be; chosen. A patch that lost more of its
-points may show an earlier place of its surface."""
 
 
 class ViewKey(NamedTuple):
@@ -74,7 +71,7 @@ class TrackIds:
                 if (v, p) in survivors.replaced_by and not kept.any():
                     w, q = survivors.replaced_by[v, p]
                     self._inherit(first[v] + p, first[w] + q)
-                if np.mean(kept) < 1.0 - CUT:
+                if np.mean(kept) < 1.0 - EDGE_FRACTION:
                     self._may_be_elsewhere.add((v, p))
 
     def _inherit(self, older: int, newer: int) -> None:

@@ -15,11 +15,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config.surfaces import LabelsConfig
 from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
-from tccm_ros.surfaces.polygons import box_sides
-
-NEARLY_WHOLE = 0.75
-"""Min length of a back as a fraction of that of its seat, and min depth of a board over a shelf as
-a fraction of the lower board's: narrower boards hang over worktops and desks; chosen."""
+from tccm_ros.surfaces.polygons import NEARLY_WHOLE, box_sides
 
 SLENDER = 3.0
 """Min ratio of length to width of a slender surface; chosen."""
@@ -39,7 +35,8 @@ MIN_TREADS = 3
 """Min number of successive treads of stairs; chosen."""
 
 MAX_GOING = 0.5
-"""Max horizontal distance of the centroids of two treads, m; chosen."""
+"""Max horizontal distance of the centroids of two treads, m; chosen: boxes of different heights in
+a row are deeper."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from tccm_ros.config.surfaces import LabelsConfig
 from tccm_ros.surfaces.labels.label_features import ONE_SIDE, Features, features_of
 from tccm_ros.surfaces.merging.floor import is_floor
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
-from tccm_ros.surfaces.polygons import MIN_BOX_FILL
+from tccm_ros.surfaces.polygons import NEARLY_WHOLE
 
 Rule = tuple[float, float, float, float, float, float]
 """Min and max of height (m), width (m) and area (m2)."""
@@ -36,25 +36,13 @@ AREA_FADE = 0.5
 """The score of an area falls to 0 over this difference in its natural logarithm (a factor of 1.65);
 chosen."""
 
-MIN_BED = (0.8, 1.6)
-"""Min width and length of a bed, m; chosen."""
-
-DOUBT = 0.8
-"""Weight of a low table, as a sofa whose back was not seen looks like one, and of a slender seat;
-chosen."""
-
-AWAY_FROM_WALL = 0.7
-"""Weight of a counter, a ledge or a bench away from any wall, and of a table whose whole outline is
-at walls; chosen."""
+UNLIKELY = 0.7
+"""Weight of a label against which a relation speaks: a counter, a ledge or a bench away from any
+wall, a table whose whole outline is at walls, a low table, as a sofa whose back was not seen looks
+like one, a slender seat, and all but the shelf for a board above or below another; chosen."""
 
 BENCH_LENGTH = 1.8
 """Min ratio of length to width of a bench; chosen: two people sit side by side."""
-
-LONE_SHELF = 0.3
-"""Weight of a shelf without another board above or below it; chosen."""
-
-STACKED_OTHER = 0.6
-"""Weight of every label except the shelf for a board above or below another; chosen."""
 
 RIVAL = 0.5
 """Fraction of the second-best score that is subtracted from the best one for the confidence;
@@ -149,24 +137,23 @@ def _scores(surface: Features, rules: LabelsConfig) -> dict[SurfaceLabel, float]
 
     Furniture without a label of its own competes as ``other``.
     """
-    away = 1.0 - (1.0 - AWAY_FROM_WALL) * surface.at_wall
+    away = 1.0 - (1.0 - UNLIKELY) * surface.at_wall
     is_at_wall = min(1.0, surface.at_wall / ONE_SIDE)
-    near_wall = AWAY_FROM_WALL + (1.0 - AWAY_FROM_WALL) * is_at_wall
-    low = DOUBT * _fit(surface, rules.low_table) * (not surface.backed)
-    low *= 1.0 - (1.0 - AWAY_FROM_WALL) * is_at_wall  # a coffee table stands in the room
-    seat = _fit(surface, rules.seat) * (DOUBT if surface.is_slender else 1.0)
+    near_wall = UNLIKELY + (1.0 - UNLIKELY) * is_at_wall
+    low = UNLIKELY * _fit(surface, rules.low_table) * (not surface.backed)
+    low *= 1.0 - (1.0 - UNLIKELY) * is_at_wall  # a coffee table stands in the room
+    seat = _fit(surface, rules.seat) * (UNLIKELY if surface.is_slender else 1.0)
     sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
     is_bench = surface.length >= BENCH_LENGTH * surface.width
     bench = _fit(surface, rules.bench) * is_bench * near_wall
     sideboard = _fit(surface, rules.sideboard) * is_at_wall * (not surface.stacked)
-    is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
     counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
         SurfaceLabel.TABLE: max(_fit(surface, rules.table) * away, low) * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa, bench),
-        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BOX_FILL),
-        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
+        SurfaceLabel.BED: _fit(surface, rules.bed) * (surface.filled >= NEARLY_WHOLE),
+        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * surface.stacked,
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.OTHER: max(sideboard, _fit(surface, rules.side_table)),
         SurfaceLabel.STEP: _fit(surface, rules.step) * (surface.carried or surface.in_flight),
@@ -177,7 +164,7 @@ def _best(surface: Features, rules: LabelsConfig) -> Label:
     scores = _scores(surface, rules)
     if surface.stacked:
         shelf = SurfaceLabel.SHELF
-        scores = {name: s * (1.0 if name is shelf else STACKED_OTHER) for name, s in scores.items()}
+        scores = {name: s * (1.0 if name is shelf else UNLIKELY) for name, s in scores.items()}
     order = sorted(scores, key=lambda name: (-scores[name], name))
     best, second = scores[order[0]], scores[order[1]]
     confidence = best - RIVAL * second

@@ -7,8 +7,9 @@ point that is occluded in the newer view, for example by a person, stays.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -30,16 +31,9 @@ from tccm_ros.surfaces.displacement import (
 )
 from tccm_ros.surfaces.merging.free_grid import FreeGrid, blocks_of
 from tccm_ros.surfaces.merging.patch_planes import fit_plane, is_line
-from tccm_ros.surfaces.views.stray_points import MAX_FRACTION
+from tccm_ros.surfaces.merging.recent_cache import RecentCache
+from tccm_ros.surfaces.views.stray_points import GAP, MAX_FRACTION
 from tccm_ros.surfaces.views.views import SurfacePatch, View
-
-REPLACED_FRACTION = 0.95
-"""A patch is removed as a whole, with its rim, if a newer view looked through this fraction of it,
-or, from the same pose, measured the rest; chosen."""
-
-BLOCK_SPACING = 1.2
-"""Width of the columns in which the older points are counted, in point spacings: no column of a
-surface is then empty by chance; chosen."""
 
 TILT_MARGIN = 0.006
 """Height uncertainty per metre of distance: 0.3 deg of roll and pitch of the base; chosen."""
@@ -47,11 +41,6 @@ TILT_MARGIN = 0.006
 STEPS = np.array([0.002, 0.002, 0.002, 0.0005, 0.0005, 0.0005])
 """Quantisation of the relative pose of two views, m and rad: a fraction of the range noise and of
 `TILT_MARGIN`; chosen."""
-
-ALTERNATIVES = 3
-"""Number of relative poses of two views whose result is cached, and of calls of `Carver.carve` that
-drop an entry if they do not use it. Chosen: a pose near the limit of a step alternates between two
-steps, and each solution compares the views twice."""
 
 MIN_RECOGNISED_AREA = 0.1
 """Min area of a surface that is recognised at another place, m2. Chosen: below a stool's seat;
@@ -157,7 +146,7 @@ class _ViewPair:
     is_same_pose
         Whether both were taken at the same pose.
     touched
-        Patches of the older view with at least one point that the newer view may remove.
+        Patches of the older view of which the newer view may remove points.
     carved
         The last carving result of each patch.
     """
@@ -168,28 +157,6 @@ class _ViewPair:
     is_same_pose: bool
     touched: tuple[int, ...]
     carved: dict[int, _Carved]
-
-    @classmethod
-    def of(
-        cls, older: _ViewIndex, newer: _ViewIndex, step: Int64, is_same_pose: bool, config: Config
-    ) -> _ViewPair:
-        T = pose_from_rpy(step * STEPS)
-        margins, limit = (config.views.clear_margin, TILT_MARGIN), newer.view.max_range
-        touched = tuple(
-            p
-            for p, patch in enumerate(older.view.patches)
-            if (is_same_pose or newer.free.may_touch(older.blocks[p], T, limit, margins))
-            and newer.free.touches(patch.points, T, limit, margins, is_same_pose)
-        )
-        return cls(older.view, newer, step, is_same_pose, touched, {})
-
-    def is_of(self, older: View, newer: _ViewIndex) -> bool:
-        """Return whether the pair consists of these two views."""
-        return self.older is older and self.newer is newer
-
-    def fits(self, step: Int64, is_same_pose: bool) -> bool:
-        """Return whether the pair was compared at this relative pose."""
-        return self.is_same_pose == is_same_pose and bool((self.step == step).all())
 
 
 class Carver:
@@ -202,21 +169,17 @@ class Carver:
     ----------
     config
         Uses the groups ``views`` and ``surfaces``.
-
-    Attributes
-    ----------
-    compared
-        Number of pairs that the last `carve` compared because they were not in the cache.
     """
 
     def __init__(self, config: Config):
         self._config = config
-        self._settings = ""
-        self._indices: dict[tuple[int, int], _ViewIndex] = {}
-        self._pairs: dict[tuple[tuple[int, int], tuple[int, int]], list[_ViewPair]] = {}
-        self._used: dict[Hashable, int] = {}
-        self._calls = 0
-        self.compared = 0
+        self._indices = RecentCache[_ViewIndex]()
+        self._pairs = RecentCache[_ViewPair]()
+
+    @property
+    def compared(self) -> int:
+        """Number of pairs that the last `carve` compared because they were not in the cache."""
+        return self._pairs.made
 
     def carve(self, views: list[View], T_map_view: Float64) -> Survivors:
         """Remove from each view the points that newer views contradict or replace.
@@ -228,40 +191,33 @@ class Carver:
         T_map_view
             float64 (V, 4, 4).
         """
-        self._forget_other_settings()
+        self._indices.begin_turn()
+        self._pairs.begin_turn()
+        settings = repr((self._config.views, self._config.surfaces))
         survivors = Survivors([[np.ones(len(p.points), bool) for p in v.patches] for v in views])
         mask_hashes = [[b""] * len(view.patches) for view in views]
-        indices = [self._index_of(view) for view in views]
-        self.compared = 0
+        indices = [self._indices.get(view, partial(_ViewIndex.of, view)) for view in views]
         for w, newer in enumerate(indices):
             for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
-                pair = self._pair_of(indices[v], newer, step, is_same_pose)
+                key = views[v], newer.view, settings, step.tobytes(), is_same_pose
+                compare = partial(self._compare, indices[v], newer, step, is_same_pose)
+                pair = self._pairs.get(key, compare)
                 for p in pair.touched:
                     self._carve_patch(pair, (v, p, w), mask_hashes, survivors)
-        self._forget_unused()
         return survivors
 
-    def _pair_of(
+    def _compare(
         self, older: _ViewIndex, newer: _ViewIndex, step: Int64, is_same_pose: bool
     ) -> _ViewPair:
-        """Return a pair of views, from the cache if it was compared at this relative pose."""
-        key = older.view.key, newer.view.key
-        self._used[key] = self._calls
-        known = [p for p in self._pairs.get(key, ()) if p.is_of(older.view, newer)]
-        pair = next((p for p in known if p.fits(step, is_same_pose)), None)
-        if pair is None:
-            pair = _ViewPair.of(older, newer, step, is_same_pose, self._config)
-            self.compared += 1
-        self._pairs[key] = [pair, *(p for p in known if p is not pair)][:ALTERNATIVES]
-        return pair
-
-    def _forget_unused(self) -> None:
-        """Drop cache entries that several calls did not use; callers may have different views."""
-        self._calls += 1
-        used = {key for key, last in self._used.items() if self._calls - last <= ALTERNATIVES}
-        self._used = {key: last for key, last in self._used.items() if key in used}
-        self._indices = {key: index for key, index in self._indices.items() if key in used}
-        self._pairs = {key: pairs for key, pairs in self._pairs.items() if key in used}
+        """Return a pair of views at a relative pose."""
+        T = pose_from_rpy(step * STEPS)
+        margins, limit = (self._config.views.clear_margin, TILT_MARGIN), newer.view.max_range
+        touched = tuple(
+            p
+            for p, blocks in enumerate(older.blocks)
+            if is_same_pose or newer.free.may_touch(blocks, T, limit, margins)
+        )
+        return _ViewPair(older.view, newer, step, is_same_pose, touched, {})
 
     def _carve_patch(
         self,
@@ -295,19 +251,6 @@ class Carver:
             mask_hashes[v][p] = blake2b(keep.tobytes(), digest_size=16).digest()
         if carved.replaced_by is not None:
             survivors.replaced_by[v, p] = w, carved.replaced_by
-
-    def _index_of(self, view: View) -> _ViewIndex:
-        self._used[view.key] = self._calls
-        known = self._indices.get(view.key)
-        if known is None or known.view is not view:
-            known = self._indices[view.key] = _ViewIndex.of(view)
-        return known
-
-    def _forget_other_settings(self) -> None:
-        """Clear the cache if a parameter has changed."""
-        settings = repr((self._config.views, self._config.surfaces))
-        if settings != self._settings:
-            self._settings, self._indices, self._pairs, self._used = settings, {}, {}, {}
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
@@ -355,8 +298,8 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
     """Find the patches that replace those of an older view that a newer view makes redundant.
 
     The older view is redundant if carving leaves none of its patches and if the newer view looked
-    through 95 % (`REPLACED_FRACTION`) of the columns that the older one looked through. Single scan
-    lines do not count: they cover no area, and the newer view has its own. A view with a large
+    through the columns that the older one looked through, but for 5 % (`MAX_FRACTION`). Single
+    scan lines do not count: they cover no area, and the newer view has its own. A view with a large
     patch that was looked through is not redundant: its surface may be recognised elsewhere.
 
     Parameters
@@ -373,7 +316,7 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
         if the older view is not redundant.
     """
     known = np.isin(older.free.keys, newer.free.keys)
-    if np.count_nonzero(known) < REPLACED_FRACTION * len(known):
+    if np.count_nonzero(~known) > MAX_FRACTION * len(known):
         return None
     survivors = carve([older, newer], np.stack([np.eye(4)] * 2), config)
     rest = zip(older.patches, survivors.keep[0], strict=True)
@@ -413,14 +356,15 @@ def _points_to_carve(
         return kept, _main_owner(owner)
     owner, points, through, margin = owner[there[near]], points[kept], through[kept], margin[kept]
     gone = through & (owner < 0)
-    block = max(cell_size, BLOCK_SPACING * patch.spacing)
-    if gone.sum() < REPLACED_FRACTION * total:
+    # No column of the surface is then empty by chance.
+    block = max(cell_size, GAP * patch.spacing)
+    if total - gone.sum() > MAX_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None
     again = _measured_by(points, pair.newer.patches, margin, -rim) >= 0
     rest = ~gone & ~again
-    if np.count_nonzero(gone | (owner >= 0)) >= REPLACED_FRACTION * total:
+    if total - np.count_nonzero(gone | (owner >= 0)) <= MAX_FRACTION * total:
         gone[:] = True
     gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
     return kept[gone], _main_owner(owner)

@@ -47,26 +47,6 @@ class FreeGrid:
         corner = np.array([rows[0], columns[0]])
         return cls(free.cell_size, corner, first, free.low, free.high)
 
-    def touches(
-        self,
-        points: Float32,
-        T: Float64,
-        max_range: float,
-        margins: tuple[float, float],
-        is_near_enough: bool = False,
-    ) -> bool:
-        """Return whether any point in range is in a free interval.
-
-        Parameters
-        ----------
-        points, T, max_range, margins
-            As in `look`.
-        is_near_enough
-            Whether any point in range counts, free or not.
-        """
-        grid = self.cell_size, self.corner, self.first, self.low, self.high
-        return bool(_touches(points, T, max_range, margins, is_near_enough, *grid))
-
     def may_touch(
         self, blocks: Float64, T: Float64, max_range: float, margins: tuple[float, float]
     ) -> bool:
@@ -148,20 +128,6 @@ def _is_free(x, y, z, margin, cell_size, corner, first, low, high):  # type: ign
     for row in range(first[i, j], first[i, j + 1]):
         if low[row] + margin <= z <= high[row] - margin:
             return True
-    return False
-
-
-@kernel
-def _touches(  # type: ignore[no-untyped-def]
-    points, T, max_range, margins, is_near_enough, cell_size, corner, first, low, high
-):
-    for k in range(len(points)):
-        x, y, z = _moved(points, k, T)
-        distance = np.sqrt(x * x + y * y)
-        if distance <= max_range:
-            margin = margins[0] + margins[1] * distance
-            if is_near_enough or _is_free(x, y, z, margin, cell_size, corner, first, low, high):
-                return True
     return False
 
 

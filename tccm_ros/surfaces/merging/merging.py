@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from hashlib import blake2b
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.records import SensorKind
-from tccm_ros.surfaces.merging.carving import ALTERNATIVES, Survivors
+from tccm_ros.surfaces.merging.carving import Survivors
 from tccm_ros.surfaces.merging.contact import connect
 from tccm_ros.surfaces.merging.patch_planes import stack_planes
+from tccm_ros.surfaces.merging.recent_cache import RecentCache
 from tccm_ros.surfaces.views.outline import horizontal_outline
 from tccm_ros.surfaces.views.plane_errors import fit_covariance
 from tccm_ros.surfaces.views.views import SurfacePatch, View, first_numbers
@@ -58,19 +59,16 @@ class Remainders:
     ----------
     config
         Uses `surfaces.merge_distance`.
-
-    Attributes
-    ----------
-    outlined
-        Number of outlines that the last `surviving_patches` computed because they were not in the
-        cache.
     """
 
     def __init__(self, config: Config):
         self._config = config
-        self._known: dict[_Key, _Remainder] = {}
-        self._calls = 0
-        self.outlined = 0
+        self._known = RecentCache[SurfacePatch | None]()
+
+    @property
+    def outlined(self) -> int:
+        """Number of remainders that the last `surviving_patches` made, not found in the cache."""
+        return self._known.made
 
     def surviving_patches(self, views: list[View], survivors: Survivors) -> list[NumberedPatch]:
         """Return the patches with points that carving left.
@@ -87,7 +85,7 @@ class Remainders:
         list of NumberedPatch
             In the order of their numbers, with moments and outlines of the remaining points.
         """
-        self.outlined = 0
+        self._known.begin_turn()
         found = []
         for v, (first, view) in enumerate(zip(first_numbers(views), views)):
             for p, patch in enumerate(view.patches):
@@ -95,33 +93,13 @@ class Remainders:
                 rest = patch if keep.all() else self._rest(view, p, keep)
                 if rest is not None:
                     found.append(NumberedPatch(first + p, v, rest))
-        self._calls += 1
-        self._known = {k: r for k, r in self._known.items() if self._calls - r.used <= ALTERNATIVES}
         return found
 
     def _rest(self, view: View, index: int, keep: Bool) -> SurfacePatch | None:
         """Return a patch of a view with the kept points only; None: no points are kept."""
         patch, distance = view.patches[index], self._config.surfaces.merge_distance
-        key = *view.key, index, distance, blake2b(keep.tobytes(), digest_size=16).digest()
-        known = self._known.get(key)
-        if known is None or known.whole is not patch:
-            known = _Remainder(patch, _rest(patch, keep, distance, view.sensor), self._calls)
-            self.outlined += known.rest is not None
-        self._known[key] = known._replace(used=self._calls)
-        return known.rest
-
-
-_Key = tuple[int, int, int, float, bytes]
-"""Key of a remainder: key of its view, index of its patch, `surfaces.merge_distance`, and a hash of
-its points."""
-
-
-class _Remainder(NamedTuple):
-    """A patch, its remainder (None: no points are left), and the call that used it last."""
-
-    whole: SurfacePatch
-    rest: SurfacePatch | None
-    used: int
+        key = patch, distance, blake2b(keep.tobytes(), digest_size=16).digest()
+        return self._known.get(key, partial(_rest, patch, keep, distance, view.sensor))
 
 
 def _rest(

@@ -19,9 +19,9 @@ from tccm_ros.outlines.shape_models import PROBE
 from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.views.views import View
 
-MAX_SEEN_FRACTION = 0.15
-"""Max fraction of an occluded area that is free space: free columns extend over its edges;
-chosen."""
+EDGE_FRACTION = 0.15
+"""Fraction of an area that the errors of its edges may be; chosen. Free columns extend over the
+edges of an occluded area, and a patch that lost more of its points may show an earlier place."""
 
 
 def is_occluded(
@@ -44,7 +44,7 @@ def is_occluded(
     if len(points) == 0:
         return False
     through = looked_through(points, views, T_map_view, config)
-    return bool(through.mean() <= MAX_SEEN_FRACTION)
+    return bool(through.mean() <= EDGE_FRACTION)
 
 
 def last_empty_view(

@@ -14,6 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
+from tccm_ros.robust import UNIFORM_WIDTH
 from tccm_ros.surfaces.views.views import SurfacePatch
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -73,7 +74,7 @@ def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
 
 def is_line(cov: Float64) -> bool:
     """Return whether points of covariance `cov`, float64 (3, 3), m2, lie on a line."""
-    return bool(12.0 * np.linalg.eigvalsh(cov)[1] < MIN_WIDTH**2)
+    return bool(np.linalg.eigvalsh(cov)[1] < (MIN_WIDTH / UNIFORM_WIDTH) ** 2)
 
 
 def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float, Float64, Float64]:

@@ -18,7 +18,7 @@ import shapely
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.outlines.shape_models import PROBE, SPACING
-from tccm_ros.robust import median_sigma
+from tccm_ros.robust import UNIFORM_WIDTH, median_sigma
 from tccm_ros.surfaces.edges.edge_samples import BEYOND, END_SIGMA, INSIDE, OUTSIDE, STRAIGHT
 from tccm_ros.surfaces.views.crossings import crossings
 from tccm_ros.surfaces.views.views import SurfacePatch, View
@@ -72,7 +72,7 @@ class Sides:
     @property
     def yaw_sigma(self) -> Float64:
         """Standard deviations of the yaws, float64 (S,), rad, for even errors along the sides."""
-        return np.sqrt(12.0) * self.sigma / self.length
+        return UNIFORM_WIDTH * self.sigma / self.length
 
     def chosen(self, keep: Bool) -> Sides:
         """Return the sides selected by `keep`, bool (S,)."""
@@ -136,7 +136,7 @@ def _side(
     strip = _unseen_strip(beyond, margin, side, max(PROBE, 2.0 * patch.spacing))
     if strip is None:
         return None
-    sigma = float(np.sqrt(END_SIGMA**2 + spread**2 + strip**2 / 12.0))
+    sigma = float(np.sqrt(END_SIGMA**2 + spread**2 + (strip / UNIFORM_WIDTH) ** 2))
     return side._replace(middle=middle + 0.5 * strip * outward, sigma=sigma)
 
 

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Bool, Float32, Int32
+from tccm_ros.robust import MAJORITY, UNIFORM_WIDTH
 from tccm_ros.surfaces.views.thinning import cells_of
 
 GAP = 1.5
@@ -24,8 +25,9 @@ CELL = 0.5
 no links, at a cost quadratic in their density."""
 
 MAX_FRACTION = 0.05
-"""Max fraction of the points in a stray group. Chosen: the parts of a surface on both sides of an
-occlusion are larger."""
+"""Max fraction of the points of a surface that are no evidence of it: in a stray group, or left
+over when a newer view looked through the others or measured them again. Chosen: the parts of a
+surface on both sides of an occlusion are larger."""
 
 MAX_FRONT_FRACTION, MAX_FRONT_DEPTH = 0.3, 0.1
 """The same fraction for a strip of less than this depth, m: points on a whole front. Chosen: less
@@ -75,7 +77,7 @@ def _depth(points: Float32) -> float:
     if len(points) < 2:
         return 0.0
     variance = np.linalg.eigvalsh(np.cov(points[:, :2].astype(np.float64).T))[0]
-    return float(np.sqrt(12.0 * max(variance, 0.0)))
+    return UNIFORM_WIDTH * float(np.sqrt(max(variance, 0.0)))
 
 
 def _are_explained(members: Float32, others: Float32, beside: float) -> bool:
@@ -84,4 +86,4 @@ def _are_explained(members: Float32, others: Float32, beside: float) -> bool:
     if not len(near):
         return False
     distance = cKDTree(near[:, :2]).query(members[:, :2])[0]
-    return bool(np.mean(distance <= beside) > 0.5)
+    return bool(np.mean(distance <= beside) > MAJORITY)

@@ -22,7 +22,6 @@ from tccm_ros.records import ObjectBoxes, SensorKind, SurfaceCloud, ViewInterval
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.displacement import HorizontalOutline, footprint_in_map, is_displaced
 from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
-from tccm_ros.surfaces.views.front_points import are_on_front
 from tccm_ros.surfaces.views.outline import horizontal_outline
 from tccm_ros.surfaces.views.plane_errors import fit_covariance, systematic_planes
 from tccm_ros.surfaces.views.stray_points import mark_strays
@@ -245,7 +244,6 @@ def _patch(
     spacing: float,
 ) -> SurfacePatch:
     exact = points.astype(np.float64)
-    exact = exact[~are_on_front(exact)]
     mean = exact.mean(axis=0)
     cov = (exact - mean).T @ (exact - mean) / len(exact)
     own = fit_covariance(exact, np.ones(len(exact)))

@@ -42,8 +42,10 @@ overlap .925, .927, .927, .924 on bags/flat, .919, .920, .913, .906 on bags/rgbd
 INDEPENDENT = 8.0
 """Max effective number of samples of one view, as they have a common pose error; chosen."""
 
-WALL_SIGMA = 0.005
-"""Standard deviation of an edge at a wall, m; chosen: the wall is known more precisely."""
+EDGE_SIGMA = 0.005
+"""Standard deviation of an edge that all its samples have in common, m: mixed pixels at its end, or
+the gap to the wall at which it ends. With it errors agree with standard deviations on four
+recordings (`bench/bench_edges.py`)."""
 
 WALL_DISTANCE = 0.12
 """Max distance of an edge from a wall at which it may end, of an outline beyond a wall that bounds
@@ -119,6 +121,6 @@ def _log_wall(across: Float64, wall: float | None) -> Float64:
     """Return the log prior of edge positions, given the position `wall` across of a wall, m."""
     if wall is None:
         return np.zeros(len(across))
-    away = (across - wall) / WALL_SIGMA
-    peak = WALL_DISTANCE / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
+    away = (across - wall) / EDGE_SIGMA
+    peak = WALL_DISTANCE / (np.sqrt(2.0 * np.pi) * EDGE_SIGMA)
     return np.logaddexp(log_ndtr(1.0 - away), np.log(peak) - 0.5 * away**2)

@@ -22,16 +22,13 @@ from tccm_ros.records import SurfaceShape
 from tccm_ros.robust import GATE, MAJORITY
 
 SPACING = 0.03
-"""Distance of the samples of an outline, and length of the pieces of an edge, each with one last
-point, m; chosen. Points this near to an end of an edge may belong to the next one."""
+"""Distance of the samples of an outline, length of the pieces of an edge, each with one last point,
+and distance of the points at which an area is tested for free space, m; chosen: less than half a
+column. Points this near to an end of an edge may belong to the next one."""
 
 CORRELATION = 0.10
 """Correlation length of the errors of an outline's samples, m, and min distance of the inner corner
 of an L from its outer edges; chosen: that of one beam or scan line."""
-
-PROBE = 0.04
-"""Distance of the points at which an area is tested for free space, m; chosen: less than half a
-column."""
 
 MAX_ERROR = 5.0
 """Max error of a sample, standard deviations; larger ones are clipped. With 3, bags/rgbd_kitchen
@@ -75,7 +72,8 @@ class OutlineSamples(NamedTuple):
     seen
         bool (N,), whether a view saw the surface end there.
     through
-        float64 (M, 2), centres of squares of `PROBE` outside of the outline that are free space, m.
+        float64 (M, 2), centres of squares of `SPACING` outside of the outline that are free space,
+        m.
     """
 
     points: Float64
@@ -228,7 +226,7 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
     errors = np.minimum(distance / np.hypot(samples.sigma, beyond), MAX_ERROR)
     covered = shapely.contains_xy(model, samples.through[:, 0], samples.through[:, 1]).sum()
     return float(
-        np.sum(errors**2) * SPACING / CORRELATION + GATE**2 * covered * (PROBE / CORRELATION) ** 2
+        np.sum(errors**2) * SPACING / CORRELATION + GATE**2 * covered * (SPACING / CORRELATION) ** 2
     )
 
 

@@ -42,17 +42,9 @@ ROUNDS = 3
 REFIT_GROWTH = 1.5
 """Growth of a plane's points at which it is refitted. Chosen: far fewer fits than cuboids."""
 
-MIN_REFIT = 30.0
-"""Minimum number of points for a refit of a growing plane. Chosen."""
-
 MIN_INSIDE = 20.0
-"""Minimum number of points of a surface's inside for a fit of its own. Chosen."""
-
-INSIDE_FRACTION = 0.15
-"""Minimum fraction of a surface's points in its inside for a fit of its own. Chosen."""
-
-MIN_FRACTION = 0.9
-"""A fit to more than this fraction of the points is not repeated. Chosen."""
+"""Minimum number of points for a fit of a surface's inside, and for a refit of any plane. Chosen.
+"""
 
 
 @kernel
@@ -178,7 +170,7 @@ def assign_inliers(
     nx, ny, nz, d, variance = plane
     gate = GATE * math.sqrt(variance)
     total = NOTHING
-    refit_at = max(REFIT_GROWTH * weight, MIN_REFIT)
+    refit_at = max(REFIT_GROWTH * weight, MIN_INSIDE)
     count, first = 0, 0
     while first < queued:
         b = queue[first]
@@ -273,18 +265,17 @@ def fit_horizontal(
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     # The maximum scatter of a cuboid's points, in variances, does not depend on the plane.
     max_scatters = np.empty(n)
-    inside, everything = NOTHING, 0.0
+    inside = NOTHING
     squares = squares_about(plane)
     for k in range(n):
         m = M[members[k]]
-        everything += m[0]
         max_scatters[k] = max_scatter(m[0], GATE if deep[k] else STRICT)
         if is_flat & is_sharing[k]:
             max_scatters[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])
         inside = add_scaled(inside, m, 1.0 * takes)
     # The inside of a small surface is too small for a fit; then the initial plane is kept.
-    if inside[0] > max(MIN_INSIDE, INSIDE_FRACTION * everything):
+    if inside[0] > MIN_INSIDE:
         plane = pooled_plane(inside)
     # A tilted initial plane rejects much of the surface; a fit to the rest is a better start.
     for _ in range(ROUNDS):
@@ -298,6 +289,4 @@ def fit_horizontal(
         if pooled[0] < 3.0:
             return plane
         plane = pooled_plane(pooled)
-        if pooled[0] > MIN_FRACTION * everything:
-            break
     return plane

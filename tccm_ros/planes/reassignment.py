@@ -3,8 +3,9 @@
 Inliers are assigned plane by plane, the largest first, within a gate. A wall so gets the rear of
 shelf boards that touch it, and a plane through the rears of several boards above each other may be
 found where there is no surface. A cuboid of a vertical plane is reassigned to a horizontal plane
-beside it if its distance from the vertical plane is more than the horizontal plane's noise, and
-more than twice its distance from the horizontal plane. Here "horizontal" means "not vertical".
+beside it if its distance from the vertical plane is more than three times the horizontal plane's
+noise, and more than twice its distance from the horizontal plane. Here "horizontal" means "not
+vertical".
 """
 
 import numpy as np
@@ -15,12 +16,9 @@ from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneTable, keep_planes
 from tccm_ros.planes.blocks import Blocks
 from tccm_ros.planes.edge_planes import MIN_VARIANCE_RATIO
-from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
-from tccm_ros.robust import MAJORITY
-
-MIN_DEVIATIONS = 2.5
-"""Minimum rms distance of the points from the vertical plane, in standard deviations of the
-horizontal one. Chosen."""
+from tccm_ros.planes.inliers import GATE as INLIER_GATE
+from tccm_ros.planes.inliers import NOISE_FLOOR
+from tccm_ros.robust import GATE, MAJORITY
 
 
 @kernel
@@ -171,7 +169,7 @@ def reassign_block(
         nx, ny, nz = normal[0], normal[1], normal[2]
         d, variance = planes[q].offset, planes[q].variances[2]
         variance = max(variance, NOISE_FLOOR * NOISE_FLOOR)
-        max_variance = GATE * GATE * variance
+        max_variance = INLIER_GATE * INLIER_GATE * variance
         for i in block:
             n = M[i, 0]
             # The cheaper test of the mean rejects nearly all cuboids.
@@ -186,7 +184,7 @@ def reassign_block(
                 continue
             other = planes[p].normal
             _, held = residuals_of(M[i], other[0], other[1], other[2], planes[p].offset)
-            if held > max(MIN_DEVIATIONS * MIN_DEVIATIONS * variance * n, MIN_VARIANCE_RATIO * two):
+            if held > max(GATE * GATE * variance * n, MIN_VARIANCE_RATIO * two):
                 labels[i] = q
                 planes[p].support -= n
                 planes[q].support += n

@@ -16,6 +16,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.caps import CAP_DEPTH
+from tccm_ros.cuboids.linking import STEPS
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap, cap_of
 from tccm_ros.planes.inliers import Plane
@@ -25,15 +26,8 @@ RIM_DEPTH = 40
 horizontal surface varies from cell to cell. Chosen: 4 mm."""
 
 GAP_STEPS = 2.0
-"""Minimum gap that ends a piece of a plane, in mean distances of occupied bins. Chosen: one bin may
-be missing."""
-
-MIN_GAP = 2.5
-"""Lower bound of that gap, in bins. Chosen."""
-
-MAX_STEP = 8
-"""Upper bound of a distance of occupied bins in the mean, in bins. Chosen: doors and windows are
-not spacing."""
+"""Minimum gap that ends a piece of a plane, in mean distances of occupied bins, of one bin or more.
+Chosen: one bin may be missing."""
 
 NO_RIM = -(1 << 31)
 """Marks a patch that is no rim."""
@@ -77,7 +71,7 @@ def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int3
 def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     """Return the connected sets of a vertical plane's cuboids: runs along its horizontal direction.
 
-    A gap of `GAP_STEPS` mean steps, and at least `MIN_GAP` bins, ends a run.
+    A gap of `GAP_STEPS` mean steps ends a run.
 
     Parameters
     ----------
@@ -96,10 +90,10 @@ def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     for b in range(bins):
         if run[b] == 0:
             if last >= 0:
-                steps += min(b - last, MAX_STEP)
+                steps += min(b - last, STEPS)
                 count += 1
             last = b
-    limit = max(GAP_STEPS * steps / max(count, 1), MIN_GAP)
+    limit = GAP_STEPS * max(steps / max(count, 1), 1.0)
     runs, last = 0, 0
     for b in range(bins):
         if run[b] == 0:

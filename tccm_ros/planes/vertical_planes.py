@@ -21,7 +21,8 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
-from tccm_ros.planes.inliers import NOISE_FLOOR, ROUNDS, Plane, is_mixed
+from tccm_ros.planes.inliers import MIN_INSIDE, NOISE_FLOOR, ROUNDS, Plane, is_mixed
+from tccm_ros.planes.plane_noise import FLATNESS
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 from tccm_ros.robust import GATE
 
@@ -30,18 +31,12 @@ LAYER = 0.25
 and a layer may be rejected as a whole: a drawer's back may be 10 mm behind the front above it.
 Chosen."""
 
-WARP = 0.001
-"""Tolerance of a patch's mean beyond its noise, m: no board is flat. Chosen."""
-
 PRIOR = 20.0
 """Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
 
 CONVERGED = 0.9
 """A round that accepts the same patches as the one before is the last, unless the variance falls
 below this fraction of the one before: then the next round may reject more. Chosen."""
-
-MIN_POINTS = 10.0
-"""Minimum number of accepted points for a refit. Chosen."""
 
 MIN_DEPTH = 0.01
 """Minimum rms depth of a rim in the fit, m: a lower one is a single scan line. Chosen."""
@@ -156,7 +151,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
     total[:] = 0.0
     add_rims(patches, plane, usual, equations, total)
     points = add_layers(taken.moments, plane, usual, equations, total)
-    if total[0] < MIN_POINTS:
+    if total[0] < MIN_INSIDE:
         return plane, changes
     noise = max(squares / points, NOISE_FLOOR * NOISE_FLOOR) if points > 0.0 else plane[4]
     return corrected(plane, solve(equations), noise), changes
@@ -320,7 +315,7 @@ def corrected(plane: Plane, errors: tuple[float, float, float], noise: float) ->
 
 @kernel
 def is_shifted(spread: float, weight: float, first: float, variance: float) -> bool:
-    """Return whether a weighted sum of distances is more than noise and warp.
+    """Return whether a weighted sum of distances is more than noise and flatness.
 
     Parameters
     ----------
@@ -331,7 +326,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     variance
         Variance of the noise across the plane, m2.
     """
-    return abs(first) > GATE * math.sqrt(spread * variance) + weight * WARP
+    return abs(first) > GATE * math.sqrt(spread * variance) + weight * FLATNESS
 
 
 @kernel

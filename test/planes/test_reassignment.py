@@ -9,13 +9,13 @@ from tccm_ros.planes import find_planes
 from tccm_ros.planes.arrays import PLANE
 from tccm_ros.planes.blocks import sort_into_blocks
 from tccm_ros.planes.edge_planes import MIN_VARIANCE_RATIO
-from tccm_ros.planes.inliers import GATE
+from tccm_ros.planes.inliers import GATE as INLIER_GATE
 from tccm_ros.planes.reassignment import (
-    MIN_DEVIATIONS,
     horizontal_planes_around,
     horizontal_planes_by_block,
     reassign_inliers,
 )
+from tccm_ros.robust import GATE
 
 CONFIG = Config()
 SIGMA = 0.003
@@ -84,8 +84,8 @@ def plain_reassignment(points, labels, planes, is_vertical):
                 continue
             to_q, to_p = (points[i] @ planes["normal"][k] - planes["offset"][k] for k in (q, p))
             variance = planes["variances"][q, 2]
-            near = abs(to_q) <= GATE * variance**0.5
-            if near and to_p**2 > max(MIN_DEVIATIONS**2 * variance, MIN_VARIANCE_RATIO * to_q**2):
+            near = abs(to_q) <= INLIER_GATE * variance**0.5
+            if near and to_p**2 > max(GATE**2 * variance, MIN_VARIANCE_RATIO * to_q**2):
                 labels[i] = q
     return labels
 

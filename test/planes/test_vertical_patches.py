@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tccm_ros.cuboids.linking import STEPS
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.vertical_patches import (
     GAP_STEPS,
-    MAX_STEP,
-    MIN_GAP,
     NO_RIM,
     RIM_DEPTH,
     bins_along,
@@ -64,8 +63,8 @@ def test_runs_end_at_gaps_of_twice_the_mean_distance(seed):
     cells, _, _, members, plane, _ = random_board(seed)
     step = steps_of(cells, members, plane)
     used = sorted(set(step))
-    distances = [min(b - a, MAX_STEP) for a, b in itertools.pairwise(used)]
-    limit = max(GAP_STEPS * sum(distances) / max(len(distances), 1), MIN_GAP)
+    distances = [min(b - a, STEPS) for a, b in itertools.pairwise(used)]
+    limit = GAP_STEPS * max(sum(distances) / max(len(distances), 1), 1.0)
     run, runs = {used[0]: 0}, 0
     for a, b in itertools.pairwise(used):
         runs += b - a >= limit

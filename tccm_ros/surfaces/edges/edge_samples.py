@@ -19,7 +19,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
-from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE, SPACING, OutlineSamples
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, SPACING, OutlineSamples
 from tccm_ros.records import SensorKind
 from tccm_ros.robust import GATE, MAJORITY, UNIFORM_WIDTH, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
@@ -35,10 +35,6 @@ FREE_MARGIN_M = 0.02
 edges of seats move, and .6 % of true boards are 15 mm outside of the scene in place of .5 %
 (`test/scene/test_planning_scene.py`)."""
 
-END_SIGMA = 0.005
-"""Standard deviation of the end of samples at an edge, common to all views, m: mixed pixels. With
-it errors agree with standard deviations on four recordings (`bench/bench_edges.py`)."""
-
 STRAIGHT = 0.02
 """Simplification tolerance for the direction of an outline, m; chosen."""
 
@@ -46,7 +42,7 @@ BEYOND = (0.10, 0.15)
 """Distances beyond an outline at which free space is tested, m; chosen: the edge of a column, and
 1.5 times that."""
 
-PASSED_WITHIN, LINES_BEYOND = 2.0 * PROBE, 1.5
+PASSED_WITHIN, LINES_BEYOND = 0.08, 1.5
 """Radius of the circle that touches an outline, in which crossings of rays count: min, m, and as a
 multiple of the distance of scan lines. Chosen: at least two lines are in the circle."""
 
@@ -186,7 +182,7 @@ class EdgeSampler:
         """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""
         outline = Polygon(self.surface.polygon.exterior)
         x_min, y_min, x_max, y_max = outline.bounds
-        axes = np.arange(x_min, x_max, PROBE), np.arange(y_min, y_max, PROBE)
+        axes = np.arange(x_min, x_max, SPACING), np.arange(y_min, y_max, SPACING)
         points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
         wide = outline.buffer(BEYOND[0])
         points = points[~shapely.contains_xy(wide, points[:, 0], points[:, 1])]
@@ -397,7 +393,7 @@ class EdgeSampler:
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""
-        at = np.linspace(0.0, 1.0, int(edge.length / PROBE) + 2)[:, None]
+        at = np.linspace(0.0, 1.0, int(edge.length / SPACING) + 2)[:, None]
         beyond = edge.start + at * (edge.end - edge.start) + BEYOND[1] * edge.outward
         points, over = self.surface.lift(beyond), np.zeros(len(beyond), bool)
         for view, T_view_map in self._inverses.items():

@@ -16,7 +16,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.outlines.edge_position import WALL_DISTANCE, WALL_SIGMA
+from tccm_ros.outlines.edge_position import EDGE_SIGMA, WALL_DISTANCE
 from tccm_ros.robust import GATE
 from tccm_ros.slam.walls.corners import JOINED
 from tccm_ros.surfaces.edges.edge_samples import Edge
@@ -25,7 +25,7 @@ from tccm_ros.surfaces.polygons import GRID
 WALL_YAW = np.radians(4.0)
 """Max yaw between an edge and a wall along which it may run, rad; chosen."""
 
-AT_WALL = GATE * WALL_SIGMA
+AT_WALL = GATE * EDGE_SIGMA
 """An edge within this distance of a wall ends at it, m."""
 
 OVERHANG = 0.03

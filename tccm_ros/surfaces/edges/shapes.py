@@ -16,7 +16,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.outlines.edge_position import WALL_DISTANCE, EdgeSamples, locate_edge
+from tccm_ros.outlines.edge_position import EDGE_SIGMA, WALL_DISTANCE, EdgeSamples, locate_edge
 from tccm_ros.outlines.shape_models import (
     CAP_CORNERS,
     FACING,
@@ -29,7 +29,7 @@ from tccm_ros.outlines.shape_models import (
 )
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.robust import MAJORITY
-from tccm_ros.surfaces.edges.edge_samples import END_SIGMA, OUTSIDE, Edge, EdgeSampler
+from tccm_ros.surfaces.edges.edge_samples import OUTSIDE, Edge, EdgeSampler
 from tccm_ros.surfaces.edges.edge_walls import (
     AT_WALL,
     front_beyond,
@@ -272,7 +272,7 @@ def _edges(
     for k, edge in enumerate(_edges_of(corners)):
         across = wall_across(edge, walls)
         state = _state(edge, sampler, samples)
-        parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), END_SIGMA
+        parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), EDGE_SIGMA
         sigma = float(np.linalg.norm(parts))
         is_straight = isinstance(model, StraightModel)
         if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < MAJORITY:

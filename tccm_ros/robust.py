@@ -14,6 +14,9 @@ GATE = 3.0
 MAJORITY = 0.5
 """The larger part of a whole is more than this fraction of it."""
 
+AMBIGUOUS = 0.75
+"""A solution is ambiguous if another one has more than this fraction of its votes or its score."""
+
 UNIFORM_WIDTH = 12.0**0.5
 """Width of a uniform distribution, in its standard deviations."""
 

@@ -47,6 +47,11 @@ MIN_INSIDE = 20.0
 """
 
 
+INSIDE_FRACTION = 0.15
+"""Minimum fraction of a surface's points in its inside for a fit of its own. Without it,
+kitchen_corner has two more planes, and one more surface, which nobody measured."""
+
+
 @kernel
 def max_scatter(n: float, deviations: float) -> float:
     """Return the maximum sum of n squared distances due to noise, in variances.
@@ -265,17 +270,18 @@ def fit_horizontal(
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     # The maximum scatter of a cuboid's points, in variances, does not depend on the plane.
     max_scatters = np.empty(n)
-    inside = NOTHING
+    inside, everything = NOTHING, 0.0
     squares = squares_about(plane)
     for k in range(n):
         m = M[members[k]]
+        everything += m[0]
         max_scatters[k] = max_scatter(m[0], GATE if deep[k] else STRICT)
         if is_flat & is_sharing[k]:
             max_scatters[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])
         inside = add_scaled(inside, m, 1.0 * takes)
     # The inside of a small surface is too small for a fit; then the initial plane is kept.
-    if inside[0] > MIN_INSIDE:
+    if inside[0] > max(MIN_INSIDE, INSIDE_FRACTION * everything):
         plane = pooled_plane(inside)
     # A tilted initial plane rejects much of the surface; a fit to the rest is a better start.
     for _ in range(ROUNDS):

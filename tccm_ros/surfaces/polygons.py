@@ -9,6 +9,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float64
+from tccm_ros.outlines.shape_models import area_moments
 from tccm_ros.robust import UNIFORM_WIDTH
 
 GRID = 1e-6
@@ -45,19 +46,8 @@ def equal_sides(area: shapely.Geometry) -> Float64:
     area
         One or more polygons, not empty.
     """
-    center = area.centroid
-    oriented = [shapely.geometry.polygon.orient(part) for part in polygons_of(area).geoms]
-    rings = [ring for part in oriented for ring in (part.exterior, *part.interiors)]
-    moments = np.zeros((2, 2))
-    for ring in rings:
-        # Moments of the triangles of the centroid and each side, signed by orientation.
-        p = np.asarray(ring.coords)[:, :2] - (center.x, center.y)
-        a, b = p[:-1], p[1:]
-        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        both = a + b
-        moments += np.einsum("k,ki,kj->ij", cross, a, a) + np.einsum("k,ki,kj->ij", cross, b, b)
-        moments += np.einsum("k,ki,kj->ij", cross, both, both)
-    return np.sqrt(np.linalg.eigvalsh(moments / (24.0 * area.area)).clip(0.0)) * UNIFORM_WIDTH
+    _, cov = area_moments(polygons_of(area))
+    return np.sqrt(np.linalg.eigvalsh(cov).clip(0.0)) * UNIFORM_WIDTH
 
 
 def largest_part(area: MultiPolygon) -> Polygon:

@@ -13,6 +13,7 @@ from tccm_ros.planes.horizontal_strips import (
     MAX_BEAMS,
     MAX_LINES,
     MAX_OFFSET,
+    MAX_RISE,
     MIN_BEAMS,
     MIN_LENGTH,
     RUN,
@@ -23,7 +24,6 @@ from tccm_ros.planes.horizontal_strips import (
     horizontal_strips,
     link_runs,
 )
-from tccm_ros.planes.plane_noise import FLATNESS
 from tccm_ros.robust import GATE, MAJORITY
 
 EYE = np.array([0.0, 0.0, 1.39])
@@ -204,7 +204,7 @@ def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
         slope, middle = np.polyfit(a, z, 1)
         noise = math.sqrt(np.square(z - slope * a - middle).sum() / (len(own) - 2))
         rise = abs(slope) * math.sqrt(12.0) * a.std()
-        assert rise <= FLATNESS + GATE * noise * math.sqrt(12.0 / len(own)) + 1e-9
+        assert rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / len(own)) + 1e-9
         assert run["height_sigma"] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
 
 
@@ -254,7 +254,7 @@ def expected_runs(lines, seen, azimuth):
             squares = squared_rest(a, z)
             noise = math.sqrt(squares / (len(part) - 2))
             rise = abs(np.polyfit(a, z, 1)[0]) * math.sqrt(12.0) * a.std()
-            if rise <= FLATNESS + GATE * noise * math.sqrt(12.0 / len(part)):
+            if rise <= MAX_RISE + GATE * noise * math.sqrt(12.0 / len(part)):
                 of_point[part] = found
                 found += 1
                 continue
@@ -290,7 +290,7 @@ def test_vertical_runs_equal_those_found_by_interpolation(seed):
         for line in (run["line"] - 1, run["line"] + 1):
             there = (lines == line) & (azimuth >= run["first"]) & (azimuth <= run["last"])
             away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
-            rises = np.abs(seen[there, 2] - run["height"]) > 2.0 * FLATNESS
+            rises = np.abs(seen[there, 2] - run["height"]) > 2.0 * MAX_RISE
             same = np.count_nonzero(rises & (np.abs(away) <= MAX_OFFSET))
             expected[r] |= same >= MAJORITY * ((run["last"] - run["first"]) / BEAM + 1.0)
     assert expected.any()
@@ -328,7 +328,7 @@ def may_link(runs, is_vertical, a, b):
         0 < abs(one["line"] - other["line"]) <= MAX_LINES
         and not (is_vertical[a] and is_vertical[b])
         and overlap >= -MAX_BEAMS * BEAM
-        and abs(one["height"] - other["height"]) <= FLATNESS + GATE * noise
+        and abs(one["height"] - other["height"]) <= MAX_RISE + GATE * noise
         and MAX_OFFSET <= distance <= min(MIN_LENGTH, 2.0 * min(length))
     )
 

@@ -19,9 +19,9 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
-from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, SPACING, OutlineSamples
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE, SPACING, OutlineSamples
 from tccm_ros.records import SensorKind
-from tccm_ros.robust import GATE, MAJORITY, UNIFORM_WIDTH, median_sigma
+from tccm_ros.robust import GATE, MAD_TO_SIGMA, MAJORITY, UNIFORM_WIDTH, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.merging import NumberedPatch, clouds_in_map
@@ -42,7 +42,7 @@ BEYOND = (0.10, 0.15)
 """Distances beyond an outline at which free space is tested, m; chosen: the edge of a column, and
 1.5 times that."""
 
-PASSED_WITHIN, LINES_BEYOND = 0.08, 1.5
+PASSED_WITHIN, LINES_BEYOND = 2.0 * PROBE, 1.5
 """Radius of the circle that touches an outline, in which crossings of rays count: min, m, and as a
 multiple of the distance of scan lines. Chosen: at least two lines are in the circle."""
 
@@ -67,6 +67,10 @@ this: scan lines continue down its front. Chosen: 30 deg."""
 LINE_INSIDE, LINE_LENGTH = 0.24, 0.36
 """Distances inside of an edge within which a line may end, and within which its points are counted,
 m; chosen: two and three times `INSIDE`, as no neighbouring line shows the end of the line."""
+
+EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
+"""`median_sigma` of a uniform distribution, over its width: the median distance from the centre is
+a quarter of the width."""
 
 FRONT_FRACTION = 0.7
 """Fraction of the last samples at a near edge that are on the front below it; chosen: the part of
@@ -182,7 +186,7 @@ class EdgeSampler:
         """Return the squares outside of the outline that a view looked through, float64 (M, 2)."""
         outline = Polygon(self.surface.polygon.exterior)
         x_min, y_min, x_max, y_max = outline.bounds
-        axes = np.arange(x_min, x_max, SPACING), np.arange(y_min, y_max, SPACING)
+        axes = np.arange(x_min, x_max, PROBE), np.arange(y_min, y_max, PROBE)
         points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
         wide = outline.buffer(BEYOND[0])
         points = points[~shapely.contains_xy(wide, points[:, 0], points[:, 1])]
@@ -336,7 +340,7 @@ class EdgeSampler:
         if len(last) < MIN_PIECES:
             return 0.0
         spread = median_sigma(last - np.median(last))
-        expected = float(np.mean(gap**2)) / UNIFORM_WIDTH**2 + SIGMA**2
+        expected = float(np.mean(gap**2)) * EVEN_SIGMA**2 + SIGMA**2
         return max(spread**2 - expected, 0.0) ** 0.5
 
     def shared_sigma(self, edge: Edge) -> float:
@@ -393,7 +397,7 @@ class EdgeSampler:
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""
-        at = np.linspace(0.0, 1.0, int(edge.length / SPACING) + 2)[:, None]
+        at = np.linspace(0.0, 1.0, int(edge.length / PROBE) + 2)[:, None]
         beyond = edge.start + at * (edge.end - edge.start) + BEYOND[1] * edge.outward
         points, over = self.surface.lift(beyond), np.zeros(len(beyond), bool)
         for view, T_view_map in self._inverses.items():

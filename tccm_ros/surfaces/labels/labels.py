@@ -16,6 +16,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.config.surfaces import LabelsConfig
+from tccm_ros.robust import AMBIGUOUS
 from tccm_ros.surfaces.labels.label_features import ONE_SIDE, Features, features_of
 from tccm_ros.surfaces.merging.floor import is_floor
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
@@ -36,6 +37,10 @@ AREA_FADE = 0.5
 """The score of an area falls to 0 over this difference in its natural logarithm (a factor of 1.65);
 chosen."""
 
+MIN_BED = (0.8, 1.6)
+"""Min width and length of a bed, m; chosen: a sofa whose back was not seen is as low and nearly as
+large."""
+
 UNLIKELY = 0.7
 """Weight of a label against which a relation speaks: a counter, a ledge or a bench away from any
 wall, a table whose whole outline is at walls, a low table, as a sofa whose back was not seen looks
@@ -47,9 +52,6 @@ BENCH_LENGTH = 1.8
 RIVAL = 0.5
 """Fraction of the second-best score that is subtracted from the best one for the confidence;
 chosen."""
-
-UNDECIDED = 0.75
-"""The label is ``other`` if the second-best score is above this fraction of the best; chosen."""
 
 
 class SurfaceLabel(StrEnum):
@@ -147,12 +149,13 @@ def _scores(surface: Features, rules: LabelsConfig) -> dict[SurfaceLabel, float]
     is_bench = surface.length >= BENCH_LENGTH * surface.width
     bench = _fit(surface, rules.bench) * is_bench * near_wall
     sideboard = _fit(surface, rules.sideboard) * is_at_wall * (not surface.stacked)
+    is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
     counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
         SurfaceLabel.TABLE: max(_fit(surface, rules.table) * away, low) * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa, bench),
-        SurfaceLabel.BED: _fit(surface, rules.bed) * (surface.filled >= NEARLY_WHOLE),
+        SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= NEARLY_WHOLE),
         SurfaceLabel.SHELF: _fit(surface, rules.shelf) * surface.stacked,
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.OTHER: max(sideboard, _fit(surface, rules.side_table)),
@@ -168,7 +171,7 @@ def _best(surface: Features, rules: LabelsConfig) -> Label:
     order = sorted(scores, key=lambda name: (-scores[name], name))
     best, second = scores[order[0]], scores[order[1]]
     confidence = best - RIVAL * second
-    is_unsure = confidence < rules.min_confidence or second > UNDECIDED * best
+    is_unsure = confidence < rules.min_confidence or second > AMBIGUOUS * best
     if is_unsure or order[0] is SurfaceLabel.OTHER:
         return Label(SurfaceLabel.OTHER, round(float(1.0 - best), 6))
     return Label(order[0], round(float(confidence), 6))

@@ -18,7 +18,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, SPACING
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
 from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.occluded_areas import is_occluded, last_empty_view
@@ -198,7 +198,7 @@ def occluded_area_between(
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * HIDDEN_WIDTH).difference(union))
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
-        if part.area < SPACING**2:
+        if part.area < PROBE**2:
             break
         if not all(shapely.dwithin(part, piece.polygon, OVERLAP) for piece in (a, b)):
             continue  # a notch of one piece

@@ -11,7 +11,7 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
-from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, SPACING
+from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
 from tccm_ros.outlines.transformation import transform_outline
 from tccm_ros.surfaces.merging.merging import Members, NumberedPatch
 from tccm_ros.surfaces.merging.occluded_areas import is_occluded
@@ -172,7 +172,7 @@ def _with_occluded_areas(
     hidden = [
         part
         for part in added.geoms
-        if part.area >= SPACING**2 and is_occluded(part, height, views, T_map_view, config)
+        if part.area >= PROBE**2 and is_occluded(part, height, views, T_map_view, config)
     ]
     if not hidden:
         return polygon

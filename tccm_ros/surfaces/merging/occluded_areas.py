@@ -15,7 +15,7 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.outlines.shape_models import SPACING
+from tccm_ros.outlines.shape_models import PROBE
 from tccm_ros.robust import MAJORITY
 from tccm_ros.surfaces.views.views import View
 
@@ -83,9 +83,9 @@ def looked_through(
 def probes(area: Polygon, height: float) -> Float64:
     """Return a grid of points (N, 3) inside a polygon, at a height."""
     x_min, y_min, x_max, y_max = area.bounds
-    half = 0.5 * SPACING
-    x = np.arange(x_min + half, x_max, SPACING)
-    y = np.arange(y_min + half, y_max, SPACING)
+    half = 0.5 * PROBE
+    x = np.arange(x_min + half, x_max, PROBE)
+    y = np.arange(y_min + half, y_max, PROBE)
     xy = np.stack([axis.ravel() for axis in np.meshgrid(x, y)], axis=1)
     xy = xy[shapely.contains_xy(area, xy[:, 0], xy[:, 1])]
     return np.column_stack([xy, np.full(len(xy), height)])

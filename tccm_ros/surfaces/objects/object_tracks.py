@@ -338,11 +338,8 @@ def _matches(
 
 
 def _overlap_in_height(first: Sequence[ObjectTrack], second: Sequence[ObjectTrack]) -> Bool:
-    ends = [
-        np.array([(t.center[2] - 0.5 * t.size[2], t.center[2] + 0.5 * t.size[2]) for t in tracks])
-        for tracks in (first, second)
-    ]
-    (low, high), (other_low, other_high) = ends[0].T[:, :, None], ends[1].T
+    low, high = np.array([(t.low, t.high) for t in first]).T[:, :, None]
+    other_low, other_high = np.array([(t.low, t.high) for t in second]).T
     return np.asarray((low <= other_high) & (other_low <= high))
 
 

@@ -9,6 +9,7 @@ factor if two views have too few sides in common, or if the match is ambiguous.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtri
@@ -34,6 +35,7 @@ from tccm_ros.slam.systematic import adjoint
 from tccm_ros.surfaces.merging.carving import Carver, Survivors
 from tccm_ros.surfaces.merging.merging import NumberedPatch, Remainders, merge_coplanar
 from tccm_ros.surfaces.merging.patch_planes import pose_jacobian, stack_planes
+from tccm_ros.surfaces.merging.recent_cache import RecentCache
 from tccm_ros.surfaces.registration.plane_adjustment import (
     SIGNIFICANCE,
     PlaneAdjustment,
@@ -76,7 +78,7 @@ class Registration:
         self._carver = carver or Carver(config)
         self._remainders = remainders or Remainders(config)
         self._patches: list[NumberedPatch] = []
-        self._sides: dict[tuple[int, int], tuple[View, Sides]] = {}
+        self._sides = RecentCache[Sides]()
 
     def side_factors(self, views: list[View], prior: Solution) -> list[BetweenViews]:
         """Return the factors between views from the sides of surfaces.
@@ -90,8 +92,9 @@ class Registration:
         """
         survivors = self._carver.carve(views, prior.T_map_views)
         self._patches = self._remainders.surviving_patches(views, survivors)
-        self._sides = {view.key: (view, self._sides_of(view)) for view in views}
-        sides = [self._sides[view.key][1] for view in views]
+        self._sides.begin_turn()
+        margin = self._config.views.clear_margin
+        sides = [self._sides.get((v, margin), partial(find_sides, v, margin)) for v in views]
         return side_factors(views, survivors, prior, self._config, sides)
 
     def with_adjusted_planes(self, solution: Solution) -> Solution:
@@ -111,12 +114,6 @@ class Registration:
         rows, columns = np.ix_(Z_ROLL_PITCH, Z_ROLL_PITCH)
         cov_views[:, rows, columns] = found.cov
         return replace(solution, T_map_views=corrected(T, found.correction), cov_views=cov_views)
-
-    def _sides_of(self, view: View) -> Sides:
-        known = self._sides.get(view.key)
-        if known is not None and known[0] is view:
-            return known[1]
-        return find_sides(view, self._config.views.clear_margin)
 
 
 def plane_adjustment(

@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import between2, transform2, wrap_angle
-from tccm_ros.robust import GATE
+from tccm_ros.robust import AMBIGUOUS, GATE
 from tccm_ros.surfaces.edges.edge_samples import CROSSING
 from tccm_ros.surfaces.registration.plane_adjustment import SIGNIFICANCE
 from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
@@ -25,12 +25,6 @@ YAW_GATE = np.radians(12.0)
 errors of a few degrees. Missing pixels at the end of a surface give large sigmas; gated by sigmas
 alone, sides of other directions match: hololens with every second image has then an error of 33 mm
 in place of 13 mm."""
-
-MAX_LENGTH = 1.0
-"""Max votes of a side, m of its length; chosen."""
-
-AMBIGUOUS = 0.75
-"""Max ratio of the votes of a different pose to those of the best one; chosen."""
 
 SAME_POSE = (0.05, np.radians(4.0))
 """Max difference (m, rad) of two poses that count as the same; chosen."""
@@ -163,7 +157,7 @@ def _candidates(
         second.outward[b],
         sigma[a, b],
         yaw_sigma[a, b],
-        np.minimum(shortest, MAX_LENGTH),
+        shortest,
     )
 
 

@@ -18,7 +18,7 @@ import shapely
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.outlines.edge_position import EDGE_SIGMA
-from tccm_ros.outlines.shape_models import SPACING
+from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.robust import UNIFORM_WIDTH, median_sigma
 from tccm_ros.surfaces.edges.edge_samples import BEYOND, INSIDE, OUTSIDE, STRAIGHT
 from tccm_ros.surfaces.views.crossings import crossings
@@ -134,7 +134,7 @@ def _side(
     middle = start + 0.5 * length * along + offset * outward
     outward = (outward - slope * along) / np.hypot(1.0, slope)
     side = _Side(middle, outward, length, float(patch.mean[2]), spread)
-    strip = _unseen_strip(beyond, margin, side, max(SPACING, 2.0 * patch.spacing))
+    strip = _unseen_strip(beyond, margin, side, max(PROBE, 2.0 * patch.spacing))
     if strip is None:
         return None
     sigma = float(np.sqrt(EDGE_SIGMA**2 + spread**2 + (strip / UNIFORM_WIDTH) ** 2))
@@ -170,7 +170,7 @@ def _unseen_strip(
     first = order[np.diff(pieces[order], prepend=np.iinfo(np.int64).min) > 0]
     if len(first) >= SEEN_THROUGH * side.length / width:
         return max(float(np.median(across[near][first])), 0.0)
-    count = max(int(side.length / SPACING), 2)
+    count = max(int(side.length / PROBE), 2)
     steps = np.linspace(-0.5, 0.5, count) * (side.length - 2.0 * SPACING)
     for distance in BEYOND:
         probe = side.middle + steps[:, None] * along + distance * side.outward

@@ -11,6 +11,10 @@ from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Float64
 
+NEIGHBOURS = 9
+"""Number of nearest points, including itself, that are compared with a point. With 24, the overlap
+of random flat 216 is .941 in place of .945."""
+
 NEIGHBOURHOOD = 0.6
 """Max distance of points on the same line, as a fraction of the distance of scan lines; chosen:
 more than half, less than one."""
@@ -35,9 +39,12 @@ def line_direction(points_xy: Float64, spacing: float) -> Float64 | None:
     -------
     float64 (2,), a unit vector of either sign.
     """
-    pairs = cKDTree(points_xy).query_pairs(NEIGHBOURHOOD * spacing, output_type="ndarray")
-    offset = points_xy[pairs[:, 0]] - points_xy[pairs[:, 1]]
+    distance, index = cKDTree(points_xy).query(
+        points_xy, k=NEIGHBOURS, distance_upper_bound=NEIGHBOURHOOD * spacing
+    )
+    of_point, nth = np.nonzero(np.isfinite(distance))
+    offset = points_xy[index[of_point, nth]] - points_xy[of_point]
     variances, axes = np.linalg.eigh(offset.T @ offset)
-    if not len(pairs) or variances[0] > MAX_SCATTER**2 * variances[1]:
+    if not variances[1] > 0.0 or variances[0] > MAX_SCATTER**2 * variances[1]:
         return None
     return np.asarray(axes[:, 1], np.float64)

@@ -16,7 +16,7 @@ from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, spatial, transform2
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
-from tccm_ros.outlines.shape_models import SPACING
+from tccm_ros.outlines.shape_models import PROBE, SPACING
 from tccm_ros.records import SensorKind, ViewIntervals
 from tccm_ros.surfaces.edges.edge_samples import (
     BEYOND,
@@ -184,7 +184,7 @@ def test_half_of_what_is_beyond_an_edge_must_have_been_looked_over(seed):
     known = set(map(tuple, cells.tolist()))
     back = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
     over = 0
-    count = int(edge.length / SPACING) + 2
+    count = int(edge.length / PROBE) + 2
     for k in range(count):
         fraction = k / (count - 1)
         place = edge.start * (1.0 - fraction) + edge.end * fraction + BEYOND[1] * edge.outward

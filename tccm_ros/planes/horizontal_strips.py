@@ -31,8 +31,8 @@ TOLERANCE = 0.006
 the noisiest laser at a grazing angle."""
 
 MAX_RISE = 0.0015
-"""Maximum rise of a run from end to end beyond its noise, m: a laser that is not exactly level. With
-the flatness of surfaces, 1.3 mm, random flat 201 has a mean overlap of .932 in place of .938."""
+"""Maximum rise of a run from end to end beyond its noise, m: a laser that is not exactly level.
+With the flatness of surfaces, 1.3 mm, random flat 201 has an overlap of .932 in place of .938."""
 
 MIN_BEAMS = 6
 """Minimum number of beams of a run, so that its slope is significant. Chosen."""

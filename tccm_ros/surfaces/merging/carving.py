@@ -191,8 +191,8 @@ class Carver:
         T_map_view
             float64 (V, 4, 4).
         """
-        self._indices.begin_turn()
-        self._pairs.begin_turn()
+        self._indices.begin_round()
+        self._pairs.begin_round()
         settings = repr((self._config.views, self._config.surfaces))
         survivors = Survivors([[np.ones(len(p.points), bool) for p in v.patches] for v in views])
         mask_hashes = [[b""] * len(view.patches) for view in views]

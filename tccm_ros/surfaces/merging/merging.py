@@ -85,7 +85,7 @@ class Remainders:
         list of NumberedPatch
             In the order of their numbers, with moments and outlines of the remaining points.
         """
-        self._known.begin_turn()
+        self._known.begin_round()
         found = []
         for v, (first, view) in enumerate(zip(first_numbers(views), views)):
             for p, patch in enumerate(view.patches):

@@ -7,29 +7,29 @@ from typing import Generic, TypeVar
 
 Result = TypeVar("Result")
 
-KEPT_TURNS = 3
-"""Number of turns after which an unused result is dropped. Chosen: each solution takes two turns,
+KEPT_ROUNDS = 3
+"""Number of rounds after which an unused result is dropped. Chosen: each solution takes two rounds,
 with poses before and after registration, and a pose may alternate between two steps."""
 
 
 class RecentCache(Generic[Result]):
-    """Results of the last turns.
+    """Results of the last rounds.
 
     Attributes
     ----------
     made
-        Number of results that the current turn computed because they were not known.
+        Number of results that the current round computed because they were not known.
     """
 
     def __init__(self) -> None:
         self._known: dict[Hashable, tuple[int, Result]] = {}
-        self._turn = 0
+        self._round = 0
         self.made = 0
 
-    def begin_turn(self) -> None:
-        """Drop the results that the last turns did not use."""
-        self._turn += 1
-        self._known = {k: e for k, e in self._known.items() if self._turn - e[0] <= KEPT_TURNS}
+    def begin_round(self) -> None:
+        """Drop the results that the last rounds did not use."""
+        self._round += 1
+        self._known = {k: e for k, e in self._known.items() if self._round - e[0] <= KEPT_ROUNDS}
         self.made = 0
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
@@ -46,5 +46,5 @@ class RecentCache(Generic[Result]):
         if known is None:
             self.made += 1
         result = make() if known is None else known[1]
-        self._known[key] = self._turn, result
+        self._known[key] = self._round, result
         return result

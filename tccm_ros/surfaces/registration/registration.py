@@ -92,7 +92,7 @@ class Registration:
         """
         survivors = self._carver.carve(views, prior.T_map_views)
         self._patches = self._remainders.surviving_patches(views, survivors)
-        self._sides.begin_turn()
+        self._sides.begin_round()
         margin = self._config.views.clear_margin
         sides = [self._sides.get((v, margin), partial(find_sides, v, margin)) for v in views]
         return side_factors(views, survivors, prior, self._config, sides)

@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.merging.carving import Survivors
 from tccm_ros.surfaces.merging.merging import NumberedPatch, Remainders, merge_coplanar
-from tccm_ros.surfaces.merging.recent_cache import KEPT_TURNS
+from tccm_ros.surfaces.merging.recent_cache import KEPT_ROUNDS
 from tccm_ros.surfaces.views.views import empty_view, with_cloud
 
 CONFIG = Config()
@@ -123,7 +123,7 @@ def test_patches_that_several_solutions_did_not_use_are_forgotten():
     half = Survivors([[np.arange(len(p.points)) % 2 == 0 for p in views[0].patches]])
     remainders.surviving_patches(views, half)
     assert remainders.outlined == len(views[0].patches)
-    for _ in range(KEPT_TURNS + 1):
+    for _ in range(KEPT_ROUNDS + 1):
         remainders.surviving_patches([], Survivors([]))
     remainders.surviving_patches(views, half)
     assert remainders.outlined == len(views[0].patches)

@@ -113,7 +113,7 @@ class Outcome(NamedTuple):
         NEES along the unseen motion, and per degree of freedom of the other two; NaN for a robot
         that has not moved.
     is_lost
-        Whether it was lost in the end; the last pose is then that before.
+        Whether it had no place in the map in the end; the last pose is then that before.
     """
 
     standing: np.ndarray
@@ -190,8 +190,10 @@ def run(drive: Drive, unseen: Unseen) -> Outcome:
     live = np.array([slam.add_scan(scan).pose for scan in drive.scans])
     solution = slam.solve()
     standing = np.abs(between2(drive.truth, live))[drive.stands]
-    # The newest keyframe that has a place in the map.
-    mapped = [n for n, k in enumerate(solution.keyframes) if k.stamp_ns <= solution.stamps_ns[-1]]
+    # The newest keyframe that has a place in the map, and not beside it.
+    saved = slam.saved(solution)
+    beside = dict(saved.get("unjoined_sessions", np.zeros((0, 2), np.int64)).tolist())
+    mapped = [n for n, session in enumerate(saved["keyframe_session"]) if session not in beside]
     keyframe, cov = solution.keyframes[mapped[-1]], solution.cov_keyframes[mapped[-1]]
     at = int(np.searchsorted(solution.stamps_ns, keyframe.stamp_ns))
     error, motion = between2(drive.truth[at], keyframe.pose), unseen(drive.truth[at])
@@ -210,7 +212,7 @@ def run(drive: Drive, unseen: Unseen) -> Outcome:
         ours,
         np.array([np.hypot(*rest[:2]), abs(rest[2])]),
         nees,
-        slam.is_lost,
+        slam.is_lost or slam.is_unjoined,
     )
 
 

@@ -381,10 +381,12 @@ class EdgeSampler:
 
         The parameters are those of `furthest`.
         """
-        last = self._last_points(edge, limit)
-        gap = float(np.median(self.edge_samples(edge).gap))
-        is_short = last < self.furthest(edge, limit) - gap - GATE * SIGMA
-        return bool(is_short[np.isfinite(last)].mean() > MAJORITY)
+        last, gaps = self._last_points(edge, limit), self.edge_samples(edge).gap
+        last = last[np.isfinite(last)]
+        if not len(last) or not len(gaps):
+            return False
+        is_short = last < self.furthest(edge, limit) - float(np.median(gaps)) - GATE * SIGMA
+        return bool(is_short.mean() > MAJORITY)
 
     def _last_points(self, edge: Edge, limit: float) -> Float64:
         """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""

@@ -62,6 +62,23 @@ def test_an_l_is_one():
     assert found.intersection(true).area / found.union(true).area > 0.95
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_ragged_l_is_one(seed):
+    """Objects before it hide the last 0 to 20 cm of two fifths of its border."""
+    true = Polygon([(0, 0), (2.4, 0), (2.4, 0.6), (0.6, 0.6), (0.6, 1.2), (0, 1.2)])
+    samples, rng = sampled(true, rng=np.random.default_rng(seed)), np.random.default_rng(seed)
+    pieces = np.arange(len(samples.points)) // 6
+    hidden = rng.uniform(0.0, 0.2, pieces[-1] + 1)
+    hidden[rng.uniform(size=len(hidden)) < 0.6] = 0.0
+    points = samples.points - hidden[pieces][:, None] * samples.outward
+    samples = samples._replace(points=points, seen=hidden[pieces] == 0.0)
+    measured = max(shapely.get_parts(Polygon(points).buffer(0)), key=shapely.area)
+    model = choose_model(samples, measured, np.array([0.0]), np.zeros(0))
+    assert model.shape is SurfaceShape.L
+    found = model.polygon()
+    assert found.intersection(true).area / found.union(true).area >= 0.9
+
+
 def test_a_circle_is_one():
     model = chosen(Point(1, 2).buffer(0.5), rng=np.random.default_rng(2))
     assert model.shape is SurfaceShape.CIRCLE

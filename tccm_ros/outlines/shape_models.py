@@ -239,7 +239,7 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
 
 
 def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
-    """Yield the rectangles with axes at a yaw, rad.
+    """Yield the rectangles and the four Ls with axes at a yaw, rad.
 
     An object may occlude more of an edge at one place than at another, and oblique scan lines may
     end at no sample that faces as the edge does. So there are two rectangles: an edge that was not
@@ -249,17 +249,24 @@ def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     across, of_edge = samples.points @ normals.T, samples.outward @ normals.T > FACING
     last = across.max(axis=0)
-    outer = last.copy()
+    outer, inner, upper = last.copy(), np.zeros(4), np.zeros(4)
     for k in np.flatnonzero(of_edge.any(axis=0)).tolist():
-        seen = samples.seen[of_edge[:, k]]
-        outer[k] = _level(across[of_edge[:, k], k], seen)
+        own, seen = across[of_edge[:, k], k], samples.seen[of_edge[:, k]]
+        outer[k] = _level(own, seen)
+        inner[k], upper[k] = _two_levels(own)
         last[k] = outer[k] if seen.mean() >= MAJORITY else last[k]
     yield StraightModel(SurfaceShape.RECTANGLE, normals, outer, True)
     yield StraightModel(SurfaceShape.RECTANGLE, normals, last, True)
+    for k in range(4):
+        # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
+        a, b, c, d = (np.arange(4) + k) % 4
+        if min(upper[a] - inner[a], upper[b] - inner[b]) >= CORRELATION:
+            offsets = np.array([upper[a], inner[b], inner[a], upper[b], outer[c], outer[d]])
+            yield StraightModel(SurfaceShape.L, normals[[a, b, a, b, c, d]], offsets, True)
 
 
 def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterator[StraightModel]:
-    """Yield the right-angled outline with arms (L, U, T, Z) of a polygon, if it has this shape.
+    """Yield the right-angled outline with arms (U, T, Z) of a polygon, if it has this shape.
 
     Each edge gets the nearest of four directions, of which `yaw`, rad, is one. Successive edges of
     one direction, such as a cut corner and the next edge, are merged.
@@ -271,7 +278,7 @@ def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterato
     begins = np.flatnonzero(side != np.roll(side, 1))
     sides = side[begins]
     is_corner = (sides - np.roll(sides, 1)) % 2 == 1
-    if not 6 <= len(begins) <= MAX_CORNERS or not is_corner.all():
+    if not 6 < len(begins) <= MAX_CORNERS or not is_corner.all():
         return
     run_of = np.cumsum(side != np.roll(side, 1)) - 1
     lines = shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1))
@@ -283,8 +290,7 @@ def _with_arms(samples: OutlineSamples, polygon: Polygon, yaw: float) -> Iterato
         if not own.any():
             return
         offsets[k] = _level(samples.points[own] @ normal, samples.seen[own])
-    shape = SurfaceShape.L if len(begins) == 6 else SurfaceShape.POLYGON
-    yield StraightModel(shape, normals, offsets, True)
+    yield StraightModel(SurfaceShape.POLYGON, normals, offsets, True)
 
 
 def _level(across: Float64, seen: Bool) -> float:
@@ -292,6 +298,19 @@ def _level(across: Float64, seen: Bool) -> float:
     if seen.mean() >= MAJORITY:
         return float(np.median(across[seen]))
     return float(np.quantile(across, 0.8))
+
+
+def _two_levels(across: Float64) -> tuple[float, float]:
+    """Return the medians of the lower and the upper samples, split by Otsu's criterion."""
+    order = np.sort(across)
+    count = np.arange(1, len(order))
+    if not len(count):
+        return float(order[0]), float(order[0])
+    total = np.cumsum(order)
+    low = total[:-1] / count
+    high = (total[-1] - total[:-1]) / (len(order) - count)
+    split = int(np.argmax(count * (len(order) - count) * (high - low) ** 2)) + 1
+    return float(np.median(order[:split])), float(np.median(order[split:]))
 
 
 def _from_far_corner(outline: Polygon) -> Polygon:

@@ -6,8 +6,10 @@ import math
 from collections import deque
 
 import numpy as np
+import shapely
+from shapely import Point, Polygon
 
-from tccm_ros.approach.drive import Driver, LegDrive, close_in, pose_behind
+from tccm_ros.approach.drive import AT_LEG_M, Driver, LegDrive, close_in, pose_behind
 from tccm_ros.approach.edge import MeasuredEdge, measured_edge
 from tccm_ros.approach.floor import Floor
 from tccm_ros.approach.guard import Obstacles
@@ -70,7 +72,8 @@ NAVIGATE_M = 1.0
 of Nav2's SimpleGoalChecker (0.25 m), so that the rest is driven here."""
 
 REVERSE_M = np.arange(0.0, 1.01, 0.1)
-"""Distances of reversing that are tried where the base starts in a narrow place, m."""
+"""Distances of reversing that are tried where the base starts in a narrow place, or at furniture
+that a navigator may turn it into, m."""
 
 
 class Approach:
@@ -113,6 +116,7 @@ class Approach:
         self._planned: Target | None = None
         self._standing: StandingPose | None = None
         self._legs: LegDrive | None = None
+        self._is_backing_off = False
         self._cycles: deque[TopCycle] = deque(maxlen=EDGE_CYCLES)
         self._located = False
         self._steepest = 0.0
@@ -353,8 +357,13 @@ class Approach:
         standing = poses[0] if found is None else found[0]
         is_far = float(np.hypot(*(standing.staging - pose)[:2])) > NAVIGATE_M
         if self._navigator is not None and is_far:
-            self._navigator.start(standing.staging)
-            return self._begin_staging(readings, standing, None)
+            start = self._turning_place(pose, [*self._around.overhangs, target.outline])
+            legs = None if start is None else LegDrive([], float(start[2]), start)
+            speeds = self._begin_staging(readings, standing, legs)
+            self._is_backing_off = legs is not None
+            if legs is None:
+                self._navigator.start(standing.staging)
+            return speeds
         if found is None:
             return self._end(
                 readings, Reason.BLOCKED, "no free way leads to any place at the surface"
@@ -368,8 +377,22 @@ class Approach:
         self._standing = standing.moved(self._odom_map)
         legs = None if legs is None else legs.moved(self._odom_map)
         self._legs, self._planned, self.edge = legs, self.target, None
-        self.phase, self._is_arrived = Phase.STAGING, False
+        self.phase, self._is_arrived, self._is_backing_off = Phase.STAGING, False, False
         return self._driver.stop(readings)
+
+    def _turning_place(self, pose: Float64, tops: list[Float64]) -> Float64 | None:
+        """Return the pose (3,) straight behind where the base can turn in place, in map.
+
+        A navigator that sees legs only may turn it into a top. It is the nearest pose with room on
+        all sides, or else that with the most; None if it is where the base is.
+        """
+        room = self._robot.footprint.radius + self._robot.margin
+        places = [pose_behind(pose, back) for back in REVERSE_M.tolist()]
+        outlines = shapely.union_all([shapely.make_valid(Polygon(top[:, :2])) for top in tops])
+        distances = shapely.distance(outlines, [Point(place[:2]) for place in places])
+        # The base stops up to `AT_LEG_M` before the end of its way back.
+        k = int(np.minimum(distances, room + AT_LEG_M).argmax())
+        return None if distances[0] >= room or k == 0 else places[k]
 
     def _why_no_place(self, has_spot: bool) -> str:
         if has_spot:
@@ -409,10 +432,20 @@ class Approach:
         if is_new and self._is_elsewhere():
             return self._begin_look(readings)
         wanted = self._legs.wanted(self._driver.pose(readings), self._robot)
+        if wanted is None and self._is_backing_off:
+            return self._leave_to_navigator(readings)
         if wanted is None:
             return self._begin_look(readings, is_arrived=True)
         speeds = self._driver.move(wanted, readings, self._obstacles(readings))
         return self._plan_around(readings) if self._is_blocked(readings) else speeds
+
+    def _leave_to_navigator(self, readings: Readings) -> Speeds:
+        """Start the navigator where the base has backed off; return the zero command."""
+        assert self._navigator is not None
+        assert self._standing is not None
+        self._legs, self._is_backing_off = None, False
+        self._navigator.start(compose2(_required(readings.map_odom), self._standing.staging))
+        return self._driver.stop(readings)
 
     def _stage_by_navigator(self, readings: Readings, is_new: bool) -> Speeds | None:
         """Wait until the navigator has ended, then look again: the rest is driven here."""

@@ -282,6 +282,64 @@ def test_slow_tilt_cycles_verify_the_final_pose():
     assert_is_there(base)
 
 
+class TurningNavigator:
+    """Turns the base once in place, as Nav2 may where its costmap has no tops, and then gives up.
+
+    Attributes
+    ----------
+    goals
+        Poses (3,) in map that were asked for.
+    places
+        Where the base was, (3,) each.
+    """
+
+    def __init__(self, base):
+        self._base, self._end_s, self.failure = base, -np.inf, ""
+        self.goals, self.places = [], []
+
+    @property
+    def is_active(self):
+        return self._base.t < self._end_s
+
+    def start(self, pose):
+        self.goals.append(pose)
+        self.places.append(self._base.truth.copy())
+        self._end_s, self.failure = self._base.t + 2.0 * math.pi / 0.6, "it has turned"
+
+    def cancel(self):
+        self._end_s = -np.inf
+
+
+@pytest.mark.parametrize("is_at_target", [True, False])
+def test_a_base_at_furniture_backs_off_before_a_navigator_rotates_it(is_at_target):
+    flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    if not is_at_target:
+        flat.mapped_others = flat.others = [flat.target]
+        flat.mapped = flat.target = piece(shapely.box(1.6, -0.4, 2.4, 0.4), 0.6)
+    base = SimulatedBase(flat, np.random.default_rng(0))
+    navigator = TurningNavigator(base)
+    machine = Approach(ROBOT, a_goal(flat, side=0.0), surroundings(flat), navigator)
+    while machine.outcome is None and base.t < 180.0:
+        speeds = machine.step(base.readings())
+        base.tick(Speeds(0.0, 0.6) if speeds is None else speeds)
+    assert machine.outcome.reason == Reason.BLOCKED
+    assert "it has turned" in machine.outcome.message
+    assert base.contacts == 0
+    assert len(navigator.goals) == 1
+    assert navigator.places[0] == pytest.approx([-1.1, 0.0, 0.0], abs=0.12)
+
+
+def test_a_base_in_the_open_is_left_to_a_navigator_at_once():
+    flat = simple_flat(None, (0.0, 0.0, 0.0), (-2.4, 0.3, 3.0))
+    base = SimulatedBase(flat, np.random.default_rng(0))
+    navigator = TurningNavigator(base)
+    machine = Approach(ROBOT, a_goal(flat, side=0.0), surroundings(flat), navigator)
+    while not navigator.goals and base.t < 20.0:
+        assert machine.step(base.readings()) == STOP
+        base.tick(STOP)
+    assert navigator.places[0] == pytest.approx(flat.start, abs=1e-6)
+
+
 def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     base = SimulatedBase(flat, np.random.default_rng(0))

@@ -93,7 +93,7 @@ def select_inliers(
     graph = chain.graph(poses, closer.fixed_starts(loops))
     graph.add([p.factor(keys) for p in loops])
     table = associate_walls(poses, lines, config)
-    checked = check_walls(table, lines, graph, keys, config)
+    checked = check_walls(table, lines, poses, graph, keys, config)
     scale = checked.unit_variance * (SHARED_BEAMS_FACTOR if len(checked.table) else 1.0)
     corners = find_corners(checked.table, lines, min_confirmations(config, len(keys)))
     records = loop_records(closer, kept)

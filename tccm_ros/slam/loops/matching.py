@@ -51,6 +51,10 @@ WINDOW_SIGMA, WINDOW_FLOOR = 0.5, 0.05
 """Standard deviation of the expected pose: a fraction of the window, plus a constant (m, rad;
 chosen)."""
 
+MIN_FACING_FRACTION = 0.5
+"""Minimum fraction of matched points on the front faces of walls; with fewer, most match the backs
+(chosen)."""
+
 
 class LoopReason(StrEnum):
     """Reason of a proposal's acceptance or rejection; braces are filled with a number."""
@@ -58,6 +62,8 @@ class LoopReason(StrEnum):
     CONSISTENT = "consistent"
     FEW_MATCHES = "only {:.2f} of the points match"
     IN_FREE_SPACE = "{:.2f} of the points lie in free space"
+    BACKS_OF_WALLS = "most points lie on the backs of walls"
+    ALIGNED_ELSEWHERE = "alignment leaves the correlative match"
     SECOND_PLACE = "ambiguous: another place has {:.2f} of this score"
     BETTER_WHERE_KNOWN = "ambiguous: in known space, another place agrees {:.2f} times as well"
     TWO_PLACES_IN_MAP = "ambiguous: the map has another place like this"
@@ -189,6 +195,10 @@ def propose(submap: Submap, merged: MergedScan, window: Window, config: Config) 
         reason = LoopReason.FEW_MATCHES.format(near)
     elif free > loops.max_contradiction:
         reason = LoopReason.IN_FREE_SPACE.format(free)
+    elif result.inliers < MIN_FACING_FRACTION * near:
+        reason = LoopReason.BACKS_OF_WALLS
+    elif _is_other_place(result.pose, found.pose):
+        reason = LoopReason.ALIGNED_ELSEWHERE
     elif window.half_width_m >= AMBIGUOUS_FROM:
         second = _second_place(submap, merged, window, result.pose, found.score, loops.ambiguity)
         better = 0.0 if second else _better_where_known(submap, merged, window, result.pose, loops)
@@ -213,6 +223,11 @@ def _covariance(result: Alignment, correlated_beams: float) -> Float64:
     cov = np.asarray(np.linalg.inv(information), np.float64)
     cov = rotate_covariance(cov, -float(result.pose[2]))
     return cov + np.diag([MATCH_FLOOR[0] ** 2, MATCH_FLOOR[0] ** 2, MATCH_FLOOR[1] ** 2])
+
+
+def _is_other_place(a: Float64, b: Float64) -> bool:
+    dyaw = abs(np.arctan2(np.sin(a[2] - b[2]), np.cos(a[2] - b[2])))
+    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) > SAME_PLACE_M or dyaw > SAME_PLACE_RAD)
 
 
 def _second_place(

@@ -44,7 +44,7 @@ def walls_at(poses: Float64, lines: Sequence[Lines], config: Config) -> list[Wal
     priors: list[Factor] = [Planar(key, pose) for key, pose in starts.items()]
     priors += [PriorPose(key, pose, cov) for key, pose in starts.items()]
     found = associate_walls(poses, lines, config)
-    checked = check_walls(found, lines, PoseGraph(priors, starts), keys, config)
+    checked = check_walls(found, lines, poses, PoseGraph(priors, starts), keys, config)
     graph = PoseGraph(priors, starts)
     graph.add(wall_factors(checked.table, lines, keys, config))
     corners = find_corners(checked.table, lines, min_confirmations(config, len(keys)))

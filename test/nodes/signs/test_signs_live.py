@@ -53,7 +53,7 @@ def content(event):
 def test_signs_of_pictures_are_fed_to_the_solver_as_in_a_replay(ros, monkeypatch):
     node, robot = slam(ros), ros.robot()
     fed = []
-    monkeypatch.setattr(node.solver, "feed", fed.append)
+    monkeypatch.setattr(node.solver, "add", fed.append)
     robot.play(with_pictures(recording(2), wall_with("317")), node)
     node.robot.flush()
     wait_until_done(ros, node)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import plan
 import pytest
@@ -167,11 +169,29 @@ def test_a_door_leaf_that_is_ajar_stays_a_wall_of_its_own(degrees):
     assert np.degrees(abs(table.phi[0] - table.phi[1])) == pytest.approx(degrees, abs=1.0)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_wrong_labels_of_a_fifth_of_the_observations_are_taken_out(seen, seed):
+    """Lines given to a wrong wall are thrown out; the poses stay where they are."""
+    poses, lines = seen
+    config, random = Config(), np.random.default_rng(seed)
+    table = associate_walls(poses, lines, config)
+    wall = table.wall.copy()
+    wrong = (random.random(len(wall)) < 0.2) & (wall >= 0)
+    wall[wrong] = random.integers(0, len(table), wrong.sum())
+    mixed = replace(table, wall=wall)
+    changed = wall != table.wall
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(mixed, lines, poses, graph, keys, config).table
+    assert (checked.wall[changed] >= 0).mean() < 0.1
+    right = ~changed & (table.wall >= 0)
+    assert (checked.wall[right] >= 0).mean() > 0.6
+
+
 def test_right_labels_are_not_taken_out(seen):
     poses, lines = seen
     table = associate_walls(poses, lines, Config())
     keys, graph = graph_of(poses, lines)
-    checked = check_walls(table, lines, graph, keys, Config())
+    checked = check_walls(table, lines, poses, graph, keys, Config())
     kept, was = checked.table.wall >= 0, table.wall >= 0
     assert kept.sum() > 0.97 * was.sum()
     assert 0.0 < checked.unit_variance < 1.0
@@ -184,7 +204,7 @@ def test_walls_as_noisy_as_their_covariances_say_are_kept():
     poses, lines = look_around(config.matching.range_sigma)
     table = associate_walls(poses, lines, config)
     keys, graph = graph_of(poses, lines)
-    checked = check_walls(table, lines, graph, keys, config)
+    checked = check_walls(table, lines, poses, graph, keys, config)
     kept, was = checked.table.wall >= 0, table.wall >= 0
     assert kept.sum() > 0.9 * was.sum()
 
@@ -204,5 +224,5 @@ def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):
             table.whole[order],
         )  # fmt: skip
         keys, graph = graph_of(poses, lines)
-        found.append(check_walls(turned, lines, graph, keys, Config()).unit_variance)
+        found.append(check_walls(turned, lines, poses, graph, keys, Config()).unit_variance)
     assert found == pytest.approx([found[0]] * len(found), rel=1e-6)

@@ -146,7 +146,7 @@ def test_the_rate_of_tf_can_be_changed_while_the_node_runs(ros):
     tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
     ros.connect(node, viewer.node, "/tf")
     robot.play(recording(1), node)
-    timer = node.live._tf._timer
+    timer = node.live._tf_timer
     assert timer.timer_period_ns == 500_000_000
     assert node.set_parameters([RosParameter("tf.rate", value=100.0)])[0].successful
     ros.spin_until(lambda: len(tf) > 2)

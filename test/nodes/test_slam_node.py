@@ -36,10 +36,10 @@ def test_map_to_odom_is_on_tf_from_the_first_scan_on(ros):
     node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
     tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
     ros.connect(node, viewer.node, "/tf")
-    node.live._tf.publish()
+    node.live._publish_tf()
     records = list(recording(1))
     robot.play(((t, r) for t, r in records if "scan" not in t), node)
-    node.live._tf.publish()
+    node.live._publish_tf()
     # Pending transforms would have arrived before this pose is asked for and answered.
     trigger(ros, "/surface_slam/save_map")
     assert node.processor.counts["level scans"] == 0

@@ -136,28 +136,22 @@ def compose2(p_a_b: ArrayLike, p_b_c: ArrayLike) -> Float64:
     """Compose planar poses (..., 3): p_a_c = p_a_b * p_b_c."""
     a, b = np.asarray(p_a_b, float), np.asarray(p_b_c, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap_angle(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
-    )
+    result = np.empty(np.broadcast(a, b).shape)
+    result[..., 0] = a[..., 0] + c * b[..., 0] - s * b[..., 1]
+    result[..., 1] = a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    result[..., 2] = wrap_angle(a[..., 2] + b[..., 2])
+    return result
 
 
 def inverse2(p_a_b: ArrayLike) -> Float64:
     """Invert planar poses (..., 3)."""
     p = np.asarray(p_a_b, float)
     c, s = np.cos(p[..., 2]), np.sin(p[..., 2])
-    return np.stack(
-        [
-            -c * p[..., 0] - s * p[..., 1],
-            s * p[..., 0] - c * p[..., 1],
-            wrap_angle(-p[..., 2]),
-        ],
-        axis=-1,
-    )
+    result = np.empty(p.shape)
+    result[..., 0] = -c * p[..., 0] - s * p[..., 1]
+    result[..., 1] = s * p[..., 0] - c * p[..., 1]
+    result[..., 2] = wrap_angle(-p[..., 2])
+    return result
 
 
 def between2(p_a_b: ArrayLike, p_a_c: ArrayLike) -> Float64:
@@ -169,10 +163,8 @@ def transform2(p_a_b: ArrayLike, points_b: ArrayLike) -> Float64:
     """Map planar points (..., N, 2) in frame b to frame a by planar poses (..., 3)."""
     p, points = np.asarray(p_a_b, float), np.asarray(points_b, float)
     c, s = np.cos(p[..., 2])[..., None], np.sin(p[..., 2])[..., None]
-    return np.stack(
-        [
-            p[..., None, 0] + c * points[..., 0] - s * points[..., 1],
-            p[..., None, 1] + s * points[..., 0] + c * points[..., 1],
-        ],
-        axis=-1,
-    )
+    x = p[..., None, 0] + c * points[..., 0] - s * points[..., 1]
+    result = np.empty((*x.shape, 2))
+    result[..., 0] = x
+    result[..., 1] = p[..., None, 1] + s * points[..., 0] + c * points[..., 1]
+    return result

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +25,7 @@ WAY_STEP_M = 0.01
 """Step of the test whether a motion leads nearer to a point, m: less than any margin."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Footprint:
     """The convex outline of the base.
 
@@ -82,7 +83,7 @@ class Footprint:
 
     def grown(self, margin: float) -> Footprint:
         """Return the footprint with every side moved outwards by a margin, m."""
-        normals, offsets = self._half_planes()
+        normals, offsets = self._half_planes
         before = np.roll(normals, 1, axis=0), np.roll(offsets, 1)
         corners = [
             np.linalg.solve(np.stack([a, b]), np.array([p + margin, q + margin]))
@@ -109,7 +110,7 @@ class Footprint:
         points
             float64 (N, 2), in the base frame, m.
         """
-        normals, offsets = self._half_planes()
+        normals, offsets = self._half_planes
         return np.asarray((points @ normals.T - offsets).max(axis=1, initial=-np.inf))
 
     def free_way(self, points: Float64, margins: Float64, direction: float) -> float:
@@ -131,7 +132,7 @@ class Footprint:
         """
         if not len(points):
             return np.inf
-        normals, offsets = self._half_planes()
+        normals, offsets = self._half_planes
         # After a distance s, point p is at p - s d; it is near while n . p - o - margin < s n . d.
         room = points @ normals.T - offsets - margins[:, None]
         rate = direction * normals[:, 0]
@@ -174,6 +175,7 @@ class Footprint:
                 return last
         return angle
 
+    @cached_property
     def _half_planes(self) -> tuple[Float64, Float64]:
         """Return outward unit normals (N, 2) and offsets (N,) of the sides."""
         along = np.roll(self.corners, -1, axis=0) - self.corners

@@ -15,10 +15,6 @@ from tccm_ros.approach.target import Target
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2, transform2
 
-OWN_M = 0.06
-"""Points within this of the surface's outline belong to it, m: the middle of a cube of ~/obstacles
-is up to 4 cm from a point in it, and 2 cm are the error of the pose."""
-
 OWN_GAPS = 0.3
 """Margin of the surface's own legs and edge, as a fraction of the gap: the rest allows for errors
 of the measured edge."""
@@ -95,10 +91,10 @@ class Obstacles:
         points, radii = points[is_near], radii[is_near]
         if target is None:
             return cls(points, radii, np.full(len(points), margin))
-        is_own = shapely.contains_xy(target.polygon.buffer(OWN_M), *points.T)
+        is_own = shapely.contains_xy(target.own_region, *points.T)
         # Cubes of the top extend beyond its edge: the outline is more exact.
         legs = points[is_own][shapely.contains_xy(target.polygon, *points[is_own].T)]
-        edge, *_ = target.edge_points()
+        edge, *_ = target.edge_points
         own = np.concatenate([legs, edge])
         margins = np.repeat([margin, OWN_GAPS * gap], [(~is_own).sum(), len(own)])
         radii = np.concatenate([radii[~is_own], np.zeros(len(own))])

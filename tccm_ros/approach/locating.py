@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -183,7 +184,8 @@ def _free_places(cycle: TopCycle, target: Target) -> Float64:
 
 
 def _thinned(points: Float64) -> Float64:
-    _, first = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0, return_index=True)
+    x, y = np.floor(points / CELL_M).astype(np.int64).T
+    _, first = np.unique((x << 32) + y, return_index=True)
     return points[np.sort(first)]
 
 
@@ -221,7 +223,6 @@ def _displacement(target: Target, motion: Float64) -> float:
 def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> Float64:
     """Return the motion (3,) of the fit: edge points on the outline, no point outside it."""
     polygon = target.polygon
-    shapely.prepare(polygon)
     rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(polygon.boundary)]
     sides = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     middle = np.asarray(polygon.centroid.coords)[0]
@@ -229,19 +230,20 @@ def _fit(start: Float64, edge: Float64, points: Float64, target: Target) -> Floa
     # Rotation about the centroid, so that rotation and translation are independent.
     x0 = np.array([*(transform2(start, middle[None])[0] - middle), start[2]])
 
-    def offsets(x: Float64) -> Float64:
+    @lru_cache(maxsize=1)  # the Jacobian is computed where the residuals just were
+    def offsets(x: float, y: float, yaw: float) -> Float64:
         """Return the vectors (N, 2) from the outline; 0 for points inside it, but the edge's."""
-        c, s = np.cos(x[2]), np.sin(x[2])
-        back = (seen - x[:2]) @ np.array([[c, -s], [s, c]]) + middle
+        c, s = np.cos(yaw), np.sin(yaw)
+        back = (seen - [x, y]) @ np.array([[c, -s], [s, c]]) + middle
         found = back - _nearest(sides, back)
         found[len(edge) :][shapely.contains_xy(polygon, *back[len(edge) :].T)] = 0.0
         return np.asarray(found)
 
     def residuals(x: Float64) -> Float64:
-        return np.concatenate([np.hypot(*offsets(x).T), LOOSE * x])
+        return np.concatenate([np.hypot(*offsets(*x.tolist()).T), LOOSE * x])
 
     def jacobian(x: Float64) -> Float64:
-        vectors = offsets(x)
+        vectors = offsets(*x.tolist())
         c, s = np.cos(x[2]), np.sin(x[2])
         units = vectors / np.maximum(np.hypot(*vectors.T), 1e-12)[:, None]
         by_yaw = (seen - x[:2]) @ np.array([[-s, -c], [c, -s]])
@@ -266,5 +268,6 @@ def _nearest(sides: Float64, points: Float64) -> Float64:
     squares = np.maximum(np.einsum("si,si->s", along, along), 1e-24)
     fractions = np.einsum("nsi,si->ns", points[:, None] - starts, along) / squares
     feet = starts + np.clip(fractions, 0.0, 1.0)[..., None] * along
-    nearest = np.square(points[:, None] - feet).sum(axis=2).argmin(axis=1)
+    x, y = np.moveaxis(points[:, None] - feet, 2, 0)
+    nearest = (x * x + y * y).argmin(axis=1)
     return np.asarray(feet[np.arange(len(points)), nearest])

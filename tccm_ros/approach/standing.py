@@ -89,7 +89,7 @@ def standing_poses(
     base
         float64 (2,), position of the base.
     """
-    points, normals, off_middle = target.edge_points()
+    points, normals, off_middle = target.edge_points
     outline = target.polygon
     places = points + (gap + footprint.front) * normals
     from_spot = np.full(len(points), np.nan) if spot is None else np.hypot(*(places - spot).T)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -11,11 +12,15 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, transform2, wrap_angle
 
+OWN_M = 0.06
+"""Points within this of the outline belong to the surface, m: the middle of a cube of ~/obstacles
+is up to 4 cm from a point in it, and 2 cm are the error of the pose."""
+
 STEP_M = 0.05
 """Spacing of the candidate points along an edge, m: the edge of a cell of the occupancy grid."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Target:
     """The top of a piece of furniture.
 
@@ -41,10 +46,19 @@ class Target:
         outline = transform2(motion, self.outline)
         return Target(outline, compose2(motion, self.pose), self.height, self.is_round)
 
-    @property
+    @cached_property
     def polygon(self) -> Polygon:
         """The outline as a valid polygon."""
-        return shapely.make_valid(Polygon(self.outline))
+        polygon = shapely.make_valid(Polygon(self.outline))
+        shapely.prepare(polygon)
+        return polygon
+
+    @cached_property
+    def own_region(self) -> Polygon:
+        """The polygon grown by `OWN_M`: obstacles in it belong to the surface."""
+        region = self.polygon.buffer(OWN_M)
+        shapely.prepare(region)
+        return region
 
     @property
     def middle(self) -> Float64:
@@ -56,8 +70,9 @@ class Target:
         """Radius of a round top, m: that of the circle of the same area."""
         return float(np.sqrt(Polygon(self.outline).area / np.pi))
 
+    @cached_property
     def edge_points(self) -> tuple[Float64, Float64, Float64]:
-        """Return the candidate points of an approach on the outline.
+        """The candidate points of an approach on the outline.
 
         Returns
         -------

@@ -89,6 +89,8 @@ class Walkers:
         """Return the points that no older scan has, and one of them saw through."""
         for scan in older:
             points = points[~scan.has_near(points)]
+            if len(points) < MIN_POINTS:
+                return points[:0]
         is_free = np.zeros(len(points), bool)
         for scan in older:
             is_free |= scan.sees_through(points)

@@ -66,7 +66,7 @@ class StepGuard(Generic[T]):
         """Forget all samples."""
         self._last: tuple[int, T] | None = None
         self._held: list[tuple[int, T]] = []
-        self._speed = 0.0
+        self._speed = self._last_speed = 0.0
         self._steps = 0
         self._before: tuple[int, T] | None = None
 
@@ -81,8 +81,8 @@ class StepGuard(Generic[T]):
         if self._is_possible(step, seconds):
             on_way = self._on_way(sample)
             refused, self._held = len(self._held) - len(on_way), []
-            self._steps += 1
-            self._learn(item)
+            if self._max_speed is None:
+                self._learn(item, step / (stamp_ns - self._last[0]) * 1e9)
             self._last = item
             return Steps([*on_way, item], refused)
         self._held.append(item)
@@ -94,14 +94,23 @@ class StepGuard(Generic[T]):
         self._last, self._before = item, None
         return Steps(admitted, has_jumped=True)
 
-    def _learn(self, item: tuple[int, T]) -> None:
-        """Update the speed with the slowest step of three samples; an outlier returns."""
-        if self._before is not None and self._last is not None:
-            three = self._before, self._last, item
-            pairs = (three[:2], three[1:], three[::2])
-            speed = min(self._distance(a[1], b[1]) / (b[0] - a[0]) * 1e9 for a, b in pairs)
-            self._speed = max(FORGET * self._speed, speed)
-        self._before = self._last
+    def _learn(self, item: tuple[int, T], speed: float) -> None:
+        """Update the speed with the slowest step of three samples; an outlier returns.
+
+        Parameters
+        ----------
+        item
+            The newest of the three.
+        speed
+            Speed of the step to it, 1/s.
+        """
+        if self._before is not None:
+            stamp_ns, sample = self._before
+            over_two = self._distance(sample, item[1]) / (item[0] - stamp_ns) * 1e9
+            slowest = min(self._last_speed, speed, over_two)
+            self._speed = max(FORGET * self._speed, slowest)
+        self._steps += 1
+        self._before, self._last_speed = self._last, speed
 
     def _on_way(self, sample: T) -> list[tuple[int, T]]:
         """Return the held samples that hardly lengthen the track to a sample."""

@@ -23,6 +23,7 @@ from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import SpeedLimits, Speeds
 from tccm_ros.approach.target import Target
 from tccm_ros.geometry import between2, compose2, inverse2, transform2
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 TICK_S = 0.05
@@ -166,6 +167,25 @@ class Flat:
         return [*found, person] if person is not None else found
 
 
+@kernel
+def _ranges_to_sides(directions, starts, sides):
+    """Return the ranges (N,) along rays from the origin to the nearest side, inf without one.
+
+    Directions (N, 2), and starts and vectors (M, 2) of the sides.
+    """
+    ranges = np.full(len(directions), np.inf)
+    for n in range(len(directions)):
+        dx, dy = directions[n, 0], directions[n, 1]
+        for m in range(len(sides)):
+            (ax, ay), (ex, ey) = starts[m], sides[m]
+            cross = dx * ey - dy * ex
+            if cross != 0.0:
+                r, u = (ax * ey - ay * ex) / cross, (ax * dy - ay * dx) / cross
+                if 0.0 <= u <= 1.0 and 0.0 < r < ranges[n]:
+                    ranges[n] = r
+    return ranges
+
+
 class SimulatedBase:
     """The base and its sensors; the odometry frame begins where the base starts."""
 
@@ -244,12 +264,7 @@ class SimulatedBase:
         b = np.concatenate([c[1:] for c in corners]) - self.truth[:2]
         angles = bearings + self.truth[2]
         d = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        e = b - a
-        cross = d[:, None, 0] * e[None, :, 1] - d[:, None, 1] * e[None, :, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            r = (a[:, 0] * e[:, 1] - a[:, 1] * e[:, 0])[None] / cross
-            u = (a[None, :, 0] * d[:, None, 1] - a[None, :, 1] * d[:, None, 0]) / cross
-        r = np.where((u >= 0) & (u <= 1) & (r > 0), r, np.inf).min(axis=1)
+        r = _ranges_to_sides(d, a, b - a)
         r = r + self.rng.normal(0, RANGE_SIGMA, len(r))
         seen = np.isfinite(r)
         return (r[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1))[seen]
@@ -279,7 +294,8 @@ class SimulatedBase:
             self.window[k] = points[~self._looks_at(points)]
         self.window.append(cycle.points[cycle.points[:, 2] > CUBE_M])
         points = np.concatenate(self.window)
-        _, first = np.unique(np.floor(points / CUBE_M), axis=0, return_index=True)
+        x, y, z = np.floor(points / CUBE_M).astype(np.int64).T
+        _, first = np.unique((x << 40) + (y << 20) + z, return_index=True)
         self.obstacles, self.obstacles_s = points[first], cycle.stamp_s
         cuboids = self.obstacles.copy()
         cuboids[:, :2] = (np.floor(cuboids[:, :2] / CUBE_M) + 0.5) * CUBE_M
@@ -301,10 +317,11 @@ class SimulatedBase:
         tops = [(p.top, p.height) for p in pieces] + [(self.flat.room, 0.0)]
         for top, height in tops:
             r = (height - LASER[2]) / np.minimum(d[:, 2], -1e-6)
-            hit = LASER + r[:, None] * d
+            near = np.flatnonzero((r < best) & (r < 6.0))
+            hit = LASER + r[near, None] * d[near]
             xy = transform2(self.truth, hit[:, :2])
-            ok = shapely.contains_xy(top, *xy.T) & (r < best) & (r < 6.0)
-            best[ok] = r[ok]
+            hits = near[shapely.contains_xy(top, *xy.T)]
+            best[hits] = r[hits]
         ok = np.isfinite(best)
         r = best[ok] + self.rng.normal(0, RANGE_SIGMA, int(ok.sum()))
         return LASER + r[:, None] * d[ok]

@@ -177,6 +177,12 @@ class RigModel:
         -------
         float64 (K, 4, 4)
         """
+        return self._laser_poses(cycle, stamps_ns, values, self.mount(values))
+
+    def _laser_poses(
+        self, cycle: int, stamps_ns: Int64, values: RigValues, T_mount: Float64
+    ) -> Float64:
+        """Return T_base_laser for given rig parameters and their mount."""
         data = self._cycles[cycle]
         chain = data.chain
         parts = list(chain.parts)
@@ -187,7 +193,7 @@ class RigModel:
             assert isinstance(pan, JointReading)
             parts[data.pan] = (replace(pan, offset=pan.offset + values.pan_offset), backwards)
         fixed = chain.fixed.copy()
-        fixed[0] = self.mount(values) @ fixed[0]
+        fixed[0] = T_mount @ fixed[0]
         return TransformChain(fixed, tuple(parts)).at(self._shifted(data, stamps_ns, values))
 
     @property
@@ -229,9 +235,10 @@ class RigModel:
     def _map(
         self, beams: CycleBeams, values: RigValues, vectors: Float64, is_point: float
     ) -> Float64:
-        result = np.empty_like(vectors)
+        result, T_mount = np.empty_like(vectors), self.mount(values)
         for cycle, rows in _slices(beams.cycle):
-            T = beams.T_place_base[rows] @ self.T_base_laser(cycle, beams.stamps_ns[rows], values)
+            T_base_laser = self._laser_poses(cycle, beams.stamps_ns[rows], values, T_mount)
+            T = beams.T_place_base[rows] @ T_base_laser
             turned = np.einsum("nij,nj->ni", T[:, :3, :3], vectors[rows])
             result[rows] = turned + is_point * T[:, :3, 3]
         return result

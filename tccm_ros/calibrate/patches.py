@@ -160,9 +160,9 @@ def _fit(points: Float64, patch: Int64, size: Int64) -> tuple[Float64, Float64, 
 def _sample(size: Int64, wanted: Bool, max_hits: int) -> Int64:
     """Return the rows of up to `max_hits` hits of each selected patch, evenly spaced."""
     firsts = np.cumsum(size) - size
+    chosen = {count: evenly(count, max_hits) for count in np.unique(size[wanted]).tolist()}
     rows = [
-        first + evenly(count, max_hits)
-        for first, count, ok in zip(firsts.tolist(), size.tolist(), wanted.tolist())
-        if ok
+        first + chosen[count]
+        for first, count in zip(firsts[wanted].tolist(), size[wanted].tolist())
     ]
     return np.concatenate(rows) if rows else np.zeros(0, np.int64)

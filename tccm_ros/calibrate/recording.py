@@ -151,6 +151,8 @@ class CalibrationRecording:
 
 def evenly(count: int, max_count: int) -> Int64:
     """Return up to `max_count` of the indices 0 to `count` - 1, evenly spaced, int64 (N,)."""
+    if count <= max_count:
+        return np.arange(count)
     return np.unique(np.linspace(0, count - 1, min(count, max_count)).astype(np.int64))
 
 

@@ -8,9 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from sensor_sight import SKIN, Sight
 
+from tccm_ros.bags.reader import DEFAULT_TOPICS
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
+from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.racks.insertions import APPROACH, Hand, InsertionSpace
+from tccm_ros.replay.processors import Pipeline
 from tccm_ros.replay.run import run_bag
 from tccm_sim.engine import Simulation
 from tccm_sim.flat import stop_and_scan
@@ -217,6 +220,25 @@ def mapped(rack: Rack, seed: int, folder, config=None):
     simulation = Simulation(rack.world, seed, rack.options)
     bag = record(simulation, folder, overwrite=True)
     return run_bag(bag, config or Config()), map_from_world(simulation)
+
+
+class Mapped(NamedTuple):
+    """The processor of a map at its end, and the map."""
+
+    slam: SurfaceSlam
+    solution: SurfaceSolution
+
+
+def mapped_by_laser(rack: Rack, seed: int):
+    """Return the map of a rack without a bag, and T_map_world, float64 (4, 4)."""
+    simulation = Simulation(rack.world, seed, rack.options)
+    roles = {topic: role for role, topic in DEFAULT_TOPICS.items()}
+    pipeline = Pipeline(Config(), expects_odometry=True)
+    for message in simulation.run():
+        for each in message.records:
+            pipeline.add(roles[message.topic], each)
+    pipeline.finish()
+    return Mapped(pipeline.slam, pipeline.solve()), map_from_world(simulation)
 
 
 def same_space(found, spaces, T_map_world):

@@ -9,7 +9,7 @@ from random_racks import (
     cuts,
     insertions,
     inside,
-    mapped,
+    mapped_by_laser,
     random_rack,
     same_space,
     seat_below_table,
@@ -32,9 +32,9 @@ HEIGHT, LENGTH = 0.01, 0.02
 
 
 @pytest.fixture(scope="module", params=[1, 2, 4])
-def rack(request, tmp_path_factory):
+def rack(request):
     made = random_rack(request.param)
-    outcome, T_map_world = mapped(made, request.param, tmp_path_factory.mktemp("rack"))
+    outcome, T_map_world = mapped_by_laser(made, request.param)
     return made, outcome, T_map_world
 
 
@@ -89,12 +89,12 @@ def test_a_board_that_was_seen_in_two_pieces_is_one(rack):
 
 
 @pytest.mark.parametrize("seed", [5, 11, 18, 36])
-def test_a_board_at_the_height_of_the_laser_is_a_ceiling_by_its_front(seed, tmp_path):
+def test_a_board_at_the_height_of_the_laser_is_a_ceiling_by_its_front(seed):
     """No beam ends on its top or its lower side: without its front, it is in a false compartment of
     twice the height (5), also open behind (18), or its compartment has no ceiling (11), or that of
     an object above (36)."""
     made = random_rack(seed)
-    outcome, T = mapped(made, seed, tmp_path)
+    outcome, T = mapped_by_laser(made, seed)
     pairs = [(found, same_space(found, made.spaces, T)) for found in outcome.solution.compartments]
     assert [true for _, true in pairs] == list(made.spaces[:3])
     for found, true in pairs:
@@ -102,10 +102,10 @@ def test_a_board_at_the_height_of_the_laser_is_a_ceiling_by_its_front(seed, tmp_
         assert abs(found.height - true.height) < HEIGHT
 
 
-def test_the_front_is_towards_the_sensors_although_the_back_is_more_open(tmp_path):
+def test_the_front_is_towards_the_sensors_although_the_back_is_more_open():
     """Objects at the front hide a part of it."""
     made = random_rack(33)
-    outcome, T = mapped(made, 33, tmp_path)
+    outcome, T = mapped_by_laser(made, 33)
     pairs = [same_space(found, made.spaces, T) for found in outcome.solution.compartments]
     assert pairs == list(made.spaces)
 
@@ -200,9 +200,9 @@ def test_boards_and_panels_of_the_planning_scene_are_where_solids_are(rack):
         ),
     ],
 )
-def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low, tmp_path):
+def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low):
     made = cupboard_over_counter(low)
-    outcome, T = mapped(made, 0, tmp_path)
+    outcome, T = mapped_by_laser(made, 0)
     (found,) = outcome.solution.compartments
     true = same_space(found, made.spaces, T)
     assert true is not None
@@ -211,10 +211,10 @@ def test_the_part_of_a_counter_below_a_wall_cupboard_has_its_clear_height(low, t
     assert [found.width, found.depth] == pytest.approx([true.width, true.depth], abs=2 * LENGTH)
 
 
-def test_boards_on_posts_that_are_set_back_from_the_lowest_one_are_a_rack(tmp_path):
+def test_boards_on_posts_that_are_set_back_from_the_lowest_one_are_a_rack():
     """No wall joins them; their front edges have a distance of 8 cm, less than the limit, 10 cm."""
     made = set_back_shelf(0.08)
-    outcome, T = mapped(made, 0, tmp_path)
+    outcome, T = mapped_by_laser(made, 0)
     pairs = [(found, same_space(found, made.spaces, T)) for found in outcome.solution.compartments]
     assert [true for _, true in pairs] == list(made.spaces)
     for found, true in pairs:
@@ -224,8 +224,8 @@ def test_boards_on_posts_that_are_set_back_from_the_lowest_one_are_a_rack(tmp_pa
 
 
 @pytest.mark.parametrize("has_apron", [False, True])
-def test_a_seat_below_a_table_is_no_compartment(has_apron, tmp_path):
-    outcome, _ = mapped(seat_below_table(has_apron=has_apron), 0, tmp_path)
+def test_a_seat_below_a_table_is_no_compartment(has_apron):
+    outcome, _ = mapped_by_laser(seat_below_table(has_apron=has_apron), 0)
     heights = np.array([s.height for s in outcome.solution.surfaces])
     assert [np.abs(heights - z).min() < HEIGHT for z in (0.45, 0.73)] == [True, True]
     assert outcome.solution.compartments == ()

@@ -177,7 +177,8 @@ class Simulation:
         """Return the true T_base_frame, float64 (B, 4, 4), at times (B,) in s."""
         if frame == self.rig.base:
             return np.broadcast_to(np.eye(4), (len(times), 4, 4))
-        positions = {name: profile.at(times) for name, profile in self.world.joints.items()}
+        moving = {joint.name for joint in self._true_rig.chain(frame)}
+        positions = {n: p.at(times) for n, p in self.world.joints.items() if n in moving}
         return self._true_rig.laser_poses(frame, positions, len(times))
 
     def _description(self) -> Iterator[Message]:
@@ -285,9 +286,10 @@ class Simulation:
         exact = _nearest(_cast(*scene, center, times, max_range) for scene in scenes)
         if laser.mixed == 0.0:
             return measure(laser, exact, None, random)
-        rays = rim_directions(bearings, laser.divergence, random)
+        around = random.uniform(0.0, 2.0 * np.pi, len(bearings))
 
         def rim(beams: Int64) -> Float64:
+            rays = rim_directions(bearings[beams], laser.divergence, around[beams])
             return _nearest(_cast(*scene, rays, times, max_range, beams) for scene in scenes)
 
         return measure(laser, exact, rim, random)
@@ -413,11 +415,12 @@ def _cast(
     max_range: float,
     chosen: Int64 | slice = slice(None),
 ) -> _Cast:
-    """Cast rays (B, 3) of a sensor's frame, as in `_distances`; those of the chosen times."""
-    interval, by_pose = (float(times[0]), float(times[-1])), rays.reshape(len(times), -1, 3)
-    T_scene_sensor, by_pose, times = T_scene_sensor[chosen], by_pose[chosen], times[chosen]
+    """Cast rays (B, 3) of a sensor's frame, as in `_distances`; at the chosen times."""
+    interval = float(times[0]), float(times[-1])
+    T_scene_sensor, times = T_scene_sensor[chosen], times[chosen]
+    repeats = len(rays) // max(len(times), 1)
+    by_pose = rays.reshape(len(times), repeats, 3)
     directions = np.einsum("tij,tbj->tbi", T_scene_sensor[:, :3, :3], by_pose).reshape(-1, 3)
-    repeats = by_pose.shape[1]
     origins = np.repeat(T_scene_sensor[:, :3, 3], repeats, axis=0)
     hits = scene.cast(origins, directions, np.repeat(times, repeats), max_range, interval)
     return _Cast(scene, origins, directions, *hits)

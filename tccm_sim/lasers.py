@@ -69,7 +69,7 @@ class Laser:
         return self.time_increment * np.arange(self.beams, dtype=np.float64)
 
 
-def rim_directions(bearings: Float64, divergence: float, random: Generator) -> Float64:
+def rim_directions(bearings: Float64, divergence: float, around: Float64) -> Float64:
     """Return a direction at the rim of each beam; a second ray there detects edges.
 
     Parameters
@@ -78,15 +78,14 @@ def rim_directions(bearings: Float64, divergence: float, random: Generator) -> F
         float64 (B,), rad.
     divergence
         Half angle of the beam, rad.
-    random
-        Random generator of the angle around the beam.
+    around
+        float64 (B,), angle around the beam, rad.
 
     Returns
     -------
     float64 (B, 3)
         Unit vectors in the laser's frame.
     """
-    around = random.uniform(0.0, 2.0 * np.pi, len(bearings))
     azimuth = bearings + divergence * np.cos(around)
     elevation = divergence * np.sin(around)
     cosine = np.cos(elevation)

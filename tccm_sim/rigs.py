@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Bool, Float64
 from tccm_sim.cameras import DepthCamera
 from tccm_sim.colour_camera import ColourCamera
 from tccm_sim.imu import ImuModel
@@ -191,13 +191,28 @@ class Rig:
         count
             Number of poses.
         """
-        chain = self.chain(frame)
-        origins = np.array([rigid(joint.xyz, joint.rpy) for joint in chain])
-        axes = np.array([joint.axis for joint in chain])
+        origins, axes, slides, names = self._chain_arrays(frame)
+        if not any(name in positions for name in names):
+            return chain_poses(origins, axes, slides, np.zeros((1, len(names)))).repeat(count, 0)
         rest = np.zeros(count)
-        slides = np.array([joint.slides for joint in chain])
-        moved = np.column_stack([positions.get(joint.name, rest) for joint in chain])
+        moved = np.column_stack([positions.get(name, rest) for name in names])
         return chain_poses(origins, axes, slides, moved)
+
+    @cached_property
+    def _chains(self) -> dict[str, tuple[Float64, Float64, Bool, tuple[str, ...]]]:
+        return {}
+
+    def _chain_arrays(self, frame: str) -> tuple[Float64, Float64, Bool, tuple[str, ...]]:
+        """Return origins, axes, whether they slide, and names of the joints to a frame."""
+        if frame not in self._chains:
+            chain = self.chain(frame)
+            self._chains[frame] = (
+                np.array([rigid(joint.xyz, joint.rpy) for joint in chain]),
+                np.array([joint.axis for joint in chain]),
+                np.array([joint.slides for joint in chain]),
+                tuple(joint.name for joint in chain),
+            )
+        return self._chains[frame]
 
     def mounted(self, joint_name: str, xyz: Vector, rpy: Vector) -> Rig:
         """Return the rig with a mounting error.

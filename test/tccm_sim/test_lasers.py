@@ -45,7 +45,8 @@ def test_mixed_pixels_are_between_both_ranges():
 
 def test_rim_directions_are_at_the_divergence_from_the_beam():
     bearings = np.linspace(-2.0, 2.0, 200)
-    rays = rim_directions(bearings, 0.01, random())
+    around = random().uniform(0.0, 2.0 * np.pi, len(bearings))
+    rays = rim_directions(bearings, 0.01, around)
     center = np.stack([np.cos(bearings), np.sin(bearings), 0 * bearings], -1)
     assert np.linalg.norm(rays, axis=1) == pytest.approx(1.0)
     assert np.arccos((rays * center).sum(1)) == pytest.approx(0.01, rel=1e-3)

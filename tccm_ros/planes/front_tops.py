@@ -103,26 +103,31 @@ def on_walls(points: Float64, cuboids: Int64, surface: Int64, fits: PlaneFits) -
         As in `top_planes`.
     """
     found = np.zeros(len(points), np.bool_)
-    cells, c = _cells(cuboids, fits), fits.cuboids
+    on_planes = np.flatnonzero(surface >= 0)
+    points, surface = points[on_planes], surface[on_planes]
+    cells, c = _cells(cuboids[on_planes], fits), fits.cuboids
     for k, wall in enumerate(fits):
         if abs(wall.normal[2]) >= FITTED_AS_VERTICAL:
             continue
         is_near = np.abs(points @ wall.normal - wall.offset) <= GATE * wall.rms
+        near = np.flatnonzero(is_near)
         own = np.flatnonzero(fits.labels == k)
         steps = np.arange(1, int(BEFORE / c.cell_size) + 1)[:, None] * wall.normal[:2]
         shifts = np.rint(np.concatenate([steps, -steps])).astype(np.int64)
-        for index in np.unique(surface[is_near & (surface >= 0)]).tolist():
-            rows = np.flatnonzero(is_near & (surface == index))
+        for index in np.unique(surface[near]).tolist():
+            rows = near[surface[near] == index]
             height = float(np.median(points[rows, 2]))
             above = np.unique(_cells(own[c.top[own] / TICKS_PER_M > height + ABOVE], fits))
             rows = rows[(_places_around(cells[rows], above) < len(above)).any(axis=1)]
-            is_level = (surface >= 0) & ~is_near & (np.abs(points[:, 2] - height) <= ABOVE)
+            if not len(rows):
+                continue
+            is_level = ~is_near & (np.abs(points[:, 2] - height) <= ABOVE)
             clear = np.unique(cells[is_level])
             is_board = np.zeros(len(rows), np.bool_)
             for x, y in shifts.tolist():
                 before = _places_around(cells[rows] + (x << 32) + y, clear)
                 is_board |= (before < len(clear)).any(axis=1)
-            found[rows[~is_board]] = True
+            found[on_planes[rows[~is_board]]] = True
     return found
 
 

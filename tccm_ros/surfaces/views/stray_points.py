@@ -82,8 +82,11 @@ def _depth(points: Float32) -> float:
 
 def _are_explained(members: Float32, others: Float32, beside: float) -> bool:
     """Return whether most points are within a distance, m, of points that are not lower."""
-    near = others[others[:, 2] >= members[:, 2].mean() - NOT_LOWER]
+    places = members[:, :2].astype(np.float64)
+    low, high = places.min(axis=0) - beside, places.max(axis=0) + beside
+    is_beside = ((others[:, :2] >= low) & (others[:, :2] <= high)).all(axis=1)
+    near = others[is_beside & (others[:, 2] >= members[:, 2].mean() - NOT_LOWER)]
     if not len(near):
         return False
-    distance = cKDTree(near[:, :2]).query(members[:, :2])[0]
+    distance = cKDTree(near[:, :2]).query(places)[0]
     return bool(np.mean(distance <= beside) > MAJORITY)

@@ -316,10 +316,13 @@ class Simulation:
         """
         casts = [*self._casts(self.rig.camera_frame, camera.rays, np.array([time]), 100.0)]
         ranges = np.array([cast.ranges for cast in casts])
-        nearest = np.argmin(ranges, axis=0), np.arange(len(camera.rays))
-        cosines = np.array([cast.cosines() for cast in casts])[nearest]
+        nearest, cosines = np.argmin(ranges, axis=0), np.empty(len(camera.rays))
+        for k, cast in enumerate(casts):
+            rows = np.flatnonzero(nearest == k)
+            cosines[rows] = cast.cosines(rows)
         shape = camera.height, camera.width
-        return (ranges[nearest] * camera.rays[:, 2]).reshape(shape), cosines.reshape(shape)
+        depths = ranges.min(axis=0) * camera.rays[:, 2]
+        return depths.reshape(shape), cosines.reshape(shape)
 
     def _pictures(self, camera: ColourCamera, random: Generator) -> Iterator[Message]:
         """Yield the JPEG pictures of the colour camera, and its calibration before each."""
@@ -396,9 +399,10 @@ class _Cast(NamedTuple):
     ranges: Float64
     codes: Int64
 
-    def cosines(self) -> Float64:
-        """Return the cosines of the angles of incidence, float64 (B,)."""
-        return self.scene.cosines(self.origins, self.directions, self.ranges, self.codes)
+    def cosines(self, rows: Int64) -> Float64:
+        """Return the cosines of the angles of incidence of the rays `rows` (R,), float64 (R,)."""
+        rays = self.origins[rows], self.directions[rows], self.ranges[rows], self.codes[rows]
+        return self.scene.cosines(*rays)
 
 
 def _nearest(casts: Iterable[_Cast]) -> Float64:

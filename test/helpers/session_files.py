@@ -39,9 +39,16 @@ class SessionFiles:
 
     def replayed(self, bag: str) -> Path:
         """Return the results of a bundled bag with default parameters, without pictures."""
-        return self.once(
-            f"replayed_{bag}", lambda out: replay(BAGS / bag, out, Config(), pictures=False)
-        )
+
+        def make(out: Path) -> None:
+            summary = replay(BAGS / bag, out, Config(), pictures=False)
+            (self._root / f"replayed_{bag}.txt").write_text(summary.text())
+
+        return self.once(f"replayed_{bag}", make)
+
+    def said(self, bag: str) -> str:
+        """Return the text that the replay of `replayed` ends with."""
+        return self.replayed(bag).with_suffix(".txt").read_text()
 
     def replayed_halves(self) -> tuple[Path, Path]:
         """Return the results of two halves of the flat, each in a frame of its own."""

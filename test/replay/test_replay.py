@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from itertools import islice
 from pathlib import Path
 
 import jsonschema
@@ -202,10 +203,11 @@ def rewrite(bag, out, change):
     with BagReader(bag) as reader, BagWriter(out) as writer:
         types = {info.name: info.msgtype for info in reader.topics()}
         for message in reader.messages(types):
-            record = TYPES.deserialize(types[message.topic], message.data)
+            content = message.data
             if message.topic == "/tilt_scan":
-                change(record)
-            writer.write(message.topic, types[message.topic], message.log_ns, record)
+                content = TYPES.deserialize(types[message.topic], message.data)
+                change(content)
+            writer.write(message.topic, types[message.topic], message.log_ns, content)
 
 
 def test_randomly_lost_beams_lose_no_surface(tmp_path):
@@ -262,10 +264,14 @@ def test_a_bag_of_other_rooms_is_a_trajectory_beside_the_map(flat, tmp_path):
 
 
 def test_a_bag_of_other_rooms_is_refused_where_the_map_must_not_change(flat, tmp_path):
+    """By its first seconds; the whole of it fits nowhere either (above)."""
+    with BagReader(BAGS / "walkthrough") as reader, BagWriter(tmp_path / "bag") as writer:
+        for message in islice(reader.messages(), 1600):
+            writer.write(message.topic, message.msgtype, message.log_ns, message.data)
     why = r"could not be localised in the saved map, which is unchanged \(it waits for scans"
     with pytest.raises(MapError, match=why):
         replay(
-            BAGS / "walkthrough",
+            tmp_path / "bag",
             tmp_path / "out",
             Config(graph={"mode": "localisation"}),
             saved_map=flat / "map.mcap",

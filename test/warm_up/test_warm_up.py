@@ -4,8 +4,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 SCRIPT = """
 import gc, sys
 from pathlib import Path
@@ -30,23 +28,24 @@ before = compiled()
 warm_up_outlines()
 assert compiled() == before, "outlines are made for other types than those of a tilt cycle"
 assert before
-check = RigCheck()
-pipeline = Pipeline(Config(), expects_odometry=True, on_cycle=lambda result, _: check.add(result))
-with BagReader(Path(sys.argv[1])) as reader:
-    for role, _, record in reader.records(DEFAULT_TOPICS):
-        pipeline.add(role, record)
-pipeline.finish()
-cuboids_archive(pipeline.tccm.map.cuboids(), Config(), "odom")
-solution = pipeline.solve()
-assert pipeline.cycles and solution.surfaces and solution.graph.walls
+for bag in sys.argv[1:]:
+    check = RigCheck()
+    on_cycle = lambda result, _: check.add(result)
+    pipeline = Pipeline(Config(), expects_odometry=True, on_cycle=on_cycle)
+    with BagReader(Path(bag)) as reader:
+        for role, _, record in reader.records(DEFAULT_TOPICS):
+            pipeline.add(role, record)
+    pipeline.finish()
+    cuboids_archive(pipeline.tccm.map.cuboids(), Config(), "odom")
+    solution = pipeline.solve()
+    assert pipeline.cycles and solution.surfaces and solution.graph.walls
 print(*sorted(compiled() - before), sep="\\n")
 """
-BAGS = Path(__file__).resolve().parents[2] / "bags"
+BAGS = [Path(__file__).resolve().parents[2] / "bags" / name for name in ("walkthrough", "flat")]
 
 
-@pytest.mark.parametrize("bag", ["walkthrough", "flat"])
-def test_nothing_is_compiled_after_it(bag):
-    command = [sys.executable, "-c", SCRIPT, str(BAGS / bag)]
+def test_nothing_is_compiled_after_it():
+    command = [sys.executable, "-c", SCRIPT, *map(str, BAGS)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ""
@@ -72,22 +71,22 @@ warm_up("slam", Config())
 assert "gtsam" not in sys.modules
 before = compiled()
 assert before
-robot, tracker = Robot(Config(), default_streams(), expects_odometry=True), Tracker(Config())
-with BagReader(Path(sys.argv[1])) as reader:
-    for role, _, record in reader.records(DEFAULT_TOPICS):
-        if role in {"tilt_scan", "joint_states"}:  # for tccm_node
-            continue
-        for event in robot.add(role, record):
-            if tracker.takes(event):
-                tracker.add(event)
-assert tracker.counts["keyframes"]
+for bag in sys.argv[1:]:
+    robot, tracker = Robot(Config(), default_streams(), expects_odometry=True), Tracker(Config())
+    with BagReader(Path(bag)) as reader:
+        for role, _, record in reader.records(DEFAULT_TOPICS):
+            if role in {"tilt_scan", "joint_states"}:  # for tccm_node
+                continue
+            for event in robot.add(role, record):
+                if tracker.takes(event):
+                    tracker.add(event)
+    assert tracker.counts["keyframes"]
 print(*sorted(compiled() - before), sep="\\n")
 """
 
 
-@pytest.mark.parametrize("bag", ["walkthrough", "flat"])
-def test_nothing_is_loaded_while_tracking(bag):
-    command = [sys.executable, "-c", TRACKING, str(BAGS / bag)]
+def test_nothing_is_loaded_while_tracking():
+    command = [sys.executable, "-c", TRACKING, *map(str, BAGS)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ""

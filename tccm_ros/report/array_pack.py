@@ -16,9 +16,6 @@ TYPES = {"f4": np.float32, "f8": np.float64, "i2": np.int16, "u2": np.uint16}
 ALIGNMENT = 8
 """Alignment, bytes: typed arrays must begin at multiples of their element size."""
 
-ZIP_LEVEL = 9
-"""Deflate level. Chosen: it gives the smallest page."""
-
 
 class ArrayPack:
     """Collects flat arrays; `text` returns them for the page."""
@@ -42,7 +39,7 @@ class ArrayPack:
 
     def text(self) -> str:
         """Return all arrays, deflated (RFC 1950) and base64-encoded."""
-        return base64.b64encode(zlib.compress(b"".join(self._chunks), ZIP_LEVEL)).decode("ascii")
+        return base64.b64encode(zlib.compress(b"".join(self._chunks))).decode("ascii")
 
 
 class PlainArrays(ArrayPack):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -74,9 +75,9 @@ class OdometryFilter:
 def _distance(a: Odometry, b: Odometry) -> float:
     """Return the distance of two poses: the larger of translation (m) and rotation (rad)."""
     T_a, T_b = a.T_odom_base, b.T_odom_base
-    moved = float(np.linalg.norm(T_b[:3, 3] - T_a[:3, 3]))
-    cosine = (float(np.sum(T_a[:3, :3] * T_b[:3, :3])) - 1.0) / 2.0
-    return max(moved, float(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    moved = math.dist(T_a[:3, 3].tolist(), T_b[:3, 3].tolist())
+    cosine = (float(np.vdot(T_a[:3, :3], T_b[:3, :3])) - 1.0) / 2.0
+    return max(moved, math.acos(min(max(cosine, -1.0), 1.0)))
 
 
 def _origin(position: Float64) -> Float64:

@@ -122,12 +122,13 @@ def on_walls(points: Float64, cuboids: Int64, surface: Int64, fits: PlaneFits) -
             if not len(rows):
                 continue
             is_level = ~is_near & (np.abs(points[:, 2] - height) <= ABOVE)
+            asked, of_row = np.unique(cells[rows], return_inverse=True)
             clear = np.unique(cells[is_level])
-            is_board = np.zeros(len(rows), np.bool_)
+            is_board = np.zeros(len(asked), np.bool_)
             for x, y in shifts.tolist():
-                before = _places_around(cells[rows] + (x << 32) + y, clear)
+                before = _places_around(asked + (x << 32) + y, clear)
                 is_board |= (before < len(clear)).any(axis=1)
-            found[on_planes[rows[~is_board]]] = True
+            found[on_planes[rows[~is_board[of_row]]]] = True
     return found
 
 

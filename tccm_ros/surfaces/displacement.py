@@ -119,10 +119,12 @@ def is_displaced(first: HorizontalOutline, second: HorizontalOutline) -> bool:
     if abs(second.z - first.z) > MIN_LIFT:
         return True
     blurs = (first.blur, second.blur)
-    left = first.outline.difference(blurred(second.outline, BORDER, *blurs)).area
-    came = second.outline.difference(blurred(first.outline, BORDER, *blurs)).area
     width = np.sqrt(min(first.outline.area, second.outline.area))
-    return bool(min(left, came) > MIN_WIDTH * width and left + came > 2.0 * BORDER * width)
+    left = first.outline.difference(blurred(second.outline, BORDER, *blurs)).area
+    if left <= MIN_WIDTH * width:
+        return False
+    came = second.outline.difference(blurred(first.outline, BORDER, *blurs)).area
+    return bool(came > MIN_WIDTH * width and left + came > 2.0 * BORDER * width)
 
 
 def blurred(outline: BaseGeometry, border: float, *blurs: tuple[float, float]) -> BaseGeometry:

@@ -37,8 +37,9 @@ def fraction_within(depths):
     return float((depths < BOUND).mean())
 
 
+@pytest.fixture(scope="module")
 def board_depths(flat):
-    """Return how deep links are in mapped boards and tops where the scene has nothing."""
+    """How deep links are in mapped boards and tops where the scene has nothing."""
     solution, solids, T = flat
     furniture, _ = mapped_solids(solids, T, solution.surfaces, solution.objects)
     boards = placed_solids([s for s in furniture if 2.0 * s.half[2] < BOARD], T)
@@ -47,13 +48,13 @@ def board_depths(flat):
     return clearances(placed_shapes(shapes), boards, boards, ARMS).outside()
 
 
-def test_boards_and_tops_are_in_the_scene(flat):
-    assert fraction_within(board_depths(flat)) > 0.995
+def test_boards_and_tops_are_in_the_scene(board_depths):
+    assert fraction_within(board_depths) > 0.995
 
 
 @pytest.mark.xfail(strict=True, reason="edges of seats of chairs are up to 20 mm outside")
-def test_no_board_is_outside_by_more_than_the_bound(flat):
-    assert board_depths(flat).max() < BOUND
+def test_no_board_is_outside_by_more_than_the_bound(board_depths):
+    assert board_depths.max() < BOUND
 
 
 def test_bodies_below_mapped_tops_are_in_the_scene_with_unseen_space_alone(flat):

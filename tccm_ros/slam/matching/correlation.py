@@ -255,7 +255,8 @@ def _branch_and_bound(
                     - per_cell * far
                     - yaw_penalty * dyaw * dyaw
                 )
-    order = np.argsort(-bounds, kind="mergesort")
+    likely = np.flatnonzero(bounds > search.min_score)
+    order = likely[np.argsort(-bounds[likely], kind="mergesort")]
     best, result = search.min_score, np.array([0.0, 0.0, 0.0])
     found = False
     stack = np.empty((4 * (depth + 1) + 4, 3), np.int64)

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.random import Generator
+from rays import ranges_to_sides
 from shapely import Point, Polygon, affinity
 
 from tccm_ros.approach.footprint import Footprint
@@ -23,7 +24,6 @@ from tccm_ros.approach.settings import Goal, RobotBase, Surroundings
 from tccm_ros.approach.speeds import SpeedLimits, Speeds
 from tccm_ros.approach.target import Target
 from tccm_ros.geometry import between2, compose2, inverse2, transform2
-from tccm_ros.kernels import kernel
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 TICK_S = 0.05
@@ -167,25 +167,6 @@ class Flat:
         return [*found, person] if person is not None else found
 
 
-@kernel
-def _ranges_to_sides(directions, starts, sides):
-    """Return the ranges (N,) along rays from the origin to the nearest side, inf without one.
-
-    Directions (N, 2), and starts and vectors (M, 2) of the sides.
-    """
-    ranges = np.full(len(directions), np.inf)
-    for n in range(len(directions)):
-        dx, dy = directions[n, 0], directions[n, 1]
-        for m in range(len(sides)):
-            (ax, ay), (ex, ey) = starts[m], sides[m]
-            cross = dx * ey - dy * ex
-            if cross != 0.0:
-                r, u = (ax * ey - ay * ex) / cross, (ax * dy - ay * dx) / cross
-                if 0.0 <= u <= 1.0 and 0.0 < r < ranges[n]:
-                    ranges[n] = r
-    return ranges
-
-
 class SimulatedBase:
     """The base and its sensors; the odometry frame begins where the base starts."""
 
@@ -264,7 +245,7 @@ class SimulatedBase:
         b = np.concatenate([c[1:] for c in corners]) - self.truth[:2]
         angles = bearings + self.truth[2]
         d = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        r = _ranges_to_sides(d, a, b - a)
+        r = ranges_to_sides(d, a, b - a, 0.0)
         r = r + self.rng.normal(0, RANGE_SIGMA, len(r))
         seen = np.isfinite(r)
         return (r[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1))[seen]

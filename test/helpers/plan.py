@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from rays import ranges_to_sides
 
 from tccm_ros.records import PosedScan, Scan
 
@@ -55,14 +56,8 @@ def ring(length: float = 12.0, width: float = 9.0, half: float = 1.0) -> Float64
 def cast(walls: Float64, pose: Float64, bearings: Float64, max_range: float = 20.0) -> Float64:
     """Return the range of each beam (N,) from a planar pose of the laser; inf without a return."""
     angles = pose[2] + bearings
-    d = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
-    a, e = walls[None, :, 0] - pose[:2], (walls[:, 1] - walls[:, 0])[None]
-    cross = d[..., 0] * e[..., 1] - d[..., 1] * e[..., 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = (a[..., 0] * e[..., 1] - a[..., 1] * e[..., 0]) / cross
-        u = (a[..., 0] * d[..., 1] - a[..., 1] * d[..., 0]) / cross
-    hit = (t > 1e-6) & (u >= 0.0) & (u <= 1.0)
-    ranges = np.where(hit, t, np.inf).min(axis=1, initial=np.inf)
+    d = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ranges = ranges_to_sides(d, walls[:, 0] - pose[:2], walls[:, 1] - walls[:, 0], 1e-6)
     return np.where(ranges < max_range, ranges, np.inf)
 
 

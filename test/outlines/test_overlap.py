@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from tccm_ros.outlines.overlap import overlaps
 
+FAR = 1e6
+
 
 def star(seed, n, centre):
     """A ring (N, 2) around a centre that does not cross itself."""
@@ -17,23 +19,26 @@ def star(seed, n, centre):
 
 
 def lines_in(ring, y):
-    """Return x of the crossings of a ring with a line of constant y, ascending."""
-    x, v = ring[:, 0], ring[:, 1] - y
-    x2, v2 = np.roll(x, -1), np.roll(v, -1)
+    """Return the ends (L, K) in x of the parts of lines of constant y (L,) in a ring.
+
+    Lines with fewer parts have further ones of no length, far away.
+    """
+    x, v = ring[:, 0], ring[:, 1] - y[:, None]
+    x2, v2 = np.roll(x, -1), np.roll(v, -1, axis=1)
     crosses = (v > 0.0) != (v2 > 0.0)
-    return np.sort((x + (x2 - x) * v / np.where(crosses, v - v2, 1.0))[crosses])
+    at = np.where(crosses, x + (x2 - x) * v / np.where(crosses, v - v2, 1.0), FAR)
+    at = np.sort(at, axis=1)
+    return at[:, : len(ring) // 2 * 2 : 2], at[:, 1::2]
 
 
 def common_area(a, b, lines=2000):
     """Integrate the common length of two rings along parallel lines."""
     low, high = min(a[:, 1].min(), b[:, 1].min()), max(a[:, 1].max(), b[:, 1].max())
     step = (high - low) / lines
-    total = 0.0
-    for y in low + (np.arange(lines) + 0.5) * step:
-        for p, q in lines_in(a, y).reshape(-1, 2):
-            for r, s in lines_in(b, y).reshape(-1, 2):
-                total += max(min(q, s) - max(p, r), 0.0) * step
-    return total
+    y = low + (np.arange(lines) + 0.5) * step
+    (p, q), (r, s) = ([end[:, :, None] for end in lines_in(a, y)], lines_in(b, y))
+    r, s = r[:, None], s[:, None]
+    return np.maximum(np.minimum(q, s) - np.maximum(p, r), 0.0).sum() * step
 
 
 @settings(deadline=None, max_examples=25)

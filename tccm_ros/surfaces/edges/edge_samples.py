@@ -172,13 +172,16 @@ class EdgeSampler:
         within = np.full(len(points), np.inf)
         if not len(passed):
             return within
-        tree = cKDTree(passed)
         spacing = max(m.patch.spacing for m in self.surface.members if m.view == view)
         largest = min(max(PASSED_WITHIN, LINES_BEYOND * spacing), 0.5 * HIDDEN_WIDTH)
-        for radius in (largest, 0.5 * largest, 0.25 * largest):
-            middles = self.surface.lift(points + radius * outward)
-            local = transform(self._inverses[view], middles)[:, :2]
-            distance, _ = tree.query(local, distance_upper_bound=radius)
+        radii = [largest, 0.5 * largest, 0.25 * largest]
+        lifted = [self.surface.lift(points + radius * outward) for radius in radii]
+        middles = [transform(self._inverses[view], each)[:, :2] for each in lifted]
+        low = np.min(middles, axis=(0, 1)) - 2.0 * largest
+        high = np.max(middles, axis=(0, 1)) + 2.0 * largest
+        tree = cKDTree(passed[((passed > low) & (passed < high)).all(axis=1)])
+        for radius, middle in zip(radii, middles):
+            distance, _ = tree.query(middle, distance_upper_bound=radius)
             within[np.isfinite(distance)] = 2.0 * radius
         return within
 

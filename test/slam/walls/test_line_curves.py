@@ -37,8 +37,9 @@ def curved_by_hand(beams, labels):
     shapes = {}
     for first, last in combinations(range(len(pieces) + 1), 2):
         run = np.concatenate(pieces[first:last])
-        bend = residuals(run, 2)[1] * np.hypot(*(run[-1] - run[0])) * (1.0 - 1.0 / (last - first))
-        shapes[first, last] = residuals(run, 1)[0], residuals(run, 2)[0], bend
+        arc, curvature = residuals(run, 2)
+        bend = curvature * np.hypot(*(run[-1] - run[0])) * (1.0 - 1.0 / (last - first))
+        shapes[first, last] = residuals(run, 1)[0], arc, bend
     for cuts in product([False, True], repeat=len(gaps)):
         if any(gap and not cut for gap, cut in zip(gaps, cuts)):
             continue

@@ -22,7 +22,6 @@ from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.inliers import MIN_INSIDE, NOISE_FLOOR, ROUNDS, Plane, is_mixed
-from tccm_ros.planes.plane_noise import FLATNESS
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 from tccm_ros.robust import GATE
 
@@ -30,6 +29,10 @@ LAYER = 0.25
 """Height of layers, m. Noise is estimated for each layer, since it depends on the incidence angle,
 and a layer may be rejected as a whole: a drawer's back may be 10 mm behind the front above it.
 Chosen."""
+
+WARP = 0.001
+"""Tolerance of a patch's mean beyond its noise, m: no board is flat. With `plane_noise.FLATNESS`,
+tops of objects are a surface of a random flat (103)."""
 
 PRIOR = 20.0
 """Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
@@ -315,7 +318,7 @@ def corrected(plane: Plane, errors: tuple[float, float, float], noise: float) ->
 
 @kernel
 def is_shifted(spread: float, weight: float, first: float, variance: float) -> bool:
-    """Return whether a weighted sum of distances is more than noise and flatness.
+    """Return whether a weighted sum of distances is more than noise and warp.
 
     Parameters
     ----------
@@ -326,7 +329,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     variance
         Variance of the noise across the plane, m2.
     """
-    return abs(first) > GATE * math.sqrt(spread * variance) + weight * FLATNESS
+    return abs(first) > GATE * math.sqrt(spread * variance) + weight * WARP
 
 
 @kernel

@@ -5,6 +5,7 @@ Stamps are parsed from their digits to integer nanoseconds, without floats.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -166,9 +167,8 @@ def number_columns(
                 f"{path}: row {k} is not made of numbers; expected a trajectory (TUM), relations "
                 "or a reference"
             ) from None
-        if len(times[-1]) + len(values[-1]) < stamps + numbers or not np.all(
-            np.isfinite(values[-1])
-        ):
+        is_whole = len(times[-1]) + len(values[-1]) == stamps + numbers
+        if not is_whole or not all(map(math.isfinite, values[-1])):
             raise LogError(f"{path}: row {k} needs {stamps + numbers} finite numbers")
     return np.array(times, np.int64).reshape(-1, stamps), np.array(values).reshape(-1, numbers)
 

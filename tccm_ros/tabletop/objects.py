@@ -74,7 +74,8 @@ def find_objects(
         return []
     labels, structure = fits.labels if labels is None else labels, _are_structure(fits)
     loose = loose_cuboids(cuboids.arrays, labels, structure)
-    surfaces = _Surfaces(cuboids, np.append(structure, False)[labels], config.objects.min_height)
+    seen = cuboids.mean()[np.append(structure, False)[labels]]
+    surfaces = _Surfaces(seen, config.objects.min_height)
     covers = [plane for plane in horizontal if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down: a box on a stove is assigned to the stove, not the counter.
@@ -82,6 +83,8 @@ def find_objects(
         members, starts = _take_clusters(loose, plane, config)
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
+            if loose.counts[cluster].sum() < config.objects.min_points:
+                continue
             for part in _parts(loose, cluster, surfaces, plane, config):
                 candidate = _object(loose, part, plane, config)
                 if candidate is not None and not _carries(candidate, covers):
@@ -106,21 +109,19 @@ class _Surfaces(NamedTuple):
 
     Attributes
     ----------
-    cuboids, is_structure
-        The map, and bool (N,), which of its cuboids they are.
+    mean
+        float64 (N, 3), means of their points, m.
     max_distance
         Maximum distance of a surface's cuboids from its plane, m.
     """
 
-    cuboids: Cuboids
-    is_structure: Bool
+    mean: Float64
     max_distance: float
 
     def of(self, plane: PlaneRecord) -> Float64:
         """Return the means of a surface's cuboids seen from above, float64 (S, 2), m."""
-        mean = self.cuboids.mean()[self.is_structure]
-        distance = np.abs(mean @ plane.normal - plane.offset)
-        return np.asarray(mean[distance < self.max_distance, :2])
+        distance = np.abs(self.mean @ plane.normal - plane.offset)
+        return np.asarray(self.mean[distance < self.max_distance, :2])
 
 
 def _parts(

@@ -12,7 +12,7 @@ GATE = 3.0
 """Max difference of two measurements that agree, in standard deviations: 99.7 % of all."""
 
 MAJORITY = 0.5
-"""The larger part of a whole is more than this fraction of it."""
+"""Minimum fraction that counts as a majority."""
 
 AMBIGUOUS = 0.75
 """A solution is ambiguous if another one has more than this fraction of its votes or its score."""

@@ -83,8 +83,9 @@ class Obstacles:
         height
             Height of the robot, m: higher obstacles are ignored.
         """
-        is_low = (readings.cuboids[:, 2] > FLOOR_M) & (readings.cuboids[:, 2] < height)
-        points = np.concatenate([readings.scan, readings.cuboids[is_low, :2]])
+        cubes = readings.obstacle_points
+        is_low = (cubes[:, 2] > FLOOR_M) & (cubes[:, 2] < height)
+        points = np.concatenate([readings.scan, cubes[is_low, :2]])
         rows = [len(readings.scan), is_low.sum()]
         radii = np.repeat([0.0, readings.cube_m / math.sqrt(2.0)], rows)
         is_near = np.hypot(*(points - readings.pose[:2]).T) < NEAR_M

@@ -32,7 +32,7 @@ def missing_input(readings: Readings, patience_s: float) -> tuple[Reason, str] |
         return Reason.LOST_POSE, f"no odometry for {readings.now_s - readings.pose_s:.1f} s"
     for what, stamp_s, max_age_s in (
         ("level scan", readings.scan_s, SCAN_S),
-        ("~/obstacles of tccm_node", readings.cuboids_s, patience_s),
+        ("~/obstacles of tccm_node", readings.obstacles_s, patience_s),
     ):
         age = readings.now_s - stamp_s
         if age > max_age_s:

@@ -24,25 +24,25 @@ class ObstacleMemory:
     Parameters
     ----------
     cube_m
-        Edge of the cubes, m.
+        Edge length of the cubes, m.
 
     Attributes
     ----------
     points
-        float64 (N, 3) in odom, as `Readings.cuboids`.
+        float64 (N, 3) in odom, as `Readings.obstacle_points`.
     """
 
     def __init__(self, cube_m: float):
         self._cube_m = cube_m
         self._newest = self._older = self.points = np.zeros((0, 3))
 
-    def add(self, cuboids: Float64, base: Float64) -> None:
+    def add(self, obstacles: Float64, base: Float64) -> None:
         """Add the newest obstacles (N, 3) in odom; drop older ones far from the base at (2,)."""
         older = np.concatenate([self._older, self._newest])
         older = older[np.hypot(*(older[:, :2] - base).T) < NEAR_M]
         places = np.round(older / (0.5 * self._cube_m)).astype(np.int64)
         self._older = older[np.unique(places, axis=0, return_index=True)[1]]
-        self._newest = cuboids
+        self._newest = obstacles
         self.points = np.concatenate([self._newest, self._older])
 
     def forget_visible(self, cycle: TopCycle) -> None:

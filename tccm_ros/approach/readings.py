@@ -46,13 +46,13 @@ class Readings:
         float64 (N, 2), points of the level laser, and its stamp.
     laser
         float64 (2,), position of the level laser at that stamp.
-    cuboids, cuboids_s
-        float64 (M, 3), occupied cubes of the integration map and of `ObstacleMemory`: x, y of the
-        middle, z of a point in it; and the stamp of the newest.
+    obstacle_points, obstacles_s
+        float64 (M, 3), cubes of the integration map and of `ObstacleMemory` that contain points: x
+        and y of the middle, z of a point in it; and the stamp of the newest, s.
     cycle
         Newest tilt cycle; None before the first.
     cube_m
-        Edge of the cubes, m.
+        Edge length of the cubes, m.
     """
 
     now_s: float
@@ -63,7 +63,7 @@ class Readings:
     scan: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
     scan_s: float = -np.inf
     laser: Float64 = field(default_factory=lambda: np.zeros(2))
-    cuboids: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
-    cuboids_s: float = -np.inf
+    obstacle_points: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    obstacles_s: float = -np.inf
     cycle: TopCycle | None = None
     cube_m: float = 0.0

@@ -38,7 +38,7 @@ class FloorAndCeiling:
         """Return all values as plain numbers, rounded to 1e-6."""
         return {
             "bag": self.bag,
-            "sweeps": self.cycles,
+            "cycles": self.cycles,
             "places": self.places,
             "floor": [_flatness_json(f) for f in self.floor],
             "ceiling": [_flatness_json(f) for f in self.ceiling],

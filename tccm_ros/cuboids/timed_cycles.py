@@ -14,10 +14,10 @@ from tccm_ros.cuboids.tilt_cycle import CycleEnd, Span
 from tccm_ros.records import START_OF_TIME
 
 MAX_DISTANCE = 0.2
-"""Maximum motion of the base in a cycle, m,"""
+"""Maximum translation of the base within a cycle, m; limits the drift of odometry in a part map."""
 
 MAX_ROTATION = float(np.deg2rad(10.0))
-"""and maximum rotation, rad: limits the drift of odometry within a part map."""
+"""Maximum rotation of the base within a cycle, rad; limits the drift of odometry in a part map."""
 
 
 class TimedCycles:

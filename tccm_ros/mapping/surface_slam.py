@@ -86,7 +86,7 @@ MAX_STATIONARY_MOTION = (0.01, 0.005)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfaceSolution:
-    """Trajectory, walls and surfaces after one batch optimisation.
+    """Trajectory, walls and surfaces after one optimisation (a batch if `is_final`).
 
     Attributes
     ----------

@@ -51,19 +51,20 @@ def drop_edge_planes(
     suspect = (variance > MIN_VARIANCE_RATIO * variance.min()) & ~is_vertical
     if not suspect.any():
         return planes
-    own, off = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
+    inliers = np.zeros(len(planes), np.int32)
+    not_beside = np.zeros(len(planes), np.int32)
     for p in labels:
         if p >= 0:
-            own[p] += 1
+            inliers[p] += 1
     flattest = flattest_by_block(blocks, labels, variance)
     for i in range(len(labels)):
         p = labels[i]
         if p >= 0 and suspect[p]:
             max_variance = variance[p] / MIN_VARIANCE_RATIO
             if not is_beside(cuboids, i, blocks, labels, variance, flattest, max_variance):
-                off[p] += 1
+                not_beside[p] += 1
                 # Most planes are no edge planes, which a few of their cuboids decide.
-                suspect[p] = off[p] <= (1.0 - MIN_EDGE_FRACTION) * own[p]
+                suspect[p] = not_beside[p] <= (1.0 - MIN_EDGE_FRACTION) * inliers[p]
     return keep_planes(labels, planes, ~suspect)
 
 

@@ -1,11 +1,11 @@
 """Reassignment of inliers from vertical planes to the horizontal planes that fit them better.
 
-Inliers are assigned plane by plane, the largest first, within a gate. A wall so gets the rear of
-shelf boards that touch it, and a plane through the rears of several boards above each other may be
-found where there is no surface. A cuboid of a vertical plane is reassigned to a horizontal plane
-beside it if its distance from the vertical plane is more than three times the horizontal plane's
-noise, and more than twice its distance from the horizontal plane. Here "horizontal" means "not
-vertical".
+Inliers are assigned plane by plane, the largest first, within a gate. As a result, a wall takes the
+rear points of shelf boards that touch it, and a plane through the rears of several boards above
+each other may be found where there is no surface. A cuboid of a vertical plane is reassigned to a
+horizontal plane beside it if its distance from the vertical plane is more than three times the
+horizontal plane's noise, and more than twice its distance from the horizontal plane. Here
+"horizontal" means "not vertical".
 """
 
 import numpy as np
@@ -173,18 +173,18 @@ def reassign_block(
         for i in block:
             n = M[i, 0]
             # The cheaper test of the mean rejects nearly all cuboids.
-            one = nx * M[i, 1] + ny * M[i, 2] + nz * M[i, 3] - n * d
-            if one * one > max_variance * n * n:
+            residual = nx * M[i, 1] + ny * M[i, 2] + nz * M[i, 3] - n * d
+            if residual * residual > max_variance * n * n:
                 continue
             p = labels[i]
             if p < 0 or not is_vertical[p]:
                 continue
-            _, two = residuals_of(M[i], nx, ny, nz, d)
-            if two > max_variance * n:
+            _, squares = residuals_of(M[i], nx, ny, nz, d)
+            if squares > max_variance * n:
                 continue
             other = planes[p].normal
-            _, held = residuals_of(M[i], other[0], other[1], other[2], planes[p].offset)
-            if held > max(GATE * GATE * variance * n, MIN_VARIANCE_RATIO * two):
+            _, old_squares = residuals_of(M[i], other[0], other[1], other[2], planes[p].offset)
+            if old_squares > max(GATE * GATE * variance * n, MIN_VARIANCE_RATIO * squares):
                 labels[i] = q
                 planes[p].support -= n
                 planes[q].support += n

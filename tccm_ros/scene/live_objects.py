@@ -1,6 +1,6 @@
 """Objects between solutions: the tracks of the newest solution, continued by newer views.
 
-The process that solves answers nothing meanwhile, so this runs elsewhere. A view takes the same
+The solver process answers nothing meanwhile, so this runs elsewhere. A view takes the same
 time at any length of the drive: views of the solution are not looked at again.
 """
 

@@ -1,4 +1,4 @@
-"""The planning scene as its listeners know it: the newest solution, less what is taken."""
+"""The published planning scene: the newest solution except hidden and attached objects."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class HeldObject(NamedTuple):
     touch_links
         Further links that may touch it.
     shape
-        Its shape in map when it was taken; None to put it down.
+        Its shape in map when it was attached; None: detach.
     """
 
     name: str

@@ -112,7 +112,7 @@ def _digits(text: str) -> int:
 
 
 def _as_number(word: str) -> str | None:
-    """Return a word as a room number; None where it is none."""
+    """Return a room number, or None if the word is not one."""
     if _digits(word) > 1 and not NUMBER.fullmatch(word):
         word = word.translate(LOOKALIKES)
     if not NUMBER.fullmatch(word) or PHONE_OR_DATE.fullmatch(word) or FRACTION.fullmatch(word):

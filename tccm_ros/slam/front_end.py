@@ -104,7 +104,7 @@ EARLY_KEYFRAME_INLIERS = 0.65
 """Inlier fraction below which a scan becomes a keyframe early (chosen)."""
 
 NARROW = 2.0
-"""Points within fewer radians are a narrow view: cameras have up to 120 deg, lasers 180 or more."""
+"""View angle, rad, below which a scan is narrow: cameras have up to 120 deg, lasers 180 or more."""
 
 EARLY_FRACTION = 0.4
 """Min motion to an early keyframe, as the sum of `FrontEnd.step_fractions` (chosen)."""

@@ -25,10 +25,9 @@ from tccm_ros.records import (
     ScanPose,
 )
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
-from tccm_ros.slam.base_attitude import AttitudeTrack, attitude_of
-from tccm_ros.slam.base_roll_pitch import RollPitchTrack
+from tccm_ros.slam.base_attitude import attitude_of
 from tccm_ros.slam.chain import AnchoredPose, KeyframeChain
-from tccm_ros.slam.external_poses import MapOdomTrack, reweigh
+from tccm_ros.slam.external_poses import reweigh
 from tccm_ros.slam.factors.factor import Factor, by_variables
 from tccm_ros.slam.factors.keys import Key, view_key
 from tccm_ros.slam.factors.landmarks import landmark_class
@@ -41,6 +40,7 @@ from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landm
 from tccm_ros.slam.live_estimate import SolvedKeyframe
 from tccm_ros.slam.loops.closing import LoopCloser
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
+from tccm_ros.slam.measurements import Measurements
 from tccm_ros.slam.odometry_front_end import OdometryFrontEnd
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between_se2, compose_se2, inverse_se2
@@ -48,7 +48,7 @@ from tccm_ros.slam.signs.landmarks import sign_factors, sign_observations, sign_
 from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
-from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
+from tccm_ros.slam.trajectory import poses_at_stamps, scan_poses
 from tccm_ros.slam.walls.corners import corner_factors, uses_corners
 from tccm_ros.slam.walls.known_poses import walls_at
 from tccm_ros.slam.walls.landmarks import wall_factors, wall_records
@@ -100,35 +100,39 @@ class WallSlam:
         All groups except those of the TCCM and the surfaces.
     label
         Function that assigns the beams of a level scan to line segments (see `extract_lines`).
+    measurements
+        Measurements beside the level scans, which the methods add to; none by default.
+    front_end
+        Tracks scans and makes keyframes; by default a new one, by matching.
     """
 
-    def __init__(self, config: Config, label: LabelBeams = label_by_splitting) -> None:
+    def __init__(
+        self,
+        config: Config,
+        label: LabelBeams = label_by_splitting,
+        measurements: Measurements | None = None,
+        front_end: FrontEnd | None = None,
+    ) -> None:
         self.config = config
         self.label = label
         self._lines: list[Lines] = []
         self._chain = KeyframeChain()
         is_mapping = config.graph.mode == "mapping"
         self._closer = LoopCloser(config, self._chain, begins_trajectories=is_mapping)
-        self._front = FrontEnd(config)
+        self._front = front_end or FrontEnd(config)
         self._first_session = 0
-        self._odometry = OdometryTrack()
+        self._measured = measurements or Measurements()
         self._odometry_front = OdometryFrontEnd(config)
-        self._attitudes = AttitudeTrack()
-        self._map_odom = MapOdomTrack()
-        self._roll_pitch = RollPitchTrack()
         self._newest: LevelScan | None = None
         # Stamps and lines of level scans whose walls do not move the poses.
         self._wall_scans: list[tuple[int, Lines]] = []
         self._is_pose_given = False
-        # Landmark observations: of earlier sessions, of this one, and those not yet anchored.
+        # Landmark observations of earlier sessions, and those not yet anchored.
         self._saved_observations: Sequence[AnchoredObservation] = ()
-        self._observed: list[LandmarkObservation] = []
-        self._unanchored: list[LandmarkObservation] = []
-        # Door signs: of earlier sessions, and of this one.
+        self._unanchored = list(self._measured.landmarks)
+        # Door signs of earlier sessions, and those not yet used in the search for loop closures.
         self._saved_signs: Sequence[SignView] = ()
-        self._signs: list[SignMeasurement] = []
         self._unread: list[SignMeasurement] = []
-        self._pictures: list[SearchedPicture] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
         # The continued graph of the last batch, the number of signs in it, and the additional
         # factors of the last solution.
@@ -152,8 +156,8 @@ class WallSlam:
         self._expect(level)
         tracked = self._front.add(level, self._start(level.odom))
         self._newest = level
-        if not len(self._odometry):  # the base pose is from tf, or unknown
-            self._attitudes.add(level.stamp_ns, level.attitude)
+        if not len(self._measured.odometry):  # the base pose is from tf, or unknown
+            self._measured.attitudes.add(level.stamp_ns, level.attitude)
         keyframe_id = self._take_keyframe()
         if keyframe_id < 0:
             self._closer.relocalise(level, tracked)
@@ -175,25 +179,25 @@ class WallSlam:
 
     def add_odometry(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add an odometry sample, in any order; used between scans, or without scans."""
-        self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
-        self._attitudes.add(stamp_ns, attitude_of(T_odom_base))
+        self._measured.odometry.add(stamp_ns, np.asarray(T_odom_base, float))
+        self._measured.attitudes.add(stamp_ns, attitude_of(T_odom_base))
 
     def add_map_odom(self, map_odom: MapOdom) -> None:
         """Add a pose of the odometry frame by an external localisation."""
-        self._map_odom.add(map_odom)
+        self._measured.map_odom.add(map_odom)
 
     def add_pose_covariance(self, record: PoseCovariance) -> None:
         """Add the covariance of a pose by an external localisation."""
-        self._map_odom.add_covariance(record)
+        self._measured.map_odom.add_covariance(record)
 
     @property
     def waits_for_external_pose(self) -> bool:
         """Whether the external localisation is configured, but has given no pose yet."""
-        return self.config.localisation.is_external and not len(self._map_odom)
+        return self.config.localisation.is_external and not len(self._measured.map_odom)
 
     def add_roll_pitch(self, sample: RollPitch) -> None:
         """Add roll and pitch of the base, in stamp order; used for views."""
-        self._roll_pitch.add(sample)
+        self._measured.roll_pitch.add(sample)
 
     def add_landmark(self, observation: LandmarkObservation) -> None:
         """Add an observation of a landmark, in any order.
@@ -207,7 +211,7 @@ class WallSlam:
             For a kind that is not registered.
         """
         landmark_class(observation.kind)
-        self._observed.append(observation)
+        self._measured.landmarks.append(observation)
         self._unanchored.append(observation)
 
     def add_sign(self, sign: SignMeasurement) -> None:
@@ -216,7 +220,7 @@ class WallSlam:
         It is used in the search for loop closures after `SIGN_DELAY_NS`; one that arrives later is
         used in solutions only.
         """
-        self._signs.append(sign)
+        self._measured.signs.append(sign)
         self._unread.append(sign)
 
     def add_picture(self, picture: SearchedPicture) -> None:
@@ -224,7 +228,7 @@ class WallSlam:
 
         A miss of a sign that it should show reduces the probability of that sign.
         """
-        self._pictures.append(picture)
+        self._measured.pictures.append(picture)
 
     def add_guess(self, guess: PoseGuess) -> None:
         """Begin a session with the next scan, and relocalise around a user-supplied pose.
@@ -251,9 +255,9 @@ class WallSlam:
         if self._front.tracked:
             first, last = self._anchor([first_ns, last_ns])
             return between_se2(first.pose, last.pose) if first.keyframe == last.keyframe else None
-        if not len(self._odometry):
+        if not len(self._measured.odometry):
             return np.zeros(3)
-        start, end = self._odometry.at(first_ns), self._odometry.at(last_ns)
+        start, end = self._measured.odometry.at(first_ns), self._measured.odometry.at(last_ns)
         return None if start is None or end is None else between_se2(start, end)
 
     def _start(self, odom: Float64) -> Float64:
@@ -261,11 +265,11 @@ class WallSlam:
 
         With an external localisation, the pose is in its map.
         """
-        if len(self._map_odom):
-            return compose_se2(self._map_odom.newest(), odom)
-        if not len(self._odometry):
+        if len(self._measured.map_odom):
+            return compose_se2(self._measured.map_odom.newest(), odom)
+        if not len(self._measured.odometry):
             return np.zeros(3)
-        return between_se2(self._odometry.first(), odom)
+        return between_se2(self._measured.odometry.first(), odom)
 
     def _take_keyframe(self) -> int:
         """Add the last scan if it became a keyframe; return its id, or -1."""
@@ -381,7 +385,7 @@ class WallSlam:
             The result of a batch is a function of the records, independent of earlier calls.
         """
         nothing = not self._front.tracked and not self._chain.keyframes
-        if nothing and len(self._odometry):
+        if nothing and len(self._measured.odometry):
             return self._solve_by_odometry(views, factors)
         if nothing:
             return empty_solution(len(views))
@@ -404,7 +408,7 @@ class WallSlam:
         covs += systematic_covariances(solution, self._chain)
         is_in_map = {k.session for k in self._chain.keyframes} <= self._closer.localised
         if not is_final and len(keys) >= MIN_KEYFRAMES and is_in_map:
-            self._solved_signs = len(self._signs)
+            self._solved_signs = len(self._measured.signs)
             self._growth = Growth(
                 solution, graph_factors, content.factors, content.starts, used,
                 self._chain, self._closer, self._lines, self.config,
@@ -425,7 +429,7 @@ class WallSlam:
         landmarks = landmark_records(content.observations, solution, used.scale)
         has_others = used.loops or landmarks or self._chain.external_poses
         stamps_ns = np.array([p.stamp_ns for p in tracked], np.int64)
-        attitudes = self._attitudes.at(stamps_ns)
+        attitudes = self._measured.attitudes.at(stamps_ns)
         return Solution(
             [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
             wall_records(used.walls, used.corners, solution, used.scale),
@@ -446,9 +450,8 @@ class WallSlam:
 
     def _grow(self, views: Sequence[int], factors: Sequence[Factor] | None) -> Solution | None:
         """Return a continuation of the previous solution; None where a batch is needed."""
-        growth = self._growth
-        is_grown = growth is not None and len(self._signs) == self._solved_signs and growth.extend()
-        if growth is None or not is_grown:
+        growth, has_new_signs = self._growth, len(self._measured.signs) != self._solved_signs
+        if growth is None or has_new_signs or not growth.extend():
             return None
         growth.used = replace(growth.used, observations=self._all_observations())
         self._between = self._between if factors is None else factors
@@ -492,7 +495,8 @@ class WallSlam:
 
     def _inliers(self) -> Inliers:
         """Return the inliers; they are selected again only after new records."""
-        counted = self._front.tracked, self._odometry, self._observed, self._signs, self._pictures
+        m = self._measured
+        counted = self._front.tracked, m.odometry, m.landmarks, m.signs, m.pictures
         now = tuple(len(records) for records in counted)
         if self._selected is None or self._selected[0] != now:
             # Lines at unknown places are no observations of walls of the map.
@@ -502,8 +506,8 @@ class WallSlam:
                 self._chain,
                 lines,
                 self._all_observations(),
-                [*self._saved_signs, *self._in_map(sorted(self._signs, key=sign_order), SignView)],
-                self._in_map(sorted(self._pictures, key=lambda x: x.key), PictureView),
+                [*self._saved_signs, *self._in_map(sorted(m.signs, key=sign_order), SignView)],
+                self._in_map(sorted(m.pictures, key=lambda x: x.key), PictureView),
                 self.config,
             )
             self._selected = now, inliers
@@ -521,36 +525,32 @@ class WallSlam:
         return replace(solution, walls=walls_at(solution.pose_at(stamps), lines, self.config))
 
     def _by_odometry(self) -> WallSlam:
-        """Return a processor with keyframes from odometry alone."""
-        odometry_slam = WallSlam(self.config, self.label)
-        odometry_slam._odometry, odometry_slam._map_odom = self._odometry, self._map_odom
-        odometry_slam._roll_pitch, odometry_slam._attitudes = self._roll_pitch, self._attitudes
-        for observation in self._observed:
-            odometry_slam.add_landmark(observation)
-        odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
-        map_odom, first = self._map_odom, int(self._odometry.stamps_ns[0])
-        start = np.zeros(3)
-        if len(map_odom):
-            start = compose_se2(map_odom.before(first), self._odometry.first())
-        odometry_slam._front = self._odometry_front.update(self._odometry, start)
+        """Return a processor of the same measurements with keyframes from odometry alone."""
+        measured, start = self._measured, np.zeros(3)
+        if len(measured.map_odom):
+            first_ns = int(measured.odometry.stamps_ns[0])
+            before = measured.map_odom.before(first_ns)
+            start = compose_se2(before, measured.odometry.first())
+        front = self._odometry_front.update(measured.odometry, start)
+        odometry_slam = WallSlam(self.config, self.label, measured, front)
         while odometry_slam._take_keyframe() >= 0:
             pass
-        if len(map_odom):
+        if len(measured.map_odom):
             sigma = self.config.localisation.sigma
             chain = odometry_slam._chain
-            chain.external_poses = map_odom.poses_of(chain.keyframes, sigma)
+            chain.external_poses = measured.map_odom.poses_of(chain.keyframes, sigma)
             reweigh(chain)
         return odometry_slam
 
     def _anchor(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
         tracked, keyframes, model = self._front.tracked, self._chain.keyframes, self.config.odometry
-        level = poses_at_stamps(stamps_ns, tracked, keyframes, self._odometry, model)
-        attitudes = self._attitudes.at(stamps_ns).tolist()
+        level = poses_at_stamps(stamps_ns, tracked, keyframes, self._measured.odometry, model)
+        attitudes = self._measured.attitudes.at(stamps_ns).tolist()
         return [replace(x, attitude=(z, a, b)) for x, (z, a, b) in zip(level, attitudes)]
 
     def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
         """Return the anchored poses of views, including roll and pitch of the base by its IMU."""
-        by_imu = self._roll_pitch.at(stamps_ns).tolist()
+        by_imu = self._measured.roll_pitch.at(stamps_ns).tolist()
         rows = [(*x.attitude, *by, x) for x, by in zip(self._anchor(stamps_ns), by_imu)]
         return [replace(x, attitude=(z, a + roll, b + pitch)) for z, a, b, roll, pitch, x in rows]
 
@@ -565,7 +565,7 @@ class WallSlam:
 
     def _all_observations(self) -> list[AnchoredObservation]:
         """Return the observations of all sessions in the map's frame, in order."""
-        seen = self._in_map(_by_stamp(self._observed), AnchoredObservation)
+        seen = self._in_map(_by_stamp(self._measured.landmarks), AnchoredObservation)
         return [*self._saved_observations, *seen]
 
     # -- saved maps ----------------------------------------------------------------------------
@@ -661,7 +661,7 @@ class WallSlam:
 
 
 def _renumbered(seen: Iterable[Seen], number: Mapping[int, int]) -> list[Seen]:
-    """Return what was seen from keyframes that have a new number, with that number."""
+    """Return observations with renumbered keyframes; drop those of removed keyframes."""
     return [
         replace(x, anchored=replace(x.anchored, keyframe=number[x.anchored.keyframe]))
         for x in seen

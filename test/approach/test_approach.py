@@ -381,7 +381,7 @@ def test_without_obstacles_of_the_integration_map_nothing_moves():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.1, 0.0, math.pi))
     base = SimulatedBase(flat, np.random.default_rng(0))
     for machine in (Retreat(ROBOT, 0.3), approach(flat)[0]):
-        blind = replace(base.readings(), cuboids=np.zeros((0, 3)), cuboids_s=-np.inf)
+        blind = replace(base.readings(), obstacle_points=np.zeros((0, 3)), obstacles_s=-np.inf)
         assert machine.step(blind) == STOP
         assert machine.outcome.reason == Reason.LOST_SCANS
         assert "no ~/obstacles of tccm_node" in machine.outcome.message

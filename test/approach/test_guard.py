@@ -21,7 +21,7 @@ inside = st.floats(-0.5 * CUBE_M, 0.5 * CUBE_M)
 def obstacles_of(*middles):
     """Return the obstacles of occupied cubes at middles (2,), for a base at the origin."""
     cuboids = np.array([[*middle, 0.4] for middle in middles])
-    readings = Readings(0.0, np.zeros(3), 0.0, np.zeros(3), cuboids=cuboids, cube_m=CUBE_M)
+    readings = Readings(0.0, np.zeros(3), 0.0, np.zeros(3), obstacle_points=cuboids, cube_m=CUBE_M)
     return Obstacles.of(readings, None, ROBOT.margin, 0.05, ROBOT.height)
 
 

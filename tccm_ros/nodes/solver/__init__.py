@@ -1,1 +1,1 @@
-"""The process that solves the map of a SLAM node, and the channel between them."""
+"""The solver process of a SLAM node, and the channel between them."""

@@ -1,4 +1,4 @@
-"""The process that solves, forked from the node before the node has threads.
+"""The solver process, forked from the node before the node has threads.
 
 Both import the same libraries. Pages that neither writes are in memory once: a process that is
 started later has 100 MB of its own.

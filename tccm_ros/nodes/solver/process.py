@@ -1,4 +1,4 @@
-"""The process that solves a SLAM node's map: `python -m tccm_ros.nodes.solver.process DESCRIPTOR`.
+"""The solver process of a SLAM node: `python -m tccm_ros.nodes.solver.process DESCRIPTOR`.
 
 It feeds the node's events, in their order, to the same processor as a replay, and returns the
 results that the node publishes and saves. It does not use rclpy, ignores stop signals, which are

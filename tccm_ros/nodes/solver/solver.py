@@ -1,4 +1,4 @@
-"""The node's side of the process that solves a SLAM node's map."""
+"""The node's side of its solver process."""
 
 from __future__ import annotations
 
@@ -239,14 +239,14 @@ class Solver:
         """Yield the current problems, one line each."""
         if self.is_dead:
             yield (
-                f"the process that solves the map died {self._deaths} times without a solution and "
-                "is not started again: the map is not updated any more; look at its memory, save "
+                f"the solver process died {self._deaths} times without a solution and is not "
+                "started again: the map is not updated any more; look at its memory, save "
                 "and restart or reset the node"
             )
         elif self._deaths:
             yield (
-                "the process that solves the map died and was started again; nothing is lost, the "
-                "next solution takes longer"
+                "the solver process died and was started again; nothing is lost, the next "
+                "solution takes longer"
             )
 
     def close(self) -> None:

@@ -47,7 +47,7 @@ MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
 accurate (chosen)."""
 
 NOWHERE = "not localised, no place of the map matches the scans: drive on, or set the pose"
-AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or set the pose"
+SIMILAR_PLACES = "it waits for scans that distinguish similar places: drive on, or set the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
 UNJOINED = (
     "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once "
@@ -392,7 +392,7 @@ class LoopCloser:
             found = replace(found, b=k, delta=delta, cov=found.cov + tracked.cov)
         self.waits_for = UNCONFIRMED
         if found is None or found.reason:
-            self.waits_for = AMBIGUOUS if found is not None and found.is_ambiguous else NOWHERE
+            self.waits_for = SIMILAR_PLACES if found is not None and found.is_ambiguous else NOWHERE
         if found is not None and found.reason:
             self.rejected.append(found)
         confirmation = self._confirmations.setdefault(session, PlaceConfirmation())

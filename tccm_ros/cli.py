@@ -96,7 +96,7 @@ def replay(
             bag, out, settings, saved_map=map, remap=remap, pictures=pictures, events=events,
             watcher=watcher, bars=bars,
         )  # fmt: skip
-    _tell(summary, quiet, as_json)
+    _print_result(summary, quiet, as_json)
 
 
 @app.command()
@@ -114,7 +114,7 @@ def demo(
 
     with progress(quiet) as bars:
         summary = run([DEMO], out, Config(), bars=bars)
-    _tell(summary, quiet)
+    _print_result(summary, quiet)
     if browser:
         with suppress(OutputError):  # without a browser; the summary names the report
             show(out)
@@ -154,7 +154,7 @@ def fleet(
             sources, out, settings, workers=Workers(workers, memory, scheduler), remap=remap,
             pictures=pictures, bars=bars,
         )  # fmt: skip
-    _tell(summary, quiet, as_json)
+    _print_result(summary, quiet, as_json)
     if summary.failures:
         raise typer.Exit(1)
 
@@ -192,7 +192,7 @@ def merge(
             maps, out, settings, same_building=same_building,
             workers=Workers(workers, memory, scheduler), bars=bars,
         )  # fmt: skip
-    _tell(summary, quiet, as_json)
+    _print_result(summary, quiet, as_json)
 
 
 @app.command()
@@ -211,7 +211,7 @@ def find(
     from tccm_ros.fleet.catalogue import Catalogue
     from tccm_ros.fleet.layout import FleetFolder
 
-    _tell(Catalogue(FleetFolder(folder).catalogue).ask(query), as_json=as_json)
+    _print_result(Catalogue(FleetFolder(folder).catalogue).ask(query), as_json=as_json)
 
 
 @app.command()
@@ -221,7 +221,7 @@ def info(path: BagArgument, as_json: JsonOption = False) -> None:
     from tccm_ros.results.map_file import is_map
     from tccm_ros.results.map_info import map_info
 
-    _tell(map_info(path) if is_map(path) else bag_info(path), as_json=as_json)
+    _print_result(map_info(path) if is_map(path) else bag_info(path), as_json=as_json)
 
 
 @app.command()
@@ -268,10 +268,10 @@ def evaluate(
 
     for path in truth:
         if path.suffix == ".json":
-            _tell(score_surfaces(folder / "surfaces.json", path), as_json=as_json)
+            _print_result(score_surfaces(folder / "surfaces.json", path), as_json=as_json)
             continue
         poses = score_trajectory(folder / "trajectory.tum", path, stamps=stamps)
-        _tell(poses, as_json=as_json)
+        _print_result(poses, as_json=as_json)
         if plot is not None:
             from tccm_ros.evaluate.plot import plot_score
 
@@ -394,7 +394,7 @@ def calibrate(
         found = run(bags, settings, remap, floor_z=floor_z, bars=bars)
         bars.start("picture", 1.0)
         rig, result, picture = write_calibration(found, out)
-    _tell(found, quiet, as_json)
+    _print_result(found, quiet, as_json)
     files = f"rig       {rig}  (use it with --config)\nresult    {result}\npicture   {picture}"
     _say(f"{files}  (before and after)", quiet or as_json)
 
@@ -518,7 +518,7 @@ def _settings(texts: list[str]) -> dict[str, str]:
     return pairs
 
 
-def _tell(result: Any, quiet: bool = False, as_json: bool = False) -> None:
+def _print_result(result: Any, quiet: bool = False, as_json: bool = False) -> None:
     """Print a result, by its methods `to_json` and `text`."""
     if as_json:
         typer.echo(json.dumps(result.to_json(), indent=1))

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_SUGGESTED = 12
-"""Max number of known names that a hint lists."""
+"""Maximum number of known names that a hint lists."""
 
 
 class TccmError(Exception):

@@ -9,7 +9,7 @@ MAD_TO_SIGMA = 1.4826
 % quantile."""
 
 GATE = 3.0
-"""Max difference of two measurements that agree, in standard deviations: 99.7 % of all."""
+"""Maximum difference of two measurements that agree, in standard deviations: 99.7 % of all."""
 
 MAJORITY = 0.5
 """Minimum fraction that counts as a majority."""

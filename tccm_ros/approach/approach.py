@@ -42,13 +42,14 @@ MAX_PLANS = 6
 """Maximum number of plans for one goal. Chosen."""
 
 MAX_CORRECTIONS = 4
-"""Maximum number of correcting motions and further looks after verifications. Chosen."""
+"""Maximum number of correcting motions and repeated measurements after a verification. Chosen."""
 
 MAX_GAP_ERROR_M, MAX_YAW_ERROR_RAD = 0.02, math.radians(1.5)
 """Errors of gap (m) and yaw (rad) with which an approach has succeeded: as specified."""
 
 CORRECTED_GAP_M, CORRECTED_YAW_RAD = 0.006, math.radians(0.6)
-"""Larger errors of gap or yaw are corrected: about a third of those."""
+"""Errors of gap (m) and yaw (rad) above which the base corrects its pose: about a third of
+`MAX_GAP_ERROR_M` and `MAX_YAW_ERROR_RAD`."""
 
 VERIFYING_CYCLES = 2
 """Number of tilt cycles that verify the final pose, measured after the base has stopped."""

@@ -164,7 +164,7 @@ def locate(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) ->
 
 
 def _seen(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) -> _Seen | None:
-    """Return what tilt cycles show at the height of a surface; None with too few of its points."""
+    """Return the points of tilt cycles at the height of a surface; None if there are too few."""
     tops = top_points(np.concatenate([c.points for c in cycles]), target, others)
     points = _largest(_thinned(tops))
     if len(points) < MIN_POINTS:

@@ -25,5 +25,5 @@ class Navigator(Protocol):
         ...
 
     def cancel(self) -> None:
-        """Cancel the drive, if there is one; `is_active` tells when it has ended."""
+        """Cancel the drive, if there is one; `is_active` shows when it has ended."""
         ...

@@ -21,8 +21,8 @@ MIN_AGE_S, MAX_AGE_S = 0.4, 1.0
 """Ages of the older scans, s: with `CLEAR_M`, speeds from 0.25 m/s are seen. Chosen."""
 
 CLEAR_M = 0.10
-"""Distance from older points, m. A turn at 0.6 rad/s with an error of 20 ms of time and 2 % of
-odometry moves a point at 2 m by 5 cm."""
+"""Minimum distance of a moving point from all older points, m. A rotation at 0.6 rad/s with an
+error of 20 ms of time and 2 % of odometry moves a point at 2 m by 5 cm."""
 
 MIN_POINTS = 2
 """Minimum number of points within `CLEAR_M`: a single one may be a beam that two objects mix."""
@@ -55,7 +55,7 @@ class _Scan:
 
 
 class Walkers:
-    """Finds what moves near the base, and limits the speed so that the base rests before contact.
+    """Finds moving objects near the base, and limits the speed so that it rests before contact.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Walkers:
         return points[counts >= MIN_POINTS]
 
     def limit(self, wanted: Speeds, pose: Float64) -> tuple[Speeds, Float64 | None]:
-        """Return the wanted motion, slowed, and the point (2,) of a person who forbids it.
+        """Return the wanted motion, slowed down, and the point (2,) of a person who forbids it.
 
         The base rests when a person who walks towards it from now on comes within the margin: the
         protective separation distance of ISO/TS 15066:2016, 5.5.4. None instead of a point where

@@ -29,7 +29,7 @@ READERS = {r.message_type: r for r in (IMAGE_READER, COMPRESSED_READER, CLOUD_RE
 """Readers by message type."""
 
 _NUMBERS = re.compile(r"(\d+[USF]C1)?")
-"""Encodings of one number a pixel, of which those of depths are some; none where it is empty."""
+"""Image encodings with one number per pixel, as those of depth images, or none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,8 @@ SOUGHT_FRACTION = 0.1
 table or a shelf's front has 0.2 to 0.8 of those of the paper's region (bench/plane_scenes.py)."""
 
 CONFIDENCE = 0.99
-"""Probability that such a plane has been drawn by then; the usual value of RANSAC."""
+"""Probability that a plane with `SOUGHT_FRACTION` of the cores has been drawn when the search ends;
+the usual value of RANSAC."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

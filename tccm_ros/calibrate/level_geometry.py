@@ -25,7 +25,7 @@ SAMPLES, SPACING_NS = 10, 1_000_000_000
 """Number of level scans to test, and minimum time between them (chosen)."""
 
 MIN_FRACTION = 0.5
-"""Minimum fraction of them that determine x, y and yaw (chosen)."""
+"""Minimum fraction of the tested level scans that determine x, y and yaw (chosen)."""
 
 POINTS = 5
 """Minimum number of points of a scan, as in the front end (chosen)."""

@@ -100,9 +100,9 @@ def _write_newer(keys: Any, rows: Any, n: Any, span: Any, cycle: Any, index: Any
 def _write_older(
     keys: Any, rows: Any, n: Any, span: Any, cycle: Any, index: Any, oldest: Any
 ) -> Any:
-    """Write what is left of an older piece as piece n, unless it is empty or too old.
+    """Write the rest of an older piece as piece n, unless it is empty or too old.
 
-    It is always written, and counted only if wanted, which is faster than a branch.
+    It is always written, but counted only if wanted, which is faster than a branch.
     """
     _write(keys, rows, n, span, cycle, index)
     return n + np.uint64((cycle >= oldest) & (span[2] > span[1]))

@@ -20,12 +20,12 @@ SAME_STAMP_NS = 1_000_000
 sensor measures at 1 kHz."""
 
 MAX_GAP_NS = 1_000_000_000
-"""Max time between the poses before and after a stamp at which poses are interpolated, ns;
+"""Maximum time between the poses before and after a stamp at which poses are interpolated, ns;
 chosen."""
 
 NEAR_M, MIN_PATH_M = 3.0, 10.0
-"""Max distance of poses that meet, and min path length between them, m; chosen: a room, and the way
-around it."""
+"""Maximum distance of poses that meet, and minimum path length between them, m; chosen: a room, and
+the way around it."""
 
 
 class Order(StrEnum):

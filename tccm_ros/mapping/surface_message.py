@@ -42,8 +42,8 @@ PLANE_SIGMAS = 3.0
 the surface. Chosen: rejects 0.3 % of Gaussian noise."""
 
 PLANE_SLACK = 0.005
-"""m. Chosen: the rms of a clean plane contains only sensor noise, but surfaces are not perfectly
-flat."""
+"""Tolerance of `PLANE_SIGMAS` for surfaces that are not perfectly flat, m; the rms of a clean plane
+contains only sensor noise. Chosen."""
 
 BEAMS_PER_COLUMN = 2.0
 """Beams of a scan per column at the distance `views.reach`; further beams are not traced. Chosen.

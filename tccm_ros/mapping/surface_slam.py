@@ -81,7 +81,7 @@ SlamInput = (
 )
 
 MAX_STATIONARY_MOTION = (0.01, 0.005)
-"""Max motion (m, rad) of a stationary base; chosen."""
+"""Maximum motion (m, rad) of a stationary base; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

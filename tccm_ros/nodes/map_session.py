@@ -130,7 +130,7 @@ class MapSession:
         self._solver.add(event)
         is_scan = isinstance(event, PosedScan)
         if is_scan and (self._is_pose_given or not self.tracker.is_localised):
-            self._solver.flush()  # each scan may tell where the robot is
+            self._solver.flush()  # each scan may localise the robot
 
     def add_tilt_scan(self, stamp_ns: int) -> None:
         """Extend the trajectory to the stamp of a scan, ns, where there is no level laser."""

@@ -35,7 +35,8 @@ from tccm_ros.sensors.registry import default_streams
 from tccm_ros.view.rerun_stream import RerunStream
 
 MAX_BOXES = 20_000
-"""Maximum number of boxes of a part map; its cells grow until it is met. As `MAX_POINTS`."""
+"""Maximum number of boxes of a part map, as `rerun_sensors.MAX_POINTS` of points: cells are
+enlarged until it is met."""
 
 
 class RerunFeed:

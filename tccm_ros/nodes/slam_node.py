@@ -119,7 +119,7 @@ class SlamNode(SensorNode):
         )
 
     def _create_localisation(self) -> None:
-        """Create what publishes the localisation, with its service unless another node does it."""
+        """Create the publisher of the localisation, and its service unless another node has it."""
         self.localisation = LocalisationPublisher(
             self,
             self.types,
@@ -358,7 +358,7 @@ class SlamNode(SensorNode):
         yield from self._client_api.problems()
 
     def _problems_of_localisation(self) -> Iterable[str]:
-        """Yield what keeps the robot's pose in the map unknown or uncertain."""
+        """Yield reasons why the robot's pose in the map is unknown or uncertain."""
         for role, laser in self.robot.robot.sensors.items():
             if laser.posed and laser.mount.is_base:
                 yield (

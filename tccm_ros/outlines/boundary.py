@@ -36,15 +36,16 @@ from tccm_ros.outlines.raster import (
 )
 
 MIN_HOLE = 6.0
-"""Min area of a hole, in mean areas of a sample; smaller ones are gaps between samples. Chosen."""
+"""Minimum area of a hole, in mean areas of a sample; smaller ones are gaps between samples.
+Chosen."""
 
 TOLERANCE = 1.0
 """Tolerance of the simplification of the outline, cells. Chosen: an edge is known no better than to
 its cell."""
 
 MAX_CELLS = 65_536
-"""Max number of cells of a raster; larger ones are made coarser. Chosen: 256 x 256 cells, 5 m at
-20 mm; a floor needs no outline to the centimetre."""
+"""Maximum number of cells of a raster; larger ones are made coarser. Chosen: 256 x 256 cells, 5 m
+at 20 mm; a floor needs no outline to the centimetre."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,11 @@ from tccm_ros.outlines.raster import EMPTY
 from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 
 MAX_SHIFT = 0.49
-"""Max distance by which a point is moved from its side, cells. Chosen: below one half, rings do not
-touch."""
+"""Maximum distance by which a point is moved from its side, cells. Chosen: below one half, rings do
+not touch."""
 
 HALVINGS = 6
-"""Max number of halvings of the tolerance before every corner is kept. Chosen."""
+"""Maximum number of halvings of the tolerance before every corner is kept. Chosen."""
 
 
 @kernel
@@ -132,7 +132,7 @@ def largest_polygon(
     tolerance
         Tolerance of the simplification, cells.
     min_hole
-        Min area of a hole, as a fraction of that of the outer ring; smaller holes are closed.
+        Minimum area of a hole, as a fraction of that of the outer ring; smaller holes are closed.
 
     Returns
     -------

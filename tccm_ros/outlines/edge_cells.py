@@ -15,7 +15,7 @@ from tccm_ros.outlines.raster import EMPTY, SAMPLE
 from tccm_ros.robust import UNIFORM_WIDTH
 
 SPARSE_SPACING = 1.2
-"""Min spacing of samples, cells, for which the surface extends beyond the last one. Chosen: the
+"""Minimum spacing of samples, cells, for which the surface extends beyond the last one. Chosen: the
 spacing is 1 if every cell is filled."""
 
 

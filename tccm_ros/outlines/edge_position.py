@@ -16,7 +16,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.robust import UNIFORM_WIDTH
 
 HALF_RANGE = 0.15
-"""Max distance of candidate positions from the first guess, m; chosen."""
+"""Maximum distance of candidate positions from the first guess, m; chosen."""
 
 SIGMA = 0.006
 """Standard deviation of a last sample, and step of the candidate positions, m: range noise, pose
@@ -40,7 +40,7 @@ the surface may extend further. Of 0.03, 0.06, 0.12 and 0.24, this one gives the
 overlap .925, .927, .927, .924 on bags/flat, .919, .920, .913, .906 on bags/rgbd_kitchen)."""
 
 INDEPENDENT = 8.0
-"""Max effective number of samples of one view, as they have a common pose error; chosen."""
+"""Maximum effective number of samples of one view, as they have a common pose error; chosen."""
 
 EDGE_SIGMA = 0.005
 """Standard deviation of an edge that all its samples have in common, m: mixed pixels at its end, or
@@ -48,9 +48,9 @@ the gap to the wall at which it ends. With it errors agree with standard deviati
 recordings (`bench/bench_edges.py`)."""
 
 WALL_DISTANCE = 0.12
-"""Max distance of an edge from a wall at which it may end, of an outline beyond a wall that bounds
-it, and length before a wall in which an edge is as likely as at the wall itself, m; chosen: the
-depth that objects before a wall occlude."""
+"""Maximum distance of an edge from a wall at which it may end, of an outline beyond a wall that
+bounds it, and length before a wall in which an edge is as likely as at the wall itself, m; chosen:
+the depth that objects before a wall occlude."""
 
 
 class EdgeSamples(NamedTuple):

@@ -26,8 +26,8 @@ SPACING = 0.03
 point, m; chosen. Points this near to an end of an edge may belong to the next one."""
 
 CORRELATION = 0.10
-"""Correlation length of the errors of an outline's samples, m, and min distance of the inner corner
-of an L from its outer edges; chosen: that of one beam or scan line."""
+"""Correlation length of the errors of an outline's samples, m, and minimum distance of the inner
+corner of an L from its outer edges; chosen: that of one beam or scan line."""
 
 PROBE = 0.04
 """Distance of the points at which an area is tested for free space, m; chosen: less than half a
@@ -35,12 +35,12 @@ column. With 0.03, a platform 4.5 cm over the floor is joined with it over a gap
 (`test/surfaces/merging/test_joining.py`)."""
 
 MAX_ERROR = 5.0
-"""Max error of a sample, standard deviations; larger ones are clipped. With 3, bags/rgbd_kitchen
-has a mean overlap of .937 in place of .945."""
+"""Maximum error of a sample, standard deviations; larger ones are clipped. With 3,
+bags/rgbd_kitchen has a mean overlap of .937 in place of .945."""
 
 HIDDEN_WIDTH = 0.5
-"""Max width of a part of a surface that no view saw: beyond an outline, in a notch or a hole, or
-between two pieces, m; chosen: an appliance on a worktop and its shadow."""
+"""Maximum width of a part of a surface that no view saw: beyond an outline, in a notch or a hole,
+or between two pieces, m; chosen: an appliance on a worktop and its shadow."""
 
 ODDS = {
     SurfaceShape.RECTANGLE: 0.9,
@@ -52,11 +52,11 @@ ODDS = {
 """Prior probability of each shape among tops of furniture; chosen."""
 
 FACING = 0.75
-"""Min cosine between the outward directions of an edge and its samples; chosen: 41 deg, so that
+"""Minimum cosine between the outward directions of an edge and its samples; chosen: 41 deg, so that
 each sample belongs to one of four edges."""
 
 MAX_CORNERS = 14
-"""Max number of corners of a polygon; an outline with more is free. Without it the overlap of
+"""Maximum number of corners of a polygon; an outline with more is free. Without it the overlap of
 hololens is .889 in place of .898."""
 
 CAP_CORNERS = 48

@@ -14,7 +14,7 @@ from tccm_ros.cuboids.linking import link
 from tccm_ros.kernels import kernel
 
 MIN_CUBOIDS = 4
-"""Min number of cuboids of a cluster with a label; chosen."""
+"""Minimum number of cuboids of a cluster with a label; chosen."""
 
 
 def label_horizontal(cuboids: Cuboids, height_threshold: float = 0.010) -> Int32:

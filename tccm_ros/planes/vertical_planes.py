@@ -38,8 +38,8 @@ PRIOR = 20.0
 """Weight of the whole plane's noise in the noise of a layer, in points. Chosen."""
 
 CONVERGED = 0.9
-"""A round that accepts the same patches as the one before is the last, unless the variance falls
-below this fraction of the one before: then the next round may reject more. Chosen."""
+"""A round that accepts the same patches as the previous one is the last, unless the variance falls
+below this fraction of the previous one: then the next round may reject more. Chosen."""
 
 MIN_DEPTH = 0.01
 """Minimum rms depth of a rim in the fit, m: a lower one is a single scan line. Chosen."""

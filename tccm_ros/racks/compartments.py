@@ -43,7 +43,8 @@ COMMON_FRONT = 0.8
 the same posts agree within the errors of their edges, and a seat below a table does not."""
 
 MAX_SETBACK = 0.1
-"""Maximum distance of the front edges of such boards, m; chosen: a base is deeper by as much."""
+"""Maximum distance of the front edges of boards with a common front, m; chosen: a base is deeper by
+as much."""
 
 
 def find_compartments(

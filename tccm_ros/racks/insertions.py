@@ -30,8 +30,8 @@ ON_BOARD = 0.03
 """Hits up to this height over a board belong to it, m: a cell. Lower objects have boxes."""
 
 LOW = 0.06
-"""Boxes are obstacles only for objects up to this height, m: two cells. These may have no hits;
-hits on higher objects bound them more tightly than their boxes."""
+"""Boxes are obstacles only for objects up to this height, m: two cells. Lower objects may have no
+hits; hits on higher objects bound them more tightly than their boxes."""
 
 FRONT_EDGE = 0.06
 """Distance before the front at which hits may still belong to the board, m: the error of its edge

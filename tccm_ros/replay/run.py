@@ -243,7 +243,7 @@ def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[
 
 
 def _timing_notes(timing: JointTiming | None, *, is_corrected: bool) -> Sequence[str]:
-    """Return what is wrong with the stamps of a tilting laser or its joint, and what is done."""
+    """Return a line on a delay between a tilting laser and its joint, and whether it is used."""
     if timing is None or not timing.is_significant:
         return ()
     return (f"{timing.text()}; {'it is used' if is_corrected else 'it is not what you set'}",)

@@ -22,19 +22,20 @@ from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.tracks import Track
 
 SETTLING_TIME, LEARNING_TIME, MEMORY = 0.5, 1.0, 60.0
-"""Bias estimation at rest, s: ignore the first time (the base rocks), use the bias after the second
-time, and average over the last (chosen: the bias drifts over minutes)."""
+"""Times of the bias estimation at rest, s: `SETTLING_TIME` is ignored (the base rocks), the bias is
+used after `LEARNING_TIME`, and averaged over `MEMORY` (chosen: the bias drifts over minutes)."""
 
 MAX_BIAS = 0.05
 """A larger rate (rad/s) is no bias: the base is rotated while its wheels stand. Chosen: 3 deg/s,
 three times the bias of consumer gyroscopes."""
 
 MIN_TURNED, AGREEMENT = 0.3, (0.4, 2.5)
-"""The gyroscope is used once the wheels have rotated by the first (rad), with a ratio of gyroscope
-to wheel yaw within these limits (chosen: skidding wheels report up to twice the yaw)."""
+"""The gyroscope is used once the wheels have rotated by `MIN_TURNED`, rad, if the ratio of
+gyroscope to wheel yaw is within `AGREEMENT` (chosen: skidding wheels report up to twice the
+yaw)."""
 
 MAX_TURNED = 6.0
-"""Sum of turns above which older turns lose weight, rad (chosen: one revolution)."""
+"""Sum of rotations above which older ones lose weight, rad (chosen: one revolution)."""
 
 
 class GyroHeading:

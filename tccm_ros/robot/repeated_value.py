@@ -1,8 +1,8 @@
 """Find the one value that a second publisher repeats between the samples of a moving joint.
 
 A publisher that does not measure a joint publishes zeros, or its initial position, for it. At the
-rate of the driver and above, outliers are as frequent as positions, and steps alone cannot tell
-which is which (`steps`): the value that does not change is the one that is not measured.
+rate of the driver and above, outliers are as frequent as positions, and steps (`steps`) cannot
+distinguish them: the value that does not change is the one that is not measured.
 """
 
 from __future__ import annotations

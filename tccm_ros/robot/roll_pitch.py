@@ -241,7 +241,7 @@ class BaseRollPitch:
             self._stand(rates, force)
         else:
             self._drive(moved, rates, force, T_base_imu[:3, 3])
-        self._tell(end_ns)
+        self._record(end_ns)
 
     def _mean(self, start_ns: int, end_ns: int) -> Float64:
         """Return the mean sample (6,) of a step, or of the samples around an empty step."""
@@ -345,7 +345,7 @@ class BaseRollPitch:
         drift = (RATE_SIGMA * self._moved_s) ** 2 + (AXIS_SIGMA * self._yaw) ** 2
         return math.sqrt(by_gravity + RATE_NOISE**2 * self._moved_s + drift)
 
-    def _tell(self, stamp_ns: int) -> None:
+    def _record(self, stamp_ns: int) -> None:
         """Record roll and pitch at the end of a step."""
         sigma, now, usual, found = self._sigma, self._now, self._usual.value, np.zeros(2)
         if now is not None and usual is not None and sigma <= MAX_SIGMA:

@@ -12,8 +12,8 @@ from tccm_ros.records import Posed
 from tccm_ros.robot.chain_finder import MountKind
 
 Cleaner = Callable[[Any], tuple[Any, str | None]]
-"""Function that returns a record without what it has learned to be no measurement, and a remark on
-that; the record itself and None where there is nothing."""
+"""Function that removes from a record the values that are no measurements; returns the record and a
+remark, or the same record and None."""
 
 
 def instant(record: Any) -> tuple[int, int]:

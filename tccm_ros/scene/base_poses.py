@@ -70,7 +70,7 @@ class FreeFloor:
         robot_radius
             Radius of the free circle around the base's origin, m.
         max_count
-            Max number of poses; any two are at least a robot radius from each other.
+            Maximum number of poses; any two are at least a robot radius from each other.
         """
         low = np.floor((place[:2] - reach - self._origin) / self._resolution).astype(int)
         high = np.ceil((place[:2] + reach - self._origin) / self._resolution).astype(int) + 1

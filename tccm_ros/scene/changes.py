@@ -167,7 +167,7 @@ def changes(before: Scene, after: Scene, agreeing_views: int) -> list[Change]:
     before, after
         Two scenes of one map.
     agreeing_views
-        Min number of views that must have measured an object.
+        Minimum number of views that must have measured an object.
     """
     return [
         *_surface_changes(

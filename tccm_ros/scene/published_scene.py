@@ -67,7 +67,7 @@ class HeldObject(NamedTuple):
 
 
 class SceneChanges(NamedTuple):
-    """Changes for the listeners: around the robot, and of what it holds."""
+    """Changes for the listeners: of the scene, and of the objects that the robot holds."""
 
     diff: SceneDiff
     held: tuple[HeldObject, ...] = ()
@@ -77,7 +77,7 @@ class SceneChanges(NamedTuple):
 
 
 class PublishedScene:
-    """Shapes of the newest solution, with objects that are left out or held by the robot."""
+    """Shapes of the newest solution, with objects that are hidden or held by the robot."""
 
     def __init__(self) -> None:
         self._known: Shapes = {}

@@ -36,8 +36,8 @@ from tccm_ros.tabletop.placements import (
 )
 
 MIN_OVERHANG_HEIGHT_M = 0.05
-"""Min height of an overhanging surface above another one, m; chosen: lower ones are beside it, and
-items to put down are higher."""
+"""Minimum height of an overhanging surface above another one, m; chosen: lower ones are beside it,
+and items to put down are higher."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +51,15 @@ class SurfaceFilter:
     labels
         Labels; empty for any label except that of the floor, which `ids` or `labels` must name.
     min_confidence
-        Min confidence of the label, 0 to 1.
+        Minimum confidence of the label, 0 to 1.
     min_height, max_height
         Range of the height over the floor, m.
     min_area
-        Min area, m2.
+        Minimum area, m2.
     near
         (x, y) in map, m; results are sorted by their distance from it. None: by id.
     max_distance
-        Max distance of a surface's outline from `near`, m; 0 for any.
+        Maximum distance of a surface's outline from `near`, m; 0 for any.
     near_sign
         Parts of the text of a sign near the surface, case-insensitive; empty for any.
     words
@@ -90,11 +90,11 @@ class ObjectFilter:
     surfaces
         Ids of the surfaces under the object; empty for any.
     min_size, max_size
-        Min length of its shortest edge and max length of its longest edge, m.
+        Minimum length of its shortest edge and maximum length of its longest edge, m.
     near
         (x, y) in map, m; results are sorted by their distance from it. None: by surface.
     max_distance
-        Max distance of its centre from `near`, m; 0 for any.
+        Maximum distance of its centre from `near`, m; 0 for any.
     hand_width, hand_height
         Size of the hand, m; from above, the hand needs `hand_height` over the object.
     clearance

@@ -15,14 +15,14 @@ MIN_NUMBERS = 100
 
 PLAUSIBLE = 1e-4, 1e4
 """Range of the absolute values of measured coordinates, m or mm. The exponent of a swapped float32
-is a byte of its mantissa: a tenth of them is within."""
+is a byte of its mantissa: a tenth of swapped numbers are within the range."""
 
 ROUGHER = 8.0
-"""Ratio of the median steps between neighbours in the wrong and right byte order. Chosen: swapped
-depths step by tens of metres, whatever the scene; those of an image by millimetres."""
+"""Minimum ratio of the median steps between neighbours in the wrong and right byte order. Chosen:
+swapped depths step by tens of metres in any scene; correct ones by millimetres."""
 
 SWAPPED = "is_bigendian contradicts the numbers, which are read in the other byte order"
-"""Remark on such messages."""
+"""Remark on messages whose numbers contradict their `is_bigendian`."""
 
 
 def is_swapped(values: NDArray[Any]) -> bool:

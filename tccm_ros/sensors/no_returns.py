@@ -16,7 +16,8 @@ from tccm_ros.records import Scan
 from tccm_ros.records.building import NO_RETURN_SHELL, NO_RETURN_SHELL_M
 
 STEPS_OF_RESOLUTION = 2.0
-"""Resolutions by which a wall bows before its ranges differ: it lies within one, rounded."""
+"""Minimum bow of a flat surface, in resolutions of the ranges, for which its ranges differ: rounded
+ranges deviate by up to one resolution."""
 
 MAX_VALUES = 4
 """Maximum number of learned ranges. Chosen: drivers know few states of a beam without a return."""
@@ -58,7 +59,7 @@ def arc_range(scan: Scan) -> float | None:
     A flat surface perpendicular to the middle of a run over an angle a bows by
     ``r (1 / cos(a / 2) - 1)``. A run is an arc where that exceeds the resolution of the ranges: the
     smallest step between the scan's ranges, and what `NO_RETURN_SHELL` allows for. A scan of one
-    range alone does not tell its resolution.
+    range alone does not show its resolution.
     """
     ranges = scan.ranges
     is_range = (ranges > max(scan.range_min, 0.0)) & (ranges <= scan.range_max)

@@ -25,27 +25,29 @@ NUMBERS_DISTANCE = 6.0
 the numbers of a clock are closer; those of two doors are not, at readable viewing angles."""
 
 NOTICE_LINES = 5
-"""Number of other lines within that distance, as high or higher, that makes a notice. Chosen: a
+"""Number of other lines within `LIST_DISTANCE`, as high or higher, that makes a notice. Chosen: a
 number and four names of one size are a plate."""
 
 LIST_NUMBERS = 2
-"""Number of those with digits or names that makes a list. Chosen: two lines are a number."""
+"""Number of other lines with digits or names within `LIST_DISTANCE` that makes a list. Chosen: two
+lines are a number."""
 
 PLATE_DISTANCE = (1.5, 2.5)
 """Maximum distance beside, and above or below a number of other lines of its plate, in line
 heights. Chosen: plates have margins, and gaps between their parts."""
 
 PART_DISTANCE = (1.0, 1.2)
-"""The same for lines that form a number together. Chosen: one and a half lines."""
+"""Maximum distance beside, and above or below each other of lines that form one number, in line
+heights. Chosen: one and a half lines."""
 
 MIN_CONFIDENCE = 0.8
 """Minimum mean probability of the characters of a number. Chosen."""
 
 DIGIT_CONFIDENCE = 0.95
-"""The same for a number of one digit: many dark spots look like one. Chosen."""
+"""Minimum probability of a number of one digit: many dark spots look like one. Chosen."""
 
 OTHER_CONFIDENCE = 0.6
-"""The same for the other lines of a plate. Chosen."""
+"""Minimum mean probability of the characters of the other lines of a plate. Chosen."""
 
 
 class ReadLine(NamedTuple):

@@ -37,13 +37,14 @@ FINDER_AREA = 144.0**2
 finds a number of a fifth of its height."""
 
 MAX_SCALE = 2.0
-"""Maximum scale for that, for small boxes. Chosen."""
+"""Maximum scale of a search region, for small boxes. Chosen."""
 
 MAX_LINES = 3
 """Maximum number of lines read per plate. Chosen."""
 
 LIST_LINE = 14.0
-"""Height of the number in that search, pixels. Chosen: the finder finds lines of ten and more."""
+"""Height of the number in the search for other rows of its list, pixels. Chosen: the finder finds
+lines of ten and more."""
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ NARROW = 2.0
 """View angle, rad, below which a scan is narrow: cameras have up to 120 deg, lasers 180 or more."""
 
 EARLY_FRACTION = 0.4
-"""Min motion to an early keyframe, as the sum of `FrontEnd.step_fractions` (chosen)."""
+"""Minimum motion to an early keyframe, as the sum of `FrontEnd.step_fractions` (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

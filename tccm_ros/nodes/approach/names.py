@@ -24,7 +24,7 @@ from tccm_ros.nodes.interfaces import offer_service
 from tccm_ros.ros.types import MessageTypes, pose_message
 
 MAX_BASE_POSES = 10
-"""Most base poses in one response. Chosen."""
+"""Maximum number of base poses in one response. Chosen."""
 
 
 class NoSurfaceError(RequestError):

@@ -115,8 +115,8 @@ class Nav2Navigator:
         elif status == GoalStatus.STATUS_CANCELED:
             self._end("another program has cancelled Nav2's goal")
         else:
-            told = getattr(result, "error_msg", "")  # not in the first Jazzy
-            self._end(f"Nav2: {told or f'error {result.error_code}'}")
+            message = getattr(result, "error_msg", "")  # not in the first Jazzy
+            self._end(f"Nav2: {message or f'error {result.error_code}'}")
 
     def _end(self, failure: str) -> None:
         self._handle, self.failure, self._is_active = None, failure, False

@@ -103,7 +103,7 @@ class ClientApi:
 
     @property
     def has_scene_listeners(self) -> bool:
-        """Whether anybody is told of objects between solutions."""
+        """Whether any listener receives objects between solutions."""
         return self._boxes.has_listeners
 
     def show_objects(self, scene: Scene) -> None:

@@ -17,7 +17,8 @@ STANDING_NS = 500_000_000
 """The base is at rest if it has not moved for this time, ns. Chosen."""
 
 STANDING_M, STANDING_RAD = 0.01, np.deg2rad(0.25)
-"""Tolerated motion: speeds of 0.02 m/s and 0.5 deg/s over that time, as for still views."""
+"""Maximum motion of a base at rest within `STANDING_NS`: speeds of 0.02 m/s and 0.5 deg/s, as for
+still views."""
 
 
 class KnownFrames:

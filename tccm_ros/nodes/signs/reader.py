@@ -24,7 +24,7 @@ MAX_DEATHS = 3
 LOOK_S = 0.1
 """Polling period of the time limit, s."""
 
-Told = tuple[SearchedPicture | SignMeasurement, ...]
+PictureResults = tuple[SearchedPicture | SignMeasurement, ...]
 """Results of a picture: a record of the search, and the signs found."""
 
 
@@ -51,7 +51,7 @@ class SignReader:
         Reason why pictures cannot be read; empty if they can.
     """
 
-    def __init__(self, config: Config, on_signs: Callable[[Told], None]):
+    def __init__(self, config: Config, on_signs: Callable[[PictureResults], None]):
         self._config, self._on_signs = config, on_signs
         self._selector = SignProcessor(config)
         self._worker = Worker("signs", self._note_error)
@@ -118,7 +118,7 @@ class SignReader:
         if session == self._session:
             self._on_signs(events)
 
-    def _answer(self, posed: PosedPicture) -> tuple[Told, str]:
+    def _answer(self, posed: PosedPicture) -> tuple[PictureResults, str]:
         """Return the answer of the process (`process.answer_pictures`)."""
         if self._connection is None:
             self._connection = self._start()

@@ -19,7 +19,8 @@ from multiprocessing.connection import Connection
 from tccm_ros.nodes.process.stopping import SIGNALS
 
 COMMON = "tccm_ros.nodes.solver.solver"
-"""Module whose imports both need. None of them is rclpy, whose libraries start threads."""
+"""Module whose imports the node and the solver process both need. None of them is rclpy, whose
+libraries start threads."""
 
 PROCESS = "tccm_ros.nodes.solver.process"
 """Module that the process runs. The node does not import it: gtsam alone takes 39 MB."""

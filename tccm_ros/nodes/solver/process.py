@@ -96,9 +96,9 @@ class SolverProcess:
         try:
             self._do[type(command)](command)
         except Exception as error:
-            self._tell(command, error)
+            self._report(command, error)
 
-    def _tell(self, command: Any, error: Exception) -> None:
+    def _report(self, command: Any, error: Exception) -> None:
         number = command.number if isinstance(command, Solve) else -1
         self._connection.send(Failed(self._session, number, _reason(error)))
 
@@ -126,7 +126,7 @@ class SolverProcess:
             try:
                 self._take(event)
             except Exception as error:
-                self._tell(feed, error)
+                self._report(feed, error)
 
     def _take(self, event: Any) -> None:
         if isinstance(event, PoseStamp):

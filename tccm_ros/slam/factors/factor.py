@@ -29,8 +29,8 @@ class Factor(Protocol):
 
 
 SAME_MEASUREMENT, SAME_NOISE = 1e-4, 0.2
-"""Two factors are equal if their measurements (m, rad) differ by at most the first, and their
-variances by at most the second as a fraction (chosen)."""
+"""Two factors are equal if their measurements (m, rad) differ by at most `SAME_MEASUREMENT`, and
+their variances by at most `SAME_NOISE` as a fraction (chosen)."""
 
 
 def by_variables(factors: Iterable[Factor], label: str = "") -> dict[Hashable, Factor]:

@@ -16,7 +16,7 @@ OPEN_SIGMA = 1e3
 """Standard deviation (m, rad) of a component that a factor does not measure (chosen)."""
 
 FREE_POSITION_SIGMA = 1e6
-"""The same for the position of a keyframe in map, m: maps are large (chosen)."""
+"""Standard deviation of an unknown position of a keyframe in map, m: maps are large (chosen)."""
 
 LOOSE_SIGMA = 1.0
 """Standard deviation (m, rad) of a component that another factor holds at zero (chosen)."""
@@ -25,7 +25,7 @@ PLANAR_ORDER = [3, 4, 2]
 """Indices of x, y and yaw in GTSAM's order (roll, pitch, yaw, x, y, z)."""
 
 Z_ROLL_PITCH = [5, 0, 1]
-"""Indices of z, roll and pitch in the same order."""
+"""Indices of z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
 
 HUBER_K = 1.345
 """Huber threshold in standard deviations: 95 % efficiency for Gaussian noise (the usual choice)."""

@@ -68,7 +68,7 @@ BESIDE_M = 30.0
 of common level lasers, so that no wall or surface of one overlaps with the other."""
 
 MAP = -1
-"""The trajectory of the map, among the first sessions of the others."""
+"""Number of the map's trajectory; the number of another trajectory is that of its first session."""
 
 BATCH = 10
 """Number of keyframes added to the live graph together: an update costs the same for one as for a

@@ -26,7 +26,8 @@ CLOSING_SIGMA_M, CLOSING_SIGMA_RAD = 0.12, 0.035
 the distortion of two submaps (chosen)."""
 
 CLOSING_SIGMA_M_PER_M, CLOSING_SIGMA_RAD_PER_M = 0.02, 0.003
-"""Growth of that standard deviation with the path between the proposals (chosen)."""
+"""Growth of `CLOSING_SIGMA_M` and `CLOSING_SIGMA_RAD` with the path between the proposals
+(chosen)."""
 
 MAX_POSITION_SIGMA = 0.5
 """A proposal with a larger standard deviation (m) in some direction does not determine the

@@ -25,7 +25,7 @@ ISOTROPIC_WEIGHT = 0.15
 of a hit on an object of unknown shape is known to a few centimetres only (chosen)."""
 
 ISOTROPIC_SIGMAS = 2.0
-"""Noise of such a point, in standard deviations of a point on a line (chosen)."""
+"""Noise of a point without a normal, in standard deviations of a point on a line (chosen)."""
 
 UNCONFIRMED_WEIGHT, MIN_CONFIRMED = 0.1, 0.5
 """Weight of points seen by a single scan of the map (such as people who walk along), if at least

@@ -32,7 +32,8 @@ MAX_DISTANCE = 0.5
 uncertain pose needs a loop closure by geometry first."""
 
 MAX_MISREAD_DISTANCE = 0.2
-"""The same for sightings with different texts (chosen: the width of a plate)."""
+"""Maximum distance (m) between two sightings of one sign with different texts (chosen: the width of
+a plate)."""
 
 SURFACE_SIGMA = 0.02
 """Additional standard deviation (m) of the middle of a number between two passes (chosen)."""

@@ -1,7 +1,7 @@
 """Sightings of door signs: the views of one plate in one pass, and the triangulated point.
 
-While a robot passes a plate, its relative poses are known to millimetres, so that rays and texts
-alone tell which views show one plate. Sightings of different passes are then compared
+While a robot passes a plate, its relative poses are known to millimetres, so rays and texts suffice
+to assign views to a plate. Sightings of different passes are then compared
 (`association`).
 """
 

@@ -29,7 +29,8 @@ FACING_DISTANCE, MIN_FACING_POINTS = 0.6, 6
 number (chosen)."""
 
 MIN_FACING_AGREEMENT = 0.9
-"""Minimum length of the mean of their unit normals. Chosen: 26 deg of scatter."""
+"""Minimum length of the mean of the unit normals of points within `FACING_DISTANCE`. Chosen: 26 deg
+of scatter."""
 
 WINDOW_M, WINDOW_RAD = 0.5, 0.2
 """Half width of the search around the keyframe pose predicted by a sign. Chosen: several standard

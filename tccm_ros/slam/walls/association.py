@@ -32,7 +32,8 @@ GATE_SIGMAS, GATE_CHI2 = 3.0, 9.2
 Mahalanobis distance: 99 % of two degrees of freedom."""
 
 JOINT_GATE_SIGMAS = 6.0
-"""The same for lines in the joint fit and for the common correction (chosen)."""
+"""Standard deviations in ``walls.gate_distance`` and ``walls.gate_angle`` for the common correction
+of a joint fit (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,9 +31,9 @@ THROUGH_SIGMA = 0.01
 """Standard deviation (m) of the distance of a wall from its corner (chosen)."""
 
 EXACT_SIGMA = 0.001
-"""The same (m) if the corner is the wall's endpoint, so that both have one position: a thirtieth of
-`POINT_SIGMA`. With a hundredth, Levenberg-Marquardt does not converge in a flat
-(``bench/mspace_corners.py``)."""
+"""Standard deviation (m) of the distance of a wall from its endpoint, so that both have one
+position: a thirtieth of `POINT_SIGMA`. With a hundredth, Levenberg-Marquardt does not converge in a
+flat (``bench/mspace_corners.py``)."""
 
 
 class Corner(NamedTuple):

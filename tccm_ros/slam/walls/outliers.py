@@ -23,9 +23,9 @@ OBSERVATION_CHI2 = 13.8
 of freedom."""
 
 GATE_FACTOR, GATE_SIGMAS = 2.0, 3.0
-"""An observation whose distance from the median of its wall exceeds the first times
-``walls.gate_distance``, or ``walls.gate_angle`` plus the second in standard deviations, has a wrong
-wall (chosen)."""
+"""An observation has a wrong wall if it is further from the median of the wall than `GATE_FACTOR`
+times ``walls.gate_distance``, or rotated by more than ``walls.gate_angle`` plus `GATE_SIGMAS`
+standard deviations (chosen)."""
 
 WALL_CHI2 = 3.0
 """Maximum mean squared Mahalanobis distance of a wall's observations (2 is expected); a wall beyond

@@ -218,7 +218,7 @@ class Approach:
         return True
 
     def _locate(self) -> Target | None:
-        """Return the surface as located in the newest cycles; None where it is not found."""
+        """Return the surface as located in the newest cycles; None if it is not found."""
         assert self.target is not None
         assert self._expected is not None
         cycles = [c for c in self._cycles if c.stamp_s >= self._since_s - 2.0] or self._cycles
@@ -238,7 +238,7 @@ class Approach:
         return is_elsewhere(self._cycles[-1], self.target, self._same_height)
 
     def _measure(self) -> MeasuredEdge | None:
-        """Return the edge ahead, measured in the newest cycles; None where it is not visible."""
+        """Return the edge ahead, measured in the newest cycles; None if it is not visible."""
         assert self.target is not None
         near, normal = self._ahead()
         points = np.concatenate([c.points for c in self._cycles])
@@ -408,7 +408,7 @@ class Approach:
     ) -> tuple[StandingPose, LegDrive] | None:
         """Return the first standing pose with a free path from a pose (3,), and the path, in map.
 
-        None where no path is free.
+        None if no path is free.
         """
         radius = self._robot.footprint.radius + self._robot.margin
         for back in REVERSE_M.tolist():

@@ -168,7 +168,7 @@ def _extent(target: Target, near: Float64, normal: Float64) -> tuple[float, floa
 
 
 def _strip_ends(along: Float64, out: Float64, width: float) -> tuple[Float64, Float64] | None:
-    """Return the middle and the outer end of each strip; None where there are too few strips.
+    """Return the middle and the outer end of each strip; None if there are too few strips.
 
     Parameters
     ----------

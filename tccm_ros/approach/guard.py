@@ -41,7 +41,7 @@ class Guarded:
     speeds
         Safe velocities; `STOP` where the motion is blocked.
     blocker
-        float64 (2,), the blocking obstacle, in odom; None where the motion is free.
+        float64 (2,), the blocking obstacle, in odom; None if the motion is free.
     """
 
     speeds: Speeds

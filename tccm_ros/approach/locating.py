@@ -137,7 +137,7 @@ def is_passed(cycles: Sequence[TopCycle], target: Target, others: list[Float64])
 
 
 def locate(cycles: Sequence[TopCycle], target: Target, others: list[Float64]) -> Target | None:
-    """Return the located surface; None where its points are too few or no rigid motion fits.
+    """Return the located surface; None if its points are too few or no rigid motion fits.
 
     Of several poses that fit, it is the nearest to the expected one.
 

@@ -43,7 +43,7 @@ def value_text(value: Any) -> str:
 
 
 def choices_of(parameter: Parameter) -> list[str]:
-    """Return the words that a parameter may be; none where it is not one of some words."""
+    """Return the allowed words of a parameter; none if it has no list of words."""
     return [choice for choice in get_args(parameter.type) if isinstance(choice, str)]
 
 

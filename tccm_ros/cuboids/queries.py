@@ -178,7 +178,7 @@ class MapQuery:
     def trace(self, point: ArrayLike) -> list[Measurement]:
         """Return the measurements of the cuboid at a point (3,), oldest cycle first.
 
-        These are the touching cuboids of all part maps there; empty where there is no cuboid.
+        These are the touching cuboids of all part maps there; empty if there is no cuboid.
         """
         at = int(self._at(np.asarray(point, np.float64).reshape(1, 3))[0])
         if at < 0:

@@ -199,7 +199,7 @@ class MapSession:
                 self._client_api.show_objects(scene)
 
     def take_localised(self, localised: Localised) -> None:
-        """Take over the pose found by a search, or the reason why it goes on."""
+        """Take over the pose found by a search, or the reason why it continues."""
         if not self._is_current(localised):
             return
         self._localisation.note_wait(localised.waits_for)
@@ -251,7 +251,7 @@ class MapSession:
         Raises
         ------
         MapError, OutputError
-            Where the map cannot be read; the session goes on as before.
+            Where the map cannot be read; the session continues.
         """
         first = self._solver.begin(folder / MAP_FILE)
         self._track_with(Tracker(self._config, first, is_localised=False))

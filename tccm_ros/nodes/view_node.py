@@ -1,4 +1,4 @@
-"""view_node: the live page, in a process of its own so that it does not delay scans.
+"""view_node: the live page, in a separate process so that it does not delay scans.
 
 It reads the map as every client does, by `SurfaceMapClient`, and serves it to browsers and, with
 the measurements of the sensors, to a running Rerun viewer.

@@ -93,7 +93,7 @@ class Compartment:
     board
         Id of the surface below it.
     above
-        Id of the surface that is its ceiling; None where the ceiling belongs to no mapped surface.
+        Id of the surface that is its ceiling; None if the ceiling belongs to no mapped surface.
     T_map_front
         float64 (4, 4): the middle of the front edge, on the board; x is the direction of insertion,
         y is to the left, z is up.

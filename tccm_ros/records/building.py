@@ -141,7 +141,7 @@ def _check_angles(count: int, angle_min: float, angle_max: float, increment: flo
 
 
 def _no_returns(ranges: Float32, range_max: float) -> Bool | None:
-    """Return a mask of the beams whose range encodes "no return"; None where there is none.
+    """Return a mask of the beams whose range encodes "no return"; None if there is none.
 
     A range of exactly `range_max` is a no-return. Where many beams have the same range near
     `range_max`, or a range beyond it, all beams near it are no-returns: noise was added to some.

@@ -140,7 +140,7 @@ class RollPitch(NamedTuple):
     sigma
         Standard deviation of each of the two relative to `usual`, rad.
     usual
-        Median roll and pitch of the moving base so far, rad; None where unknown.
+        Median roll and pitch of the moving base so far, rad; None if unknown.
     """
 
     stamp_ns: int

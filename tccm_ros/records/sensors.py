@@ -100,7 +100,7 @@ class Imu:
         float64 (3,), rad/s, along the axes of the frame, finite.
     acceleration
         float64 (3,), along the axes of the frame, finite: the specific force, which at rest points
-        up (9.8 m/s2). None where the IMU has no accelerometer.
+        up (9.8 m/s2). None if the IMU has no accelerometer.
     """
 
     stamp_ns: int
@@ -287,7 +287,7 @@ class PointCloud:
     points
         float32 (N, 3), m, in the frame; rows that are not finite are invalid points.
     since_ns
-        int64 (N,), time of each point after the stamp, ns; None where all points have the stamp's.
+        int64 (N,), time of each point after the stamp, ns; None if all points have the stamp's.
     remark
         Remark on an unusual message; empty for a usual one.
     """

@@ -49,7 +49,7 @@ class Sign:
     covariance
         float64 (3, 3) of the position, m2.
     wall
-        Id of the wall that the sign is fixed to; None where no wall is known there.
+        Id of the wall that the sign is fixed to; None if no wall is known there.
     views
         The pictures, in the order of sessions and stamps.
     """

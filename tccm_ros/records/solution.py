@@ -195,7 +195,7 @@ class SurfaceSighting:
     stamp_ns
         Stamp of the view.
     keyframe
-        Keyframe nearest in time; -1 where there is none.
+        Keyframe nearest in time; -1 if there is none.
     points
         Number of points measured on the surface.
     """
@@ -240,7 +240,7 @@ class SurfaceEdge:
     sigma
         Standard deviation of the edge's position perpendicular to it, m; NaN where it was not seen.
     hidden_by
-        Id of the occluding surface; None where another object occludes, or nothing does.
+        Id of the occluding surface; None if another object occludes, or nothing does.
     """
 
     start: Vector
@@ -316,7 +316,7 @@ class Surface:
     placed_ns
         Stamp of the first view that measured it at its present place.
     previous_pose
-        Its place before it was moved; None where unknown.
+        Its place before it was moved; None if unknown.
     cov_plane
         float64 (3, 3), covariance of the plane: z at the centroid (m), and the slopes dz/dx and
         dz/dy in map; NaN where unknown.

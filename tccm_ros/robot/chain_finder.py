@@ -47,7 +47,7 @@ class MountKind(Enum):
     """
 
     def rig_place(self, rig: RigConfig) -> tuple[float, ...] | None:
-        """Return the configured x y z roll pitch yaw in the base; None where not configured."""
+        """Return the configured x y z roll pitch yaw in the base; None if not configured."""
         return {MountKind.TILTING: rig.tilt_laser, MountKind.LEVEL: rig.level_laser}.get(self)
 
     def T_correction(self, rig: RigConfig) -> Float64:
@@ -77,7 +77,7 @@ class ChainFinder:
     base
         Base frame; None until a chain is found.
     odometry_chain
-        Chain from the child frame of odometry to the base; None where they are equal.
+        Chain from the child frame of odometry to the base; None if they are equal.
     is_base
         Whether the sensor itself is the base, as there are no other frames and no odometry.
     """

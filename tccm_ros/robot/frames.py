@@ -119,7 +119,7 @@ class FrameTree:
                 edge.track.note(sample.T_parent_child)
 
     def _edge(self, parent: str, child: str) -> TfEdge | None:
-        """Return the edge to a child; None where the child has another parent."""
+        """Return the edge to a child; None if the child has another parent."""
         edge = self.tf.get(child)
         if edge is None:
             if len(self.tf) >= MAX_FRAMES or parent == child:

@@ -24,7 +24,7 @@ class ImuMount:
         self._found_of = -1, ""
 
     def pose(self, frame: str) -> Float64 | None:
-        """Return T_base_imu float64 (4, 4) of an IMU's frame; None where it is unknown.
+        """Return T_base_imu float64 (4, 4) of an IMU's frame; None if it is unknown.
 
         It is unknown before odometry arrives, and where a joint between the two moves.
         """

@@ -108,7 +108,7 @@ class JointTracks:
         return f"positions of joint '{name}' beyond its limits {low:.4g} to {high:.4g}"
 
     def explain(self, track: ScalarTrack) -> str | None:
-        """Return why a track has few or no samples; None where unknown."""
+        """Return why a track has few or no samples; None if unknown."""
         name = next((name for name, known in self._tracks.items() if known is track), "")
         if self._beyond[name] > self._within[name]:
             return (

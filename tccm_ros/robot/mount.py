@@ -79,7 +79,7 @@ class Mount:
 
     @property
     def odometry_chain(self) -> TransformChain | None:
-        """Chain from the child frame of odometry to the base; None where they are equal."""
+        """Chain from the child frame of odometry to the base; None if they are equal."""
         return self._finder.odometry_chain
 
     @property

@@ -169,7 +169,7 @@ class BaseRollPitch:
     def at(self, stamps_ns: Int64) -> Float64 | None:
         """Return roll and pitch relative to the usual value, rad, float64 (K, 2).
 
-        The newest values are held for the widest allowed gap of samples. None where all are 0, or
+        The newest values are held for the widest allowed gap of samples. None if all are 0, or
         unknown.
         """
         last_ns = self._reported[0].latest_ns

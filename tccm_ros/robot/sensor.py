@@ -78,7 +78,7 @@ class Sensor:
 
     @property
     def problem(self) -> FrameError | None:
-        """Error of the sensor's mount; None where there is none."""
+        """Error of the sensor's mount; None if there is none."""
         return self.mount.problem
 
     def add(self, record: Any) -> None:
@@ -109,7 +109,7 @@ class Sensor:
             self.drop("overload")
 
     def _fault_of_stamp(self, stamp_ns: int) -> str | None:
-        """Return why a record with this stamp is refused; None where it is not."""
+        """Return why a record with this stamp is refused; None if it is not."""
         newest_ns, reason = self._order.newest_ns, self._order.add(stamp_ns)
         if reason is None or newest_ns is None:
             return None
@@ -175,7 +175,7 @@ class Sensor:
 
         Returns
         -------
-        Reason of a drop, ``""`` while it has to wait, None where it is complete.
+        Reason of a drop, ``""`` while it has to wait, None if it is complete.
         """
         companion = self.stream.companion
         if companion is None:

@@ -56,7 +56,7 @@ class StampOrder:
         return steps[len(steps) // 2] if len(steps) >= KNOWN else None
 
     def add(self, stamp_ns: int) -> str | None:
-        """Add a stamp; return why it is refused, None where it is not."""
+        """Add a stamp; return why it is refused, None if it is not."""
         if stamp_ns == self._final_ns or stamp_ns in self._open:
             return TWICE if stamp_ns else ZERO
         if self._final_ns is not None and stamp_ns < self._final_ns:

@@ -83,17 +83,17 @@ class Stream:
         Function that returns the times of the first and last measurement of a record, ns; both are
         its stamp by default.
     rejection_reason
-        Function that returns why a record is rejected; None where it is not.
+        Function that returns why a record is rejected; None if it is not.
     remark
         Function that returns a remark on an unusual record that is used anyway; remarks are
-        counted. None where the record is as usual.
+        counted. None if the record is as usual.
     make_cleaner
         Function that returns a new `Cleaner`, which is given all records of one sensor in order.
     at_once
         Function that returns a record with all measurements at its stamp, for records whose times
-        are wrong; None where these records are rejected.
+        are wrong; None if these records are rejected.
     fault_of_pose
-        Function that returns why a posed record is rejected; None where it is not.
+        Function that returns why a posed record is rejected; None if it is not.
     correct
         Function that corrects configured errors of a record's driver.
     sees_robot

@@ -91,7 +91,7 @@ class Track:
 
         Returns
         -------
-        The gap in ns (0 where one sample at start = end suffices), or None where no sample is at or
+        The gap in ns (0 where one sample at start = end suffices), or None if no sample is at or
         before the start or none at or after the end.
         """
         if self.latest_ns is None or self.latest_ns < end_ns:

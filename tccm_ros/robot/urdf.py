@@ -262,7 +262,7 @@ def _movement(element: ElementTree.Element, joint: Joint) -> Joint:
 
 
 def _limits(element: ElementTree.Element, kind: str) -> tuple[float, float] | None:
-    """Return the limits of a joint; None where they are missing or leave no range."""
+    """Return the limits of a joint; None if they are missing or leave no range."""
     found = element.find("limit")
     if found is None or kind not in ("revolute", "prismatic"):
         return None

@@ -48,7 +48,7 @@ def distort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
 
 
 def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
-    """Return undistorted points from distorted ones; NaN where there is none.
+    """Return undistorted points from distorted ones; NaN if there is none.
 
     Pixels beyond the maximum radius of a polynomial model have no direction.
 

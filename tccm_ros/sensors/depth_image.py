@@ -103,7 +103,7 @@ UPWARD = math.cos(math.pi / 4)
 
 
 def rejection_reason(image: DepthImage, max_range: float = math.inf) -> str | None:
-    """Return why an image is rejected; None where it is not.
+    """Return why an image is rejected; None if it is not.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def remark(image: DepthImage, config: Config) -> str | None:
 
 
 def fault_of_pose(posed: Posed) -> str | None:
-    """Return why the frame of an image is no optical frame; None where it may be.
+    """Return why the frame of an image is no optical frame; None if it may be.
 
     The y axis of a camera that looks up steeply points down; that of a body frame does not.
     """
@@ -160,7 +160,7 @@ def join_camera(
 
     Returns
     -------
-    The image with its calibration, or why there is none, or None where one may still come.
+    The image with its calibration, or why there is none, or None if one may still come.
     """
     of_frame = [c for c in cameras if c.frame_id == image.frame_id]
     fitting = [c for c in of_frame if c.image_size == image.size]

@@ -65,7 +65,7 @@ def time_span(scan: Scan) -> tuple[int, int]:
 
 
 def rejection_reason(scan: Scan, limits: ScanFilterConfig | None = None) -> str | None:
-    """Return why a scan is rejected; None where it is not.
+    """Return why a scan is rejected; None if it is not.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def rejection_reason(scan: Scan, limits: ScanFilterConfig | None = None) -> str 
 
 
 def _reason_of_ranges(scan: Scan, limits: ScanFilterConfig | None) -> str | None:
-    """Return why a scan has no hit; None where it has one."""
+    """Return why a scan has no hit; None if it has one."""
     low, high = scan.range_min, scan.range_max
     if limits is not None:
         low, high = max(low, limits.min_range), min(high, limits.max_range)

@@ -24,7 +24,7 @@ class MeasuredPoints:
     points
         float64 (N, 3), m, in odom.
     stamps_ns
-        int64 (N,), time of each point; None where all points have the record's stamp.
+        int64 (N,), time of each point; None if all points have the record's stamp.
     origins, ends
         float64 (L, 3), m, in odom: start and end of each ray.
     hits

@@ -54,7 +54,7 @@ class NoReturns:
 
 
 def arc_range(scan: Scan) -> float | None:
-    """Return the range, m, of the longest run of equal ranges if it is an arc; None where not.
+    """Return the range, m, of the longest run of equal ranges if it is an arc; None if it is not.
 
     A flat surface perpendicular to the middle of a run over an angle a bows by
     ``r (1 / cos(a / 2) - 1)``. A run is an arc where that exceeds the resolution of the ranges: the

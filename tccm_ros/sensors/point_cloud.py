@@ -62,7 +62,7 @@ LOST_FRACTION = 0.01
 
 
 def rejection_reason(cloud: PointCloud, max_range: float = math.inf) -> str | None:
-    """Return why a cloud is rejected; None where it is not. `max_range` is in m."""
+    """Return why a cloud is rejected; None if it is not. `max_range` is in m."""
     if not len(cloud.points):
         return "empty"
     is_point = has_returned(cloud.points)

@@ -45,7 +45,7 @@ class RefusedText(NamedTuple):
     Attributes
     ----------
     text
-        Text of the line; empty where it was not read.
+        Text of the line; empty if it was not read.
     pixel
         float64 (2,), its middle, pixels.
     reason

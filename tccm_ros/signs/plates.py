@@ -127,7 +127,7 @@ def plate_of(own: ReadLine, lines: Sequence[ReadLine]) -> Plate:
 
 
 def refusal(plate: Plate, lines: Sequence[ReadLine], notices: Sequence[TextLine]) -> str:
-    """Return the reason why a plate is no door sign; empty where it is one.
+    """Return the reason why a plate is no door sign; empty if it is one.
 
     Parameters
     ----------

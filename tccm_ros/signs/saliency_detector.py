@@ -130,7 +130,7 @@ class SaliencyDetector:
         return Proposals(boxes, scores, np.array(accepted).reshape(-1, 4))
 
     def _read(self, whole: Image.Image, box: Float64) -> DetectedSign | None:
-        """Return the door sign whose number a box shows; None where it shows none."""
+        """Return the door sign whose number a box shows; None if it shows none."""
         margin = min(float(box[3] - box[1]), MAX_MARGIN) * np.array([MARGIN_X, MARGIN_Y])
         low = np.maximum(np.floor(box[:2] - margin), 0.0)
         high = np.minimum(np.ceil(box[2:] + margin), whole.size)

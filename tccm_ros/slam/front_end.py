@@ -260,7 +260,7 @@ class FrontEnd:
     _odometry_pose: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_odom: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_cov: Float64 = field(default_factory=lambda: np.zeros((3, 3)))
-    # Time since the anchor with yaw from the gyroscope only, s; None where wheels gave yaw.
+    # Time since the anchor with yaw from the gyroscope only, s; None if wheels gave yaw.
     _gyro_s: float | None = 0.0
 
     def __post_init__(self) -> None:

@@ -146,7 +146,7 @@ class Growth:
     def solve(
         self, starts: Mapping[Key, Float64], changing: Mapping[Hashable, Factor]
     ) -> IncrementalSolution | None:
-        """Optimise the extended graph; return None where a batch is needed.
+        """Optimise the extended graph; return None if a batch is needed.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ class OdometryTrack(Track):
         return self.values[0].copy()
 
     def at(self, stamp_ns: int) -> Float64 | None:
-        """Return the interpolated pose (3,); None where no two samples bracket the stamp."""
+        """Return the interpolated pose (3,); None if no two samples bracket the stamp."""
         stamps, poses = self.stamps_ns, self.values
         if not len(stamps) or not stamps[0] <= stamp_ns <= stamps[-1]:
             return None

@@ -250,7 +250,7 @@ class WallSlam:
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the live estimate of the motion of the base between two stamps, float64 (3,).
 
-        None where it is inaccurate: over several keyframes, or without odometry.
+        None if it is inaccurate: over several keyframes, or without odometry.
         """
         if self._front.tracked:
             first, last = self._anchor([first_ns, last_ns])
@@ -449,7 +449,7 @@ class WallSlam:
         )
 
     def _grow(self, views: Sequence[int], factors: Sequence[Factor] | None) -> Solution | None:
-        """Return a continuation of the previous solution; None where a batch is needed."""
+        """Return a continuation of the previous solution; None if a batch is needed."""
         growth, has_new_signs = self._growth, len(self._measured.signs) != self._solved_signs
         if growth is None or has_new_signs or not growth.extend():
             return None

@@ -1,4 +1,4 @@
-"""Intake of sensor messages in a thread of its own, without the cost of an executor.
+"""Intake of sensor messages in a separate thread, without the cost of an executor.
 
 For each callback, an executor of rclpy builds a wait set of all entities of its nodes (services,
 timers, events, subscriptions), a task and two coroutines, and wakes up once more afterwards: a
@@ -29,7 +29,7 @@ set. Chosen."""
 
 
 class Intake:
-    """Runs the callbacks of subscriptions and frequent timers in a thread of its own.
+    """Runs the callbacks of subscriptions and frequent timers in a separate thread.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from tccm_ros.records import MapReset, PosedScan
 class JointTimingWatch:
     """Estimates once whether the stamps of a laser and its joint agree.
 
-    The estimate takes 0.3 s, and 3 s where they do not, in a thread of its own: planes are
+    The estimate takes 0.3 s, and 3 s where they do not, in a separate thread: planes are
     published meanwhile.
 
     Parameters

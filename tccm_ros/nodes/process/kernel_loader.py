@@ -1,6 +1,6 @@
 """Compilation of kernels in child processes while the node already serves.
 
-Afterwards the node loads them in a thread of its own.
+Afterwards the node loads them in a separate thread.
 """
 
 from __future__ import annotations

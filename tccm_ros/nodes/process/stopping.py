@@ -35,7 +35,7 @@ class StopSignals:
     Parameters
     ----------
     on_first
-        Called at the first signal, in a thread of its own.
+        Called at the first signal, in a separate thread.
 
     Attributes
     ----------

@@ -248,7 +248,7 @@ class SurfaceServices:
     def _near(
         self, stamped: Any, max_distance: float, prefix: str = ""
     ) -> tuple[float, float] | None:
-        """Return a geometry_msgs/PointStamped in map, x and y, m; None where it has no frame.
+        """Return a geometry_msgs/PointStamped in map, x and y, m; None if it has no frame.
 
         Raises
         ------

@@ -84,5 +84,5 @@ def prepare() -> None:
 
 
 def take_prepared() -> tuple[ForkedProcess, Connection] | None:
-    """Return the forked process and the connection to it, once; None where there is none."""
+    """Return the forked process and the connection to it, once; None if there is none."""
     return _prepared.pop() if _prepared else None

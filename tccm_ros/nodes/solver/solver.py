@@ -74,7 +74,7 @@ class Solver:
     config
         All groups; a change of parameters is an event (`add`).
     on_answer
-        Called with each `Answer`, in a thread of its own.
+        Called with each `Answer`, in a separate thread.
 
     Attributes
     ----------

@@ -139,7 +139,7 @@ def fleet(
 ) -> None:
     """Replay many recordings, on many workers; a second run resumes the first.
 
-    Status 1 where a recording failed. Needs the extra: pip install 'tccm_ros[fleet]'.
+    Status 1 where a recording failed. Needs the extra fleet (docs/guides/installing.md).
     """
     check_extra("fleet", *FLEET)
     from tccm_ros.config.reader import read_config
@@ -178,7 +178,7 @@ def merge(
 ) -> None:
     """Merge maps of one building into one; those that share nothing stay components of their own.
 
-    Needs the extra: pip install 'tccm_ros[fleet]'.
+    Needs the extra fleet (docs/guides/installing.md).
     """
     check_extra("fleet", *FLEET)
     from tccm_ros.config.reader import read_config
@@ -205,7 +205,7 @@ def find(
 ) -> None:
     """Ask all maps of a fleet in SQL, also while it runs.
 
-    Needs the extra: pip install 'tccm_ros[fleet]'.
+    Needs the extra fleet (docs/guides/installing.md).
     """
     check_extra("fleet", *FLEET)
     from tccm_ros.fleet.catalogue import Catalogue
@@ -326,8 +326,8 @@ def mcp(
 ) -> None:
     """Answer language agents' questions about a map, by the Model Context Protocol on stdio.
 
-    Nothing is written, and nothing moves without --allow-motion. Needs the extra:
-    pip install 'tccm_ros[agents]'.
+    Nothing is written, and nothing moves without --allow-motion. Needs the extra
+    agents (docs/guides/installing.md).
     """
     if live == (map is not None):
         raise typer.BadParameter("give a saved map, or --live")

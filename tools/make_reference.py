@@ -26,8 +26,8 @@ PARAMETERS = """\
 
 Made from the configuration by `make reference`. A parameter is set by `--set group.key=value`, in
 a YAML file (`--config FILE`, or `--ros-args --params-file FILE` of a node), or as a ROS parameter
-of a node. What is fixed at start cannot be changed while a node runs. [Tuning](../guides/tuning.md)
-goes from what you see to the parameter.
+of a node. Parameters fixed at start cannot be changed while a node runs. [Tuning](../guides/tuning.md)
+leads from symptoms to parameters.
 
 """
 
@@ -35,8 +35,8 @@ COMMANDS = """\
 # Command line
 
 Made from the help of `tccm` by `make reference`. Exit status: 0 done; 1 an error that one line
-explains; 2 wrong usage. `tccm --debug COMMAND` shows the traceback of an error. What a command
-writes is whole or not there at all.
+explains; 2 wrong usage. `tccm --debug COMMAND` shows the traceback of an error. Outputs
+are complete or absent.
 
 """
 

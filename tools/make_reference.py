@@ -26,8 +26,8 @@ PARAMETERS = """\
 
 Made from the configuration by `make reference`. A parameter is set by `--set group.key=value`, in
 a YAML file (`--config FILE`, or `--ros-args --params-file FILE` of a node), or as a ROS parameter
-of a node. Parameters fixed at start cannot be changed while a node runs. [Tuning](../guides/tuning.md)
-leads from symptoms to parameters.
+of a node. Parameters fixed at start cannot be changed while a node runs.
+[Tuning](../guides/tuning.md) leads from symptoms to parameters.
 
 """
 

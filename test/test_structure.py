@@ -73,6 +73,7 @@ SUBLAYERS = {
         "trajectory",
         "odometry_front_end",
         "external_poses",
+        "measurements",
         "landmarks",
         "systematic",
         "walls",

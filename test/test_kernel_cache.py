@@ -9,8 +9,10 @@ import pytest
 from kernel_forks import run_forked
 
 from tccm_ros import kernel_cache
-from tccm_ros.kernel_cache import KEPT, cache_folder, source_digest
+from tccm_ros.kernel_cache import cache_folder, source_digest
 from tccm_ros.kernels import kernel
+
+KEPT = 24  # newest files kept per kernel
 
 INNER = """
     from tccm_ros.kernels import kernel

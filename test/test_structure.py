@@ -1,12 +1,14 @@
 """Layers of the package: which may import which."""
 
 import ast
+import functools
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "tccm_ros"
+TESTS = Path(__file__).resolve().parent
 
 LAYERS = [
     "errors",
@@ -139,6 +141,38 @@ GTSAM_LAYERS = {"slam/graph", "slam/factors"}
 ROS_PACKAGES = {"rclpy", "tccm_interfaces"}
 """Beside those whose names end with _msgs or _srvs."""
 
+FORMATS = {
+    "tccm_ros.cuboids.cuboids.TICK": "unit of the integer coordinates of cuboids",
+    "tccm_ros.cuboids.cuboids.TICKS_PER_M": "the same",
+    "tccm_ros.cuboids.free_columns.NEVER": "marks unobserved space",
+    "tccm_ros.cuboids.free_intervals.BINS": "layout of a column: one bit per bin",
+    "tccm_ros.cuboids.free_intervals.WORDS": "the same",
+    "tccm_ros.cuboids.union.DIGITS": "length of a scratch array",
+    "tccm_ros.outlines.raster.EMPTY": "code of a cell",
+    "tccm_ros.outlines.raster.FILLED": "code of a cell",
+    "tccm_ros.outlines.raster.SAMPLE": "code of a cell",
+    "tccm_ros.planes.inliers.NOTHING": "moments of no points",
+    "tccm_ros.planes.vertical_patches.NO_RIM": "marks a patch that is no rim",
+    "tccm_sim.changing.CYCLE": "timing of the simulated drive",
+    "tccm_sim.changing.WALL": "place in the simulated room",
+    "tccm_sim.engine.EPOCH_NS": "zero of the simulated clock",
+    "tccm_sim.raycast.FACES": "codes of faces",
+    "tccm_sim.rooms.CEILING": "place in the simulated room",
+    "tccm_sim.situations.CYCLE_TIME": "timing of the simulated drive",
+    "tccm_sim.situations.TILT_HIGH": "motion of the simulated laser",
+    "tccm_sim.situations.TILT_LOW": "the same",
+}
+"""Numbers that tests may import: formats, marks, and scenes of the simulator (the truth)."""
+
+ASSERTED = {
+    ("cuboids/test_inclination.py", "tccm_ros.cuboids.inclination.CROSSES_CELLS_ONCE"),
+    ("cuboids/test_inclination.py", "tccm_ros.cuboids.inclination.FITTED_AS_VERTICAL"),
+    ("cuboids/test_inclination.py", "tccm_ros.cuboids.inclination.OUTLINED_BY_COLUMNS"),
+    ("slam/matching/test_surface_normals.py", "tccm_ros.slam.matching.buckets.BUCKET"),
+    ("test_robust.py", "tccm_ros.robust.MAD_TO_SIGMA"),
+}
+"""Numbers whose own value a test asserts: against an angle, a radius, a closed form."""
+
 
 def modules() -> list[Path]:
     return sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
@@ -238,3 +272,67 @@ def test_a_name_with_an_underscore_stays_in_its_module(path: Path):
 def test_only_the_command_line_knows_the_simulator():
     knows = [p for p in modules() if any(n.split(".")[0] == "tccm_sim" for n in imports(p))]
     assert [p.name for p in knows] == ["cli.py"]
+
+
+@functools.cache
+def module_values(module: str) -> dict[str, ast.expr | tuple[str, str]]:
+    """Return the value of each name of a module: an expression, or (module, name) of an import."""
+    path = PACKAGE.parent.joinpath(*module.split("."))
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    values: dict[str, ast.expr | tuple[str, str]] = {}
+    for node in ast.parse(path.read_text()).body if path.exists() else []:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            values |= {a.asname or a.name: (node.module, a.name) for a in node.names}
+        elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names = [n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)]
+            values |= dict.fromkeys(names, node.value)
+    return values
+
+
+def is_number(module: str, name: str) -> bool:
+    """Return whether a name of a module is a number, or a tuple or array of numbers."""
+
+    def holds(node: ast.AST) -> bool:
+        match node:
+            case ast.Constant(value=value):
+                return isinstance(value, int | float) and not isinstance(value, bool)
+            case ast.UnaryOp(operand=operand):
+                return holds(operand)
+            case ast.BinOp(left=left, right=right):
+                return holds(left) and holds(right)
+            case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Call(args=parts):
+                return bool(parts) and all(map(holds, parts))
+            case ast.Name(id=other):
+                return is_number(module, other)
+        return ast.unparse(node) in {"math.pi", "np.pi", "math.inf", "np.inf"}
+
+    value = module_values(module).get(name)
+    return is_number(*value) if isinstance(value, tuple) else value is not None and holds(value)
+
+
+def imported_numbers(path: Path) -> set[str]:
+    """Return the dotted names of the numeric constants of the package that a test uses."""
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    froms = [n for n in nodes if isinstance(n, ast.ImportFrom) and n.module]
+    names = {a.asname or a.name: (n.module, a.name) for n in froms for a in n.names}
+    used = [value for value in names.values() if value[1].isupper()]
+    for node in nodes:
+        match node:
+            case ast.Attribute(value=ast.Name(id=name), attr=attr) if attr.isupper():
+                if name in names:
+                    used.append((".".join(names[name]), attr))
+    ours = [(m, name) for m, name in used if m.split(".")[0] in {"tccm_ros", "tccm_sim"}]
+    return {f"{m}.{name}" for m, name in ours if is_number(m, name)}
+
+
+def test_expected_numbers_are_written_in_the_tests():
+    """A test that imports a number of the package changes with it, and cannot find it wrong."""
+    used = {
+        (str(path.relative_to(TESTS)), name)
+        for path in TESTS.rglob("*.py")
+        for name in imported_numbers(path)
+    }
+    rest = {(path, name) for path, name in used if name not in FORMATS}
+    assert rest == ASSERTED, "write the number, its unit and its reason in the test"
+    assert {name for _, name in used} - {name for _, name in ASSERTED} == set(FORMATS)

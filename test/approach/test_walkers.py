@@ -8,8 +8,10 @@ from approach_world import ROBOT, SimulatedBase, circle, piece, simple_flat
 from shapely import Point, affinity
 
 from tccm_ros.approach.speeds import Speeds
-from tccm_ros.approach.walkers import WALKING_M_S, Walkers
+from tccm_ros.approach.walkers import Walkers
 from tccm_ros.geometry import compose2, inverse2, transform2
+
+WALKING_M_S = 1.6  # m/s, of a person towards the base: K of ISO 13855:2010
 
 MOTIONS = [Speeds(), Speeds(0.25, 0.0), Speeds(-0.25, 0.1), Speeds(0.0, 0.6), Speeds(0.2, -0.4)]
 

@@ -9,11 +9,13 @@ from shared_data import shared
 from tccm_ros.calibrate.calibration import Calibration, calibrate
 from tccm_ros.calibrate.quality import select
 from tccm_ros.calibrate.recording import CycleScans
-from tccm_ros.calibrate.surroundings import CORNER, near_another
+from tccm_ros.calibrate.surroundings import near_another
 from tccm_ros.config.reader import read_config
 from tccm_sim.options import Options
 from tccm_sim.recording import run as run_room
 from tccm_sim.recording import simulate
+
+CORNER = 0.08  # m: nearer hits could be of either plane
 
 FLOOR_Z = 0.0
 

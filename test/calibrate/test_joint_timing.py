@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from robots import START
 
-from tccm_ros.calibrate.joint_timing import MIN_PAIRS, JointTimer
+from tccm_ros.calibrate.joint_timing import JointTimer
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import PosedScan, Scan, TiltAngle
+
+MIN_PAIRS = 3  # pairs of tilt cycles for a majority
 
 WALLS = np.array([[-3.0, -2.0, 0.0], [4.0, 2.5, 2.6]])
 """Corners of a room, m."""

@@ -5,9 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.caps import CAP_DEPTH
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.cuboids.part_map import PartMapBuilder
+
+CAP_DEPTH = 150  # ticks: 15 mm, the height noise of a horizontal surface to both sides
 
 
 def built(points):

@@ -6,17 +6,15 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from tccm_rig import exactly
 
-from tccm_ros.cuboids.clearing import MARGIN, STOP_CELLS, index_cells, mark_passed
+from tccm_ros.cuboids.clearing import index_cells, mark_passed
 from tccm_ros.cuboids.cuboids import cell_keys
-from tccm_ros.cuboids.free_intervals import (
-    BIN,
-    BINS,
-    HIT_MARGIN,
-    MIN_HEIGHT,
-    WORDS,
-    FreeIntervalTracer,
-    trace_beams,
-)
+from tccm_ros.cuboids.free_intervals import BINS, WORDS, FreeIntervalTracer, trace_beams
+
+BIN = 0.02  # m, height of a bin: the cell size of the map
+HIT_MARGIN = 2  # bins around a hit that are not free
+MARGIN = 0.010  # m, of a beam inside a cuboid: four sigmas of a range (2.5 mm)
+MIN_HEIGHT = -1.5  # m, lower end of a column above the base
+STOP_CELLS = 2.0  # cells before a beam's end: that of the hit and the previous one
 
 place = st.floats(-0.9, 0.9).map(lambda v: round(v, 3))
 beam = st.tuples(st.tuples(place, place, place), st.tuples(place, place, place))

@@ -5,14 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.cuboids.linking import (
-    OBSTACLES,
-    STEPS,
-    find_links,
-    link,
-    link_in_plane,
-    spacing,
-)
+from tccm_ros.cuboids.linking import find_links, link, link_in_plane, spacing
+
+OBSTACLES = 3  # occupied cells without a neighbour, after which a search ends
+STEPS = 32  # cells: steps of this many or more are no links
 
 
 def cells(seed, n, wide, heights):

@@ -8,7 +8,6 @@ from plane_rig import part_map
 
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
 from tccm_ros.cuboids.moments import (
-    FLAT,
     eigenvalues,
     moments_about,
     plane_of,
@@ -16,6 +15,8 @@ from tccm_ros.cuboids.moments import (
     tangents,
     uncertainty_of,
 )
+
+FLAT = 1e-9  # m2: variance of positions that are rounded to 0.1 mm, rounded up
 
 SEEDS = st.integers(0, 2**32 - 1)
 COUNT = 40

@@ -23,16 +23,11 @@ from tccm_rig import (
 from tccm_ros.cuboids.cuboids import cell_keys, key_cells
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.part_map import PartMapBuilder
-from tccm_ros.cuboids.union import (
-    DIGITS,
-    FEW,
-    gather_points,
-    mark_cells,
-    merge_intervals,
-    sort_cells,
-)
+from tccm_ros.cuboids.union import DIGITS, gather_points, mark_cells, merge_intervals, sort_cells
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
+
+FEW = 32  # points of a cell that are sorted by insertion
 
 CELL, DEPTH = 200, 300
 

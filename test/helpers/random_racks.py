@@ -12,7 +12,7 @@ from tccm_ros.bags.reader import DEFAULT_TOPICS
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.racks.insertions import APPROACH, Hand, InsertionSpace
+from tccm_ros.racks.insertions import Hand, InsertionSpace
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.replay.run import run_bag
 from tccm_sim.engine import Simulation
@@ -23,6 +23,8 @@ from tccm_sim.recording import record
 from tccm_sim.rooms import CEILING
 from tccm_sim.scene import Scene
 from tccm_sim.truth import map_from_world
+
+APPROACH = 0.3  # m, of the hand's straight motion before the front
 
 SENSORS = {
     "laser": {},

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from tccm_ros.outlines.raster import EMPTY, MARGIN, SAMPLE
+from tccm_ros.outlines.raster import EMPTY, SAMPLE
+
+MARGIN = 6  # empty cells around the samples
 
 
 def rastered(mask):

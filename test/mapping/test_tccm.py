@@ -13,11 +13,14 @@ from message_families import family
 
 from tccm_ros.cuboids.queries import Occupancy
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.mapping.surface_message import HITS_CUBE, HITS_DISTANCE, HITS_FROM
 from tccm_ros.mapping.tccm import DETECTORS, TccmProcessor
 from tccm_ros.records import JointSample, Odometry, PlaneKind, Posed, Scan
 from tccm_ros.ros.marker_parts import MessageContext
 from tccm_ros.ros.markers import plane_markers
+
+HITS_CUBE = 0.04  # m, edge of the cubes with one row of hits each
+HITS_DISTANCE = 0.4  # m, horizontal distance from a surface: an open door of a cupboard
+HITS_FROM = 0.15  # m, lowest hit above the floor
 
 SMALL = {"map": {"window_cycles": 3}}
 

@@ -158,11 +158,9 @@ def test_a_map_that_comes_before_the_services_are_found_is_listed(ros):
 
 def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
     """What moves before: a table by no sign, one by another sign, and a shelf by the sign."""
-    from tccm_ros.nodes.clients.map_client import EVENTS_DEPTH
-
     kind, event = message_class(SURFACE_MAP), message_class(SURFACE_EVENT)
     node = ros.add(Node("surface_slam", context=ros.another_context()))
-    events = node.create_publisher(event, "~/events", EVENTS_DEPTH)
+    events = node.create_publisher(event, "~/events", 10)
     signs = {3: [], 7: ["OFFICE", "KITCHEN"], 9: ["OFFICE"]}
     tables = [
         message_class(SURFACE)(id=k, label="table", near_signs=near) for k, near in signs.items()

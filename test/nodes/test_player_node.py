@@ -17,9 +17,11 @@ from std_srvs.srv import SetBool
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError, ConfigError
-from tccm_ros.nodes.player_node import PARAMETERS, STABLE_S, PlayerNode
+from tccm_ros.nodes.player_node import PARAMETERS, PlayerNode
 from tccm_ros.records import JointSample, RobotDescription
 from tccm_sim.sensor_messages import joint_sample_message, robot_description_message
+
+STABLE_S = 0.5  # s, without a new subscriber before playing starts
 
 COUNT = 300
 PERIOD_NS = 10_000_000

@@ -45,6 +45,8 @@ from tccm_ros.nodes import rerun_feed  # noqa: E402
 from tccm_ros.view import rerun_stream  # noqa: E402
 
 IMAGE, CLOUD = "depth/image_rect_raw", "points"
+MAX_BOXES = 20_000  # of a part
+MIN_CELL_SIZE_M = 0.05  # m, edge of the smallest boxes
 
 
 @pytest.fixture
@@ -160,7 +162,7 @@ def test_scans_planes_and_part_maps_are_in_the_room(ros, server, written):
     assert same[-1] == pytest.approx(stamps[-1], abs=1e-6)
     centers = np.array(boxes[-1])
     assert len(centers) > 100
-    assert np.abs(centers[:, :2]).max() < WALL + rerun_feed.MIN_CELL_SIZE_M
+    assert np.abs(centers[:, :2]).max() < WALL + MIN_CELL_SIZE_M
     assert (np.abs(centers[:, 2] - TABLE_TOP_M) < 0.03).any()
 
 
@@ -175,7 +177,7 @@ def cuboids(count, cycle, top=0.7):
 def test_the_newest_part_has_the_cuboids_of_the_newest_cycle_alone():
     both = np.concatenate([cuboids(10, 4), cuboids(5, 5, top=0.405)])
     table, cell_size = rerun_feed.newest_part(both, np.eye(4))
-    assert cell_size == rerun_feed.MIN_CELL_SIZE_M
+    assert cell_size == MIN_CELL_SIZE_M
     assert table.tolist() == [[0, 1], [0, 0], [37, 37], [41, 41]]
 
 
@@ -185,8 +187,8 @@ def test_an_empty_map_has_an_empty_part():
 
 
 def test_cells_grow_until_a_part_is_small():
-    rows = cuboids(6 * rerun_feed.MAX_BOXES, 1)
+    rows = cuboids(6 * MAX_BOXES, 1)
     table, cell_size = rerun_feed.newest_part(rows, np.eye(4))
-    assert rerun_feed.MAX_BOXES / 2 < table.shape[1] <= rerun_feed.MAX_BOXES
+    assert MAX_BOXES / 2 < table.shape[1] <= MAX_BOXES
     length = table.shape[1] * cell_size
     assert length == pytest.approx(0.02 * len(rows), abs=cell_size)

@@ -4,7 +4,9 @@ import numpy as np
 from rasters import rastered
 
 from tccm_ros.outlines.edge_cells import extend_edges, find_edges
-from tccm_ros.outlines.raster import EMPTY, MARGIN, SAMPLE
+from tccm_ros.outlines.raster import EMPTY, SAMPLE
+
+MARGIN = 6  # empty cells around the samples
 
 
 def test_edges_are_the_samples_beside_an_empty_cell():

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from tccm_ros.outlines.edge_position import (
-    FADE,
-    HALF_RANGE,
-    OUTLIER,
-    OUTLIER_BEYOND,
-    SIGMA,
-    EdgeSamples,
-    locate_edge,
-)
+from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
+
+FADE = 0.06  # m, decay of the density of an edge where the view did not look
+HALF_RANGE = 0.15  # m, of the candidate positions on each side of the first guess
+OUTLIER = 0.05  # fraction of last samples at occluded edges
+OUTLIER_BEYOND = 0.2  # factor on the density of outliers beyond the edge
+SIGMA = 0.006  # m, of a last sample: range noise, pose noise, thinning
 
 
 def samples(last, gap, *, front=0.0, ends=True):

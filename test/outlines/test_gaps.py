@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from rasters import rastered
 
-from tccm_ros.cuboids.linking import STEPS
 from tccm_ros.outlines.gaps import close_combs, fill_gaps, find_gaps
-from tccm_ros.outlines.raster import EMPTY, MARGIN, SAMPLE
+from tccm_ros.outlines.raster import EMPTY, SAMPLE
+
+MARGIN = 6  # empty cells around the samples
+STEPS = 32  # cells: steps of this many or more are no links
 
 MASKS = arrays.arrays(np.bool_, st.tuples(st.integers(1, 40), st.integers(1, 40)))
 

@@ -7,13 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Point, Polygon, affinity, box
 
-from tccm_ros.outlines.shape_models import (
-    SPACING,
-    OutlineSamples,
-    StraightModel,
-    choose_model,
-)
+from tccm_ros.outlines.shape_models import OutlineSamples, StraightModel, choose_model
 from tccm_ros.records import SurfaceShape
+
+SPACING = 0.03  # m, between samples of an outline, and length of a piece of an edge
 
 
 def sampled(outline, sigma=0.012, hidden=None, rng=None):

@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.caps import CAP_DEPTH
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.planes.arrays import cap_of, plane_map
 from tccm_ros.planes.inliers import drain, fit_horizontal, sharing_cells
+
+CAP_DEPTH = 150  # ticks: 15 mm, the height noise of a horizontal surface to both sides
 
 
 def sums_of(points):

@@ -5,12 +5,11 @@ import pytest
 
 from tccm_ros.planes.arrays import PLANE, PlaneMap
 from tccm_ros.planes.blocks import sort_into_blocks
-from tccm_ros.planes.edge_planes import (
-    MAX_CELLS,
-    MIN_EDGE_FRACTION,
-    MIN_VARIANCE_RATIO,
-    drop_edge_planes,
-)
+from tccm_ros.planes.edge_planes import drop_edge_planes
+
+MAX_CELLS = 2  # cells between neighbouring cuboids
+MIN_EDGE_FRACTION = 0.8  # of an edge plane's cuboids are beside flatter planes
+MIN_VARIANCE_RATIO = 4.0  # of the variances of two planes: half the standard deviation
 
 
 def sample(rng):

@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.planes.front_tops import ABOVE, BEFORE, on_walls, top_planes
-from tccm_ros.robust import GATE
+from tccm_ros.planes.front_tops import on_walls, top_planes
+
+ABOVE = 0.03  # m above the top, of a front that ends there: the depth of a cuboid
+BEFORE = 0.3  # m, from the wall, of points of a board: three distances of scan lines
+GATE = 3.0  # sigmas: 99.7 % of all measurements
 
 CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
 TOP, FRONT, SLOPE = 0, 1, 2

@@ -10,21 +10,23 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tccm_ros.planes.horizontal_strips import (
-    MAX_BEAMS,
-    MAX_LINES,
-    MAX_OFFSET,
-    MAX_RISE,
-    MIN_BEAMS,
-    MIN_LENGTH,
     RUN,
-    SPLIT_FRACTION,
-    TOLERANCE,
     find_runs,
     find_vertical_runs,
     horizontal_strips,
     link_runs,
 )
-from tccm_ros.robust import GATE, MAJORITY
+
+GATE = 3.0  # sigmas: 99.7 % of all measurements
+MAJORITY = 0.5  # of the whole
+MAX_BEAMS = 3.5  # steps of beams between neighbours of a run: two lost beams
+MAX_LINES = 2  # between linked runs: one line may be missing
+MAX_OFFSET = 0.015  # m: points straight above each other are closer, linked runs are not
+MAX_RISE = 0.0015  # m, from end to end of a run, beyond its noise
+MIN_BEAMS = 6  # of a run, so that its slope is significant
+MIN_LENGTH = 0.30  # m, of a strip: shorter ones are tops of objects
+SPLIT_FRACTION = 0.7  # of the squared residuals of one line: two lines that leave less split a run
+TOLERANCE = 0.006  # m, of a point from the mean height of its run: three sigmas at a grazing angle
 
 EYE = np.array([0.0, 0.0, 1.39])
 BEAM, STEP = math.radians(0.25), math.radians(0.45)

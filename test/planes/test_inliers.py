@@ -10,15 +10,16 @@ from scipy.stats import chi2
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, CuboidArrays
 from tccm_ros.planes.arrays import plane_map
 from tccm_ros.planes.inliers import (
-    GATE,
     NOTHING,
-    STRICT,
     add_scaled,
     dot,
     fit_horizontal,
     max_scatter,
     squares_about,
 )
+
+GATE = 4.0  # sigmas of an inlier: one point of a plane in 16,000 is further away
+STRICT = 2.0  # sigmas of the chi-square test near an edge
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -5,13 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.planes.plane_noise import (
-    PIECE,
-    are_too_thick,
-    range_noise,
-    thickness,
-    weighted_median,
-)
+from tccm_ros.planes.plane_noise import are_too_thick, range_noise, thickness, weighted_median
+
+PIECE = 0.04  # m, width of a piece: two cells
 
 EYE = np.array([0.0, 0.0, 1.4])
 

@@ -8,14 +8,15 @@ from tccm_ros.config import Config
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.arrays import PLANE
 from tccm_ros.planes.blocks import sort_into_blocks
-from tccm_ros.planes.edge_planes import MIN_VARIANCE_RATIO
-from tccm_ros.planes.inliers import GATE as INLIER_GATE
 from tccm_ros.planes.reassignment import (
     horizontal_planes_around,
     horizontal_planes_by_block,
     reassign_inliers,
 )
-from tccm_ros.robust import GATE
+
+GATE = 3.0  # sigmas: 99.7 % of all measurements
+INLIER_GATE = 4.0  # sigmas of an inlier: one point of a plane in 16,000 is further away
+MIN_VARIANCE_RATIO = 4.0  # of the variances of two planes: half the standard deviation
 
 CONFIG = Config()
 SIGMA = 0.003

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tccm_ros.planes.inliers import GATE
 from tccm_ros.planes.search import label_members, queue_region
+
+GATE = 4.0  # sigmas of an inlier: one point of a plane in 16,000 is further away
 
 HEIGHT, SIGMA, COUNT = 0.7, 0.001, 10
 

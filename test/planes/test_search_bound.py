@@ -14,6 +14,9 @@ from tccm_ros.planes.blocks import find_patches, sort_into_blocks
 from tccm_ros.planes.inliers import Flood
 from tccm_ros.planes.region_growing import grow_regions
 
+MAX_VISITS = 200  # searches that examine a cuboid, on average, at most
+PATCH_POINTS = 6  # points of a flat patch: three define a plane, three test it
+
 P = Config().planes
 LIMITS = search.PlaneLimits(P.max_rms, float(P.min_points), P.min_area, P.flatness, 0.99)
 
@@ -24,7 +27,7 @@ def searched(cuboids, visits=0):
     map_ = plane_map(arrays, caps.of, caps.moments, np.rint(EYE * TICKS_PER_M))
     n = len(cuboids)
     blocks = sort_into_blocks(map_.ix, map_.iy)
-    moments, patches, place = find_patches(map_, blocks, LIMITS.max_rms, search.PATCH_POINTS)
+    moments, patches, place = find_patches(map_, blocks, LIMITS.max_rms, PATCH_POINTS)
     region, pooled = grow_regions(moments, patches, place, blocks, LIMITS.max_rms)
     count = blocks.rows * blocks.wide
     flood = Flood(
@@ -74,7 +77,7 @@ def test_each_cuboid_of_any_map_is_examined_a_bounded_number_of_times(
         points = np.vstack([points, beams_in_degrees(rng, 2000)])
     cuboids = part_map(points)
     planes, visits = searched(cuboids)
-    assert visits <= (search.MAX_VISITS + 1) * len(cuboids)
+    assert visits <= (MAX_VISITS + 1) * len(cuboids)
     assert len(planes) <= len(cuboids)
 
 
@@ -83,7 +86,7 @@ def test_no_further_region_is_searched_once_the_visits_are_used_up():
     cuboids = part_map(sheets(rng, 3000, 1.0, 0.05, 0.15))
     planes, _ = searched(cuboids)
     assert len(planes) > 3
-    used_up = search.MAX_VISITS * len(cuboids) + 1
+    used_up = MAX_VISITS * len(cuboids) + 1
     planes, visits = searched(cuboids, used_up)
     assert (len(planes), visits) == (0, used_up)
 

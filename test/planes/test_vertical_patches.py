@@ -11,16 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tccm_ros.cuboids.linking import STEPS
 from tccm_ros.planes.arrays import PlaneMap
-from tccm_ros.planes.vertical_patches import (
-    GAP_STEPS,
-    NO_RIM,
-    RIM_DEPTH,
-    bins_along,
-    link_vertical,
-    pool_patches,
-)
+from tccm_ros.planes.vertical_patches import NO_RIM, bins_along, link_vertical, pool_patches
+
+GAP_STEPS = 2.0  # mean distances of occupied bins: one bin may be missing
+RIM_DEPTH = 40  # ticks: 4 mm, by which a horizontal surface varies from cell to cell
+STEPS = 32  # cells: steps of this many or more are no links
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -7,12 +7,11 @@ from hypothesis import strategies as st
 from plane_rig import EYE, least_squares, part_map
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.caps import CAP_DEPTH
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.arrays import plane_map
-from tccm_ros.planes.vertical_patches import NO_RIM, RIM_DEPTH, bins_along, pool_patches
+from tccm_ros.planes.vertical_patches import NO_RIM, bins_along, pool_patches
 from tccm_ros.planes.vertical_planes import (
     add_patch,
     fit_vertical,
@@ -20,6 +19,9 @@ from tccm_ros.planes.vertical_planes import (
     solve,
     through_median,
 )
+
+CAP_DEPTH = 150  # ticks: 15 mm, the height noise of a horizontal surface to both sides
+RIM_DEPTH = 40  # ticks: 4 mm, by which a horizontal surface varies from cell to cell
 
 CONFIG = Config()
 X, Y, Z = np.eye(3)

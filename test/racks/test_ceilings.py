@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
-from tccm_ros.racks.ceilings import MAX_BOARD, MAX_HEIGHT, BoardAbove, ceilings
+from tccm_ros.racks.ceilings import BoardAbove, ceilings
 from tccm_ros.racks.compartment import FaceState
+
+MAX_BOARD = 0.04  # m, thickness of the thickest boards, for an underside without points
+MAX_HEIGHT = 1.0  # m, of a compartment: higher spaces are open from above
 
 BOARD = shapely.box(-0.5, -0.2, 0.5, 0.2)
 NOTHING = np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3))

@@ -6,7 +6,9 @@ from shapely import Polygon
 
 from tccm_ros.geometry import spatial
 from tccm_ros.racks.compartment import OpenPart
-from tccm_ros.racks.outline import ARROW, box_edges, part_edges
+from tccm_ros.racks.outline import box_edges, part_edges
+
+ARROW = 0.16  # m, length of the arrow into a compartment
 
 FRONT = np.array([[1.0, 2.0, 0.5], [1.0, 1.2, 0.5]])
 INWARD = np.array([1.0, 0.0, 0.0])

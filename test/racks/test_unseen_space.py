@@ -10,8 +10,10 @@ from shapely import affinity, box
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.racks.compartment import SeenView
-from tccm_ros.racks.unseen_space import CELL, boxes_of, unseen_spaces
+from tccm_ros.racks.unseen_space import boxes_of, unseen_spaces
 from tccm_ros.scene.planning_shapes import UNSEEN_PREFIX, scene_shapes
+
+CELL = 0.05  # m, edge of a cell: half a column of free space
 
 TABLE, COUNTER = (0.0, 0.0, 1.2, 0.8), (2.0, 0.0, 3.2, 0.6)
 EYE = np.array([0.6, -2.0, 0.4])

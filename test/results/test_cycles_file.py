@@ -7,13 +7,9 @@ from hypothesis import strategies as st
 
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.errors import MapError, OutputError
-from tccm_ros.results.cycles_file import (
-    MAX_MERGE_GAP_CM,
-    CycleHistory,
-    coarsen,
-    load_cycles,
-    save_cycles,
-)
+from tccm_ros.results.cycles_file import CycleHistory, coarsen, load_cycles, save_cycles
+
+MAX_MERGE_GAP_CM = 2  # cm, vertical gap that is merged
 
 INTERVALS = st.lists(
     st.tuples(st.integers(-2, 2), st.integers(-2, 2), st.integers(-40, 40), st.integers(1, 15)),

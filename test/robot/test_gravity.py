@@ -6,15 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tccm_ros.robot.gravity import (
-    MAX_OFF,
-    MAX_USUAL,
-    MIN_DRIVE_STEPS,
-    StopGravity,
-    UsualRollPitch,
-    nearest_gravity,
-    roll_pitch_of,
-)
+from tccm_ros.robot.gravity import StopGravity, UsualRollPitch, nearest_gravity, roll_pitch_of
+
+MAX_OFF = 0.03  # rad, from the gyroscope's gravity: 0.3 m/s2
+MAX_USUAL = 0.2  # rad, of the usual roll and pitch: 11 deg
+MIN_DRIVE_STEPS = 100  # of 20 ms: 2 s
 
 angles = st.floats(-0.99 * MAX_USUAL, 0.99 * MAX_USUAL)
 

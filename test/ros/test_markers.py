@@ -6,7 +6,6 @@ from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.racks.compartment import Compartment, FaceState, SpaceGrid
 from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import (
-    CUBE,
     MarkerSet,
     MessageContext,
     identity_color,
@@ -24,6 +23,8 @@ from tccm_ros.ros.markers import (
     wall_markers,
 )
 from tccm_ros.ros.types import pose_message
+
+CUBE = 1  # Marker.CUBE of visualization_msgs
 
 STAMP = 1_700_000_000_000_000_005
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], float)

@@ -4,7 +4,6 @@ from message_families import to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.ros.output_messages import (
-    OBSTACLE_STEP_M,
     grid_message,
     map_cloud_message,
     obstacle_cloud_message,
@@ -14,6 +13,8 @@ from tccm_ros.ros.output_messages import (
 )
 from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
 from tccm_ros.slam.occupancy import OccupancyGrid
+
+OBSTACLE_STEP_M = 0.05  # m, between points: the cell of a costmap
 
 STAMP = 1_700_000_000_000_000_005
 

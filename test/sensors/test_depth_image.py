@@ -23,7 +23,9 @@ from tccm_ros.sensors.depth_image import (
     measure_image,
     rejection_reason,
 )
-from tccm_ros.sensors.depth_kernels import BLOCK, DepthLimits, SightLines, place_image
+from tccm_ros.sensors.depth_kernels import DepthLimits, SightLines, place_image
+
+BLOCK = 8  # pixels, edge of a block
 
 W, H, F = 64, 48, 60.0
 K = np.array([[F, 0.0, 31.5], [0.0, F, 23.5], [0.0, 0.0, 1.0]])

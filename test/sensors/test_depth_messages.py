@@ -15,7 +15,7 @@ from PIL import Image
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraInfo, DepthImage, PointCloud
 from tccm_ros.ros.pointcloud import cloud_message
-from tccm_ros.sensors.cloud_messages import MAX_POINTS, point_cloud_from_message
+from tccm_ros.sensors.cloud_messages import point_cloud_from_message
 from tccm_ros.sensors.compressed_depth import (
     decode_rvl,
     is_depth_format,
@@ -32,6 +32,8 @@ from tccm_sim.sensor_messages import (
     depth_image_message,
     point_cloud_message,
 )
+
+MAX_POINTS = 4_000_000  # of a cloud: eight times the largest lidar
 
 STAMP = 1_700_000_000_123_456_789
 

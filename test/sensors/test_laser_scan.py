@@ -36,8 +36,10 @@ from tccm_ros.sensors.laser_scan import (
     used_beams,
     valid_beams,
 )
-from tccm_ros.sensors.laser_scan_kernels import BLEND_ANGLE, mark_inside, mark_valid, refine_poses
+from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, refine_poses
 from tccm_ros.sensors.registry import default_streams
+
+BLEND_ANGLE = 0.005  # rad between poses: blending shortens a vector by angle^2 / 8
 
 PLAIN = read_config(None, ["scan.shadow_angle=0"])
 

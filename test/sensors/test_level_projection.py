@@ -9,20 +9,18 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import CameraInfo, DepthImage, PointCloud
 from tccm_ros.sensors.depth_image import PosedImage
-from tccm_ros.sensors.level_projection import (
-    BEAMS,
-    BEARING_STEP,
-    MAX_RANGE,
-    MIN_EXTENT,
-    MIN_POINTS,
-    MIN_RANGE,
-    NEAR,
-    SLAB,
-    SLAB_PER_RANGE_SQUARED,
-    LevelProjector,
-    nearest_ranges,
-)
+from tccm_ros.sensors.level_projection import LevelProjector, nearest_ranges
 from tccm_ros.sensors.point_cloud import PosedCloud
+
+BEAMS = 720  # of half a degree
+BEARING_STEP = np.radians(0.5)  # of common level lasers
+MAX_RANGE = 30.0  # m
+MIN_EXTENT = 0.1  # m, height of a vertical surface: more than the edge of a table top
+MIN_POINTS = 2  # of a range: a single one may be a flying pixel
+MIN_RANGE = 0.05  # m
+SLAB = 0.06  # m, width of a range bin
+SLAB_PER_RANGE_SQUARED = 0.012  # 1/m, its growth: six times the noise of a depth camera
+NEAR = np.sqrt(SLAB / SLAB_PER_RANGE_SQUARED)  # m, where both are equal
 
 LOW, HIGH = 0.1, 1.8
 

@@ -2,8 +2,12 @@
 
 import numpy as np
 
-from tccm_ros.signs.classifier import DOUBT, SCALES, SignClassifier, read_classifier
-from tccm_ros.signs.hog import N_FEATURES, hog_features, region_patches
+from tccm_ros.signs.classifier import SignClassifier, read_classifier
+from tccm_ros.signs.hog import hog_features, region_patches
+
+DOUBT = 0.5  # below the threshold: other sizes are not scored
+N_FEATURES = 7 * 3 * 4 * 9  # blocks of 2 x 2 cells in 8 x 4 cells, 9 bins each
+SCALES = (0.85, 1.18)  # further sizes of a box: a tight one, and one with surroundings
 
 
 def test_the_weights_of_the_package_fit_the_features():

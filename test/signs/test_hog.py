@@ -4,15 +4,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.signs.hog import (
-    BINS,
-    CELL,
-    N_FEATURES,
-    PATCH_HEIGHT,
-    PATCH_WIDTH,
-    hog_features,
-    region_patches,
-)
+from tccm_ros.signs.hog import hog_features, region_patches
+
+BINS = 9  # over 180 deg (Dalal and Triggs)
+CELL = 8  # pixels (Dalal and Triggs)
+N_FEATURES = 7 * 3 * 4 * 9  # blocks of 2 x 2 cells in 8 x 4 cells, 9 bins each
+PATCH_HEIGHT = 32  # pixels
+PATCH_WIDTH = 64  # pixels
 
 
 def twin(patch):

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from tccm_ros.signs.regions import BLOCK, text_regions
+from tccm_ros.signs.regions import text_regions
 from tccm_sim.sign_pictures import font
+
+BLOCK = 16  # pixels: two characters of the smallest readable text
 
 
 def covers(regions, box):

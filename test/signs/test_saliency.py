@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from tccm_ros.signs.saliency import MIN_SIDE, salient_boxes, spectral_residual
+from tccm_ros.signs.saliency import salient_boxes, spectral_residual
+
+MIN_SIDE = 10.0  # pixels: smaller text is unreadable
 
 
 def twin(gray):

@@ -7,8 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.config import Config
 from tccm_ros.records import RollPitch
-from tccm_ros.slam.base_roll_pitch import QUANTUM, RollPitchTrack
+from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.wall_slam import WallSlam
+
+QUANTUM = 0.00025  # rad, step of the usual roll and pitch: 0.75 mm at 3 m
 
 START, STEP_NS, SIGMA = 1_700_000_000_000_000_000, 100_000_000, 0.0015
 BIAS, ROLL, PITCH = np.array([0.03, -0.02]), 0.02, -0.015

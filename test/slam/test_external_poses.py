@@ -11,12 +11,14 @@ from tccm_ros.errors import MessageError
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.records import MapOdom, Odometry, PoseCovariance
 from tccm_ros.ros.reading import pose_covariance_from_message
-from tccm_ros.slam.external_poses import MEDIAN_VARIANCE, MapOdomTrack, white_variance
+from tccm_ros.slam.external_poses import MapOdomTrack, white_variance
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.se2 import between_se2, compose_se2
 from tccm_ros.slam.tracking import Tracker
 from tccm_ros.slam.wall_slam import WallSlam
+
+MEDIAN_VARIANCE = 0.5 * np.pi  # of a median, over that of the mean, of normal variates
 
 SECOND = 1_000_000_000
 STEPS = 200

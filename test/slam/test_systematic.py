@@ -13,9 +13,10 @@ from tccm_ros.slam.chain import KeyframeChain
 from tccm_ros.slam.factors.poses import BetweenKeyframes
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.matching.level_scan import make_level_scan
-from tccm_ros.slam.odometry_model import SCALE_DRIFT
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.wall_slam import WallSlam
+
+SCALE_DRIFT = 0.001  # per root m, growth of the scale's sigma
 
 CORRIDOR = np.array([[[-60.0, 1.0], [90.0, 1.0]], [[-60.0, -1.0], [90.0, -1.0]]])
 ROOM = plan.box(-1.5, -2.0, 6.0, 2.0)

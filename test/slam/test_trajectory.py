@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.front_end import TrackedPose
-from tccm_ros.slam.trajectory import TILT_MOTION_NS, OdometryTrack, poses_at_stamps
+from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps
+
+TILT_MOTION_NS = 500_000_000  # ns before and after the stamp: half a tilt cycle
 
 SECOND = 1_000_000_000
 MODEL = Config().odometry

@@ -15,7 +15,6 @@ from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import Detections, Hypothesis, SurfaceCloud
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.surfaces.object_labels import (
-    MAX_WAIT_NS,
     NO_VIEW,
     ClassScores,
     PlacedDetections,
@@ -27,6 +26,8 @@ from tccm_ros.surfaces.object_labels import (
 )
 from tccm_ros.surfaces.objects.object_tracks import track_objects, with_objects_of
 from tccm_ros.surfaces.views.views import SeenObject, View, empty_view, with_detections
+
+MAX_WAIT_NS = 60_000_000_000  # ns that a detection waits for a view
 
 CONFIG = Config()
 S = 1_000_000_000

@@ -11,10 +11,9 @@ from surface_maps import TABLE, above_floor, poses_at
 from tccm_ros.config import Config
 from tccm_ros.mapping.saved_map import pack_views, unpack_views
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.surface_map import (
-    LATE_VIEWS,
-    SurfaceMap,
-)
+from tccm_ros.surfaces.surface_map import SurfaceMap
+
+LATE_VIEWS = 8  # newest views among which a late one may arrive
 
 HOUR = 360
 """Cycles of ten seconds."""

@@ -11,13 +11,14 @@ from shapely import Polygon, box
 from shapely.affinity import rotate
 
 from tccm_ros.tabletop.placements import (
-    TOLERANCE_M,
     Overhang,
     Placement,
     PlacementRequest,
     PlacementSurface,
     find_placements,
 )
+
+TOLERANCE_M = 2e-3  # m, of a clearance: the accuracy of an outline
 
 UP = np.array([0.0, 0.0, 1.0])
 MUG = PlacementRequest(0.1, 0.1, 0.12)

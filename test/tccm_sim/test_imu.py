@@ -5,9 +5,11 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.records import Imu
 from tccm_sim.engine import EPOCH_NS, Simulation
-from tccm_sim.imu import GRAVITY, ImuModel, angular_velocities, specific_forces
+from tccm_sim.imu import ImuModel, angular_velocities, specific_forces
 from tccm_sim.options import Options
 from tccm_sim.worlds import build_world
+
+GRAVITY = 9.80665  # m/s2, standard gravity
 
 TURNING = Options(imu=True, tilt=False, self_hits=False)
 UP = np.array([0.0, 0.0, GRAVITY])

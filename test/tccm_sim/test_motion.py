@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 
 from tccm_sim.joints import Profile, oscillation
-from tccm_sim.motion import (
-    STEP,
-    OdometryErrors,
-    Waypoint,
-    drive,
-    stand,
-    wheel_odometry,
-)
+from tccm_sim.motion import OdometryErrors, Waypoint, drive, stand, wheel_odometry
+
+STEP = 0.01  # s, between the samples of a drive
 
 ROUTE = [
     Waypoint(0.0, 0.0, 0.0, 1.0),

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import Log
 from sensor_msgs.msg import Image, LaserScan
 from std_srvs.srv import SetBool, Trigger
 
-from tccm_ros.nodes.intake.refusals import WINDOW_S
+WINDOW_S = 10.0  # s: older refusals do not set the level
 
 SECOND = 1_000_000_000
 SILENCE = 0.2

@@ -7,12 +7,13 @@ from dataclasses import replace
 import pytest
 from live_robot import CYCLE_SCANS, STEP_NS, URDF, recording, tccm
 
-from tccm_ros.calibrate.joint_timing import MAX_PAIRS
 from tccm_ros.config import Config
 from tccm_ros.nodes.intake.joint_timing_watch import JointTimingWatch
 from tccm_ros.records import JointSample, MapReset, RobotDescription
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
+
+MAX_PAIRS = 4  # pairs of tilt cycles that an estimate uses
 
 CYCLES = MAX_PAIRS + 4
 """Enough tilt cycles for an estimate: the first one is partial."""

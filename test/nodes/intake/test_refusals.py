@@ -2,7 +2,10 @@
 
 from tccm_ros.errors import MessageError
 from tccm_ros.nodes.intake.inputs import Blocking
-from tccm_ros.nodes.intake.refusals import REPEAT_S, WINDOW_S, Refusals, kind_of
+from tccm_ros.nodes.intake.refusals import Refusals, kind_of
+
+REPEAT_S = 60.0  # s, between two log messages of a persistent refusal
+WINDOW_S = 10.0  # s: older refusals do not set the level
 
 
 class Clock:

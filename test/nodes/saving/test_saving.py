@@ -25,11 +25,14 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.errors import OutputError
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.process.ending import IMPATIENT_S, SAME_S, Ending
+from tccm_ros.nodes.process.ending import Ending
 from tccm_ros.nodes.saving.solution_saver import patience_s
 from tccm_ros.nodes.solver.channel import Journal
 from tccm_ros.records import RollPitch, SurfaceCloud
 from tccm_ros.results.map_file import load_map, read_content
+
+IMPATIENT_S = 2.0  # s: a second key press after this ends the save
+SAME_S = 0.1  # s: signals closer than this are one key press
 
 SECOND = 1_000_000_000
 POLL_S = 0.01

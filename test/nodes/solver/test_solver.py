@@ -28,10 +28,12 @@ from tccm_ros.nodes.solver.channel import (
     read_events,
 )
 from tccm_ros.nodes.solver.process import SolverProcess
-from tccm_ros.nodes.solver.solver import MAX_DEATHS, Solver
+from tccm_ros.nodes.solver.solver import Solver
 from tccm_ros.records import RobotDescription
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.results.map_file import load_map
+
+MAX_DEATHS = 3  # deaths without a solution, after which no process is started
 
 PATIENCE_S = 120.0
 TOPICS = frozenset({"surfaces", "map"})

@@ -9,8 +9,11 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2
 from tccm_ros.slam.loops.matching import LoopReason, Proposal
-from tccm_ros.slam.loops.place_confirmation import CERTAIN_AGREEMENT, CONFIRMED_M, PlaceConfirmation
+from tccm_ros.slam.loops.place_confirmation import PlaceConfirmation
 from tccm_ros.slam.wall_slam import WallSlam
+
+CERTAIN_AGREEMENT = 0.9  # of a search that needs no other; other rooms reach 0.80
+CONFIRMED_M = 2.5  # m of path over which all searches agree
 
 COV = np.diag([0.02**2, 0.02**2, 0.006**2])
 SHIFT = np.array([5.0, 2.0, 0.8])

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from tccm_ros.slam.matching.buckets import BUCKET, extent_near_median, sort_into_buckets
+from tccm_ros.slam.matching.buckets import extent_near_median, sort_into_buckets
+
+BUCKET = 0.30  # m, edge of a bucket
 
 
 @pytest.mark.parametrize("half", [1.0, 3.0, 100.0])

@@ -4,18 +4,16 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tccm_ros.slam.matching.buckets import BUCKET, Buckets, sort_into_buckets
-from tccm_ros.slam.matching.line_map import (
-    ACROSS,
-    ALIKE,
-    ALONG,
-    BORDER,
-    SAME_SIDE,
-    SPACING,
-    _confirmed,
-    _Seen,
-    _thin,
-)
+from tccm_ros.slam.matching.buckets import Buckets, sort_into_buckets
+from tccm_ros.slam.matching.line_map import _confirmed, _Seen, _thin
+
+ACROSS = 0.04  # m across a surface
+ALIKE = 0.9  # cosine between normals of one surface
+ALONG = 0.15  # m along a surface
+BORDER = 1.5  # buckets around the points
+BUCKET = 0.30  # m, edge of a bucket
+SAME_SIDE = 0.5  # cosine between normals of one side
+SPACING = 0.05  # m between points of the map with one orientation
 
 SEEDS = st.integers(0, 2**32 - 1)
 

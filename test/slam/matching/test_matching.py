@@ -7,17 +7,20 @@ from scipy.linalg import eigh
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
-from tccm_ros.slam.matching.alignment import (
-    MIN_INFORMATION,
-    MIN_INFORMATION_RATIO,
-    Prior,
-    _drop_noise,
-    align,
-)
+from tccm_ros.slam.matching.alignment import Prior, _drop_noise, align
 from tccm_ros.slam.matching.correlation import correlate, known_likelihood, support
 from tccm_ros.slam.matching.level_scan import make_level_scan, thin_with_normals
-from tccm_ros.slam.matching.likelihood_grid import CELL, UNKNOWN, make_likelihood_grid, with_unknown
-from tccm_ros.slam.matching.line_map import ACROSS, ALIKE, ALONG, SPACING, make_line_map
+from tccm_ros.slam.matching.likelihood_grid import make_likelihood_grid, with_unknown
+from tccm_ros.slam.matching.line_map import make_line_map
+
+ACROSS = 0.04  # m across a surface
+ALIKE = 0.9  # cosine between normals of one surface
+ALONG = 0.15  # m along a surface
+CELL = 0.05  # m, edge of a cell
+MIN_INFORMATION = (1.0 / 0.3**2, 1.0 / 0.3**2)  # 1/m2, 1/rad2, added to that of noise
+MIN_INFORMATION_RATIO = 3.0  # of information to that of noise in the normals
+SPACING = 0.05  # m between points of the map with one orientation
+UNKNOWN = 64  # of 255: a quarter, the likelihood of an unobserved cell
 
 ROOM = np.concatenate([plan.box(-2, -2, 3, 2.5), plan.box(1.0, 1.5, 1.6, 2.5)])
 

@@ -9,14 +9,12 @@ from tccm_ros.slam.matching.alignment import Prior, align
 from tccm_ros.slam.matching.buckets import BUCKET
 from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.matching.line_map import LineMap, make_line_map
-from tccm_ros.slam.matching.surface_normals import (
-    FLATNESS,
-    PRIOR_FREEDOM,
-    PRIOR_SIGMA,
-    RADIUS,
-    fit_missing_normals,
-    mean_normals,
-)
+from tccm_ros.slam.matching.surface_normals import fit_missing_normals, mean_normals
+
+FLATNESS = 0.2  # thickness over length of a neighbourhood with a normal
+PRIOR_SIGMA = 0.08  # rad, of a single normal of an ordinary laser
+PRIOR_FREEDOM = 20.0  # degrees of freedom of that prior
+RADIUS = 0.2  # m, of the neighbourhood of a missing normal
 
 CORRIDOR = np.array([[[-40.0, 1.0], [40.0, 1.0]], [[-40.0, -1.0], [40.0, -1.0]]])
 NOISE = 0.025

@@ -8,7 +8,10 @@ from tccm_ros.config import Config
 from tccm_ros.slam.matching.alignment import Prior, agreement, align
 from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.matching.line_map import make_line_map
-from tccm_ros.slam.matching.visibility import MARGIN, SECTORS, passes_and_hits
+from tccm_ros.slam.matching.visibility import passes_and_hits
+
+MARGIN = 0.2  # m behind a point: a beam that ends further has passed it
+SECTORS = 512  # around a laser
 
 ROOM = np.concatenate([plan.box(-2, -2, 6, 2), plan.box(3.0, 1.4, 3.6, 2)])
 

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from tccm_ros.slam.signs.association import (
-    MAX_DISTANCE,
-    MAX_MISREAD_DISTANCE,
-    associate_signs,
-    number_signs,
-)
+from tccm_ros.slam.signs.association import associate_signs, number_signs
 from tccm_ros.slam.signs.sightings import Sighting, is_misread
 from tccm_ros.slam.signs.triangulation import Point
+
+MAX_DISTANCE = 0.5  # m, between sightings of one sign
+MAX_MISREAD_DISTANCE = 0.2  # m, the same for different texts: the width of a plate
 
 SIGMA = 0.02
 PATCHES = np.eye(3)

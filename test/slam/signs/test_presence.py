@@ -10,18 +10,19 @@ from sign_plates import Pictures, Plate, office
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.signs.presence import (
-    FALSE_PROBABILITY,
-    HEIGHTS,
-    HIDDEN_PASS,
-    MAX_PRESENCE_RATIO,
-    PRIOR_LOOKS,
-    PRIOR_PROBABILITY,
     Looks,
     is_read_by_chance,
     is_taken_away,
     reading_probabilities,
 )
 from tccm_ros.slam.wall_slam import WallSlam
+
+FALSE_PROBABILITY = 0.1  # that other text is read as a number
+HEIGHTS = (14.0, 20.0, 28.0, 40.0)  # pixels, bounds of the height classes: half octaves
+HIDDEN_PASS = 0.02  # probability that a sign is occluded during a pass
+MAX_PRESENCE_RATIO = 0.05  # likelihood of the misses of a sign that was taken away
+PRIOR_LOOKS = 4.0  # looks of the prior of a class
+PRIOR_PROBABILITY = 0.5  # of a reading, by that prior
 
 WALLS, PLATES = office()
 CORRIDOR = [p for p in PLATES if p.position[1] < 0.0]

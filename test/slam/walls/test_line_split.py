@@ -5,7 +5,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tccm_ros.slam.walls.line_split import MERGE_TOLERANCE, MIN_MERGE_COSINE, split_segments
+from tccm_ros.slam.walls.line_split import split_segments
+
+MERGE_TOLERANCE = 1.5  # times the distance of a point from the chord
+MIN_MERGE_COSINE = 0.996  # of 5 deg between merged pieces
 
 DISTANCE, MAX_GAP, MIN_POINTS = 0.05, 0.4, 5
 

@@ -5,12 +5,10 @@ import pytest
 
 from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.walls.unit_variance import (
-    PRIOR_FREEDOM,
-    PRIOR_VARIANCE,
-    _without_tail,
-    unit_variance,
-)
+from tccm_ros.slam.walls.unit_variance import _without_tail, unit_variance
+
+PRIOR_FREEDOM = 2.0  # degrees of freedom of the prior
+PRIOR_VARIANCE = 0.05  # mean of the prior: covariances of factors are conservative
 
 KEYFRAMES, NORMALS = 400, np.array([0.1, 1.7, 3.2, 4.8])
 COV = np.array([[1e-4, 2e-5], [2e-5, 4e-4]])

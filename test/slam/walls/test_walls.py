@@ -10,17 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.slam.walls.association import (
-    GATE_CHI2,
-    GATE_SIGMAS,
-    JOINT_CHI2_PER_LINE,
-    JOINT_GATE_SIGMAS,
-    MAX_DPHI,
-    POOLED,
-    _associate,
-    _Gates,
-    _Segments,
-)
+from tccm_ros.slam.walls.association import POOLED, _associate, _Gates, _Segments
+
+GATE_CHI2 = 9.2  # 99 % of two degrees of freedom
+GATE_SIGMAS = 3.0  # sigmas in the gates of distance and angle
+JOINT_CHI2_PER_LINE = 6.0  # of the joint fit, per line
+JOINT_GATE_SIGMAS = 6.0  # sigmas in the gates of the joint fit
+MAX_DPHI = 0.35  # rad, 20 deg, between a line and its wall
 
 GATES = _Gates(0.12, 0.1, 0.5)
 NO_WALLS = np.zeros(0, POOLED)

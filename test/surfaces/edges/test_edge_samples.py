@@ -15,18 +15,18 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import inverse, spatial, transform2
 from tccm_ros.mapping.surface_slam import SurfaceSlam
-from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
-from tccm_ros.outlines.shape_models import PROBE, SPACING
+from tccm_ros.outlines.edge_position import EdgeSamples
 from tccm_ros.records import SensorKind, ViewIntervals
-from tccm_ros.surfaces.edges.edge_samples import (
-    BEYOND,
-    FRONT_FRACTION,
-    INSIDE,
-    OUTSIDE,
-    Edge,
-    EdgeSampler,
-)
+from tccm_ros.surfaces.edges.edge_samples import Edge, EdgeSampler
 from tccm_ros.surfaces.merging.merged_surface import fit_surface
+
+BEYOND = (0.10, 0.15)  # m beyond an outline: the edge of a column, and 1.5 times that
+FRONT_FRACTION = 0.7  # of the last samples at a near edge are on the front
+INDEPENDENT = 8.0  # effective samples of one view at most: its pose error is common to all
+INSIDE = 0.12  # m inside of an edge: further points are not its last ones
+OUTSIDE = 0.05  # m outside of an edge
+PROBE = 0.04  # m, between the points that are tested for free space
+SPACING = 0.03  # m, between samples of an outline, and length of a piece of an edge
 
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)
 T = spatial(np.zeros((1, 3)))

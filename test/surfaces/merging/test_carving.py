@@ -9,11 +9,13 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.robust import MAJORITY
-from tccm_ros.surfaces.merging.carving import STEPS, Carver, _in_block, _rpy, _with_strays, carve
+from tccm_ros.surfaces.merging.carving import Carver, _in_block, _rpy, _with_strays, carve
 from tccm_ros.surfaces.merging.free_grid import FreeGrid, blocks_of
-from tccm_ros.surfaces.views.stray_points import MAX_FRACTION
 from tccm_ros.surfaces.views.views import empty_view, with_cloud, with_intervals
+
+MAJORITY = 0.5  # of the whole
+MAX_FRACTION = 0.05  # of a surface's points, without evidence of it
+STEP_M = 0.002  # m, to which relative positions of views are rounded
 
 CONFIG = Config()
 VIEWS = 5
@@ -81,7 +83,7 @@ def test_only_pairs_with_a_new_or_moved_view_are_looked_at():
     assert carver.compared == (VIEWS - 1) * (VIEWS - 2) // 2
     carver.carve(views, T)
     assert carver.compared == VIEWS - 1
-    T[2, 0, 3] += 10.0 * STEPS[0]
+    T[2, 0, 3] += 10.0 * STEP_M
     carver.carve(views, T)
     assert carver.compared == VIEWS - 1
     carver.carve(views, T)
@@ -92,7 +94,7 @@ def test_what_a_pose_gave_is_known_when_it_comes_back():
     rng = np.random.default_rng(3)
     views, T = [random_view(rng, k + 1) for k in range(3)], random_poses(rng, 3)
     moved = T.copy()
-    moved[1, 0, 3] += 10.0 * STEPS[0]
+    moved[1, 0, 3] += 10.0 * STEP_M
     carver = Carver(CONFIG)
     for poses in (T, moved):
         carver.carve(views, poses)

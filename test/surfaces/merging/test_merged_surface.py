@@ -7,7 +7,8 @@ from surface_maps import poses_at
 from tccm_ros.config import Config
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merging.merged_surface import FEW_POINTS
+
+FEW_POINTS = 50  # two scan lines of 25 beams
 
 
 def surfaces_of(points):

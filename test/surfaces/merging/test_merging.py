@@ -10,8 +10,9 @@ from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.merging.carving import Survivors
 from tccm_ros.surfaces.merging.merging import NumberedPatch, Remainders, merge_coplanar
-from tccm_ros.surfaces.merging.recent_cache import KEPT_ROUNDS
 from tccm_ros.surfaces.views.views import empty_view, with_cloud
+
+KEPT_ROUNDS = 3  # rounds that an unused result survives
 
 CONFIG = Config()
 NOISE = 0.004

@@ -12,9 +12,11 @@ from tccm_ros.slam.factors.keys import view_key
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.merging.carving import carve
 from tccm_ros.surfaces.registration.registration import Registration, side_factors, variance_factor
-from tccm_ros.surfaces.registration.side_matching import OPEN_SIGMA, match_sides
+from tccm_ros.surfaces.registration.side_matching import match_sides
 from tccm_ros.surfaces.registration.sides import Sides, find_sides
 from tccm_ros.surfaces.surface_map import SurfaceMap
+
+OPEN_SIGMA = 0.3  # m, rad: the prior, and so the sigma of what no side determines
 
 CONFIG = Config()
 TABLES = [Board(1.6, 0.1, 0.8, 1.2, 0.74, 0.2), Board(1.4, 1.5, 0.6, 0.6, 0.5, -0.1)]

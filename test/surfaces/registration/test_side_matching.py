@@ -6,11 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.robust import GATE
 from tccm_ros.surfaces.registration.side_matching import (
-    OPEN_SIGMA,
-    SAME_POSE,
-    YAW_GATE,
     _candidates,
     _covariance,
     _differ,
@@ -19,7 +15,13 @@ from tccm_ros.surfaces.registration.side_matching import (
     _solve,
     _system,
 )
-from tccm_ros.surfaces.registration.sides import MIN_LENGTH, Sides
+from tccm_ros.surfaces.registration.sides import Sides
+
+GATE = 3.0  # sigmas: 99.7 % of all measurements
+MIN_LENGTH = 0.2  # m, of the overlap of two sides
+OPEN_SIGMA = 0.3  # m, rad: the prior, and so the sigma of what no side determines
+SAME_POSE = (0.05, np.radians(4.0))  # m, rad, between equal poses
+YAW_GATE = np.radians(12.0)  # between sides, beside the search
 
 SEEDS = st.integers(0, 2**32 - 1)
 SEARCH = (0.15, 0.1)

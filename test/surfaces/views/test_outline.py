@@ -9,12 +9,9 @@ from shapely import MultiPolygon
 
 from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.polygons import polygon_rings
-from tccm_ros.surfaces.views.outline import (
-    MIN_SIDE_EDGE,
-    covered_area,
-    expected_area,
-    horizontal_outline,
-)
+from tccm_ros.surfaces.views.outline import covered_area, expected_area, horizontal_outline
+
+MIN_SIDE_EDGE = 0.004  # m: half the distance of beams of 0.5 deg at 1 m
 
 L_SHAPE = shapely.Polygon([(0, 0), (2, 0), (2, 0.6), (0.6, 0.6), (0.6, 2), (0, 2)])
 

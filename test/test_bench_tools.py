@@ -140,7 +140,7 @@ def test_four_robots_begin_at_other_places_of_one_building():
         assert min(distances) > 0.5
 
 
-def test_what_runs_in_short_is_a_benchmark_with_these_options():
+def test_short_runs_name_existing_benchmarks_and_options():
     for name, arguments in IN_SHORT.items():
         text = (BENCH / f"{name}.py").read_text()
         for word in (a for a in arguments if not a.isdigit()):

@@ -50,5 +50,5 @@ def test_numpy_has_one_thread_or_as_many_as_the_user_wants(script):
     assert threads_of(script, **{THREADS: "2"}) == threads_of(LOADED, **{THREADS: "2"})
 
 
-def test_threads_are_what_is_counted():
+def test_thread_count_follows_the_environment():
     assert threads_of(LOADED, **{THREADS: "2"}) == min(2, os.cpu_count() or 1)

@@ -27,7 +27,7 @@ def found(path, source):
         ('def f():\n    """Return a plane.\n\n    It is upright.\n    """', "standing, upright"),
     ],
 )
-def test_a_private_word_in_a_name_a_comment_a_message_or_a_docstring_is_found(source, private):
+def test_private_words_are_found_in_names_comments_and_messages(source, private):
     assert private in {word for _, word in found("tccm_ros/example.py", source)}
 
 

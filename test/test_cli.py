@@ -240,7 +240,7 @@ def test_signs_prints_a_line_of_json_for_each_picture(capsys, monkeypatch, tmp_p
     assert lines == [{"file": str(path), "signs": [], "refused": []} for path in pictures]
 
 
-def test_signs_of_what_is_no_picture_is_an_error_of_one_line(capsys, monkeypatch, tmp_path):
+def test_signs_of_a_file_that_is_no_picture_is_an_error_of_one_line(capsys, monkeypatch, tmp_path):
     pytest.importorskip("onnxruntime", reason="the extra 'signs' is not installed")
     (tmp_path / "notes.txt").write_text("no picture")
     status, out, err = run(capsys, monkeypatch, "signs", tmp_path / "notes.txt")
@@ -249,7 +249,7 @@ def test_signs_of_what_is_no_picture_is_an_error_of_one_line(capsys, monkeypatch
     assert "notes.txt: not a readable image" in err
 
 
-def test_signs_without_the_extra_says_what_to_install(capsys, monkeypatch, tmp_path):
+def test_signs_without_the_extra_names_it(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("tccm_ros.signs.reading.find_spec", lambda name: None)
     status, _, err = run(capsys, monkeypatch, "signs", tmp_path / "any.png")
     assert status == 1

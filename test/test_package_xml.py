@@ -108,7 +108,7 @@ def test_every_import_is_a_dependency_or_comes_from_pip():
         assert ROSDEP.get(name, name) in depends() or pip in from_pip(), name
 
 
-def test_what_rosdep_brings_pip_brings_as_well():
+def test_rosdep_dependencies_are_pip_dependencies():
     for name in imported() & set(ROSDEP):
         assert PIP.get(name, name) in names(arguments()["install_requires"])
 
@@ -121,7 +121,7 @@ def test_every_dependency_is_imported():
     }
 
 
-def test_what_is_optional_is_no_dependency():
+def test_optional_libraries_are_no_dependencies():
     assert not OPTIONAL & depends()
 
 

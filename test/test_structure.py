@@ -336,3 +336,11 @@ def test_expected_numbers_are_written_in_the_tests():
     rest = {(path, name) for path, name in used if name not in FORMATS}
     assert rest == ASSERTED, "write the number, its unit and its reason in the test"
     assert {name for _, name in used} - {name for _, name in ASSERTED} == set(FORMATS)
+
+
+@pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=lambda p: p.stem)
+def test_names_of_tests_have_at_most_70_characters(path: Path):
+    """A name has subject, condition and result; a docstring has the rest."""
+    nodes = ast.walk(ast.parse(path.read_text()))
+    names = {n.name for n in nodes if isinstance(n, ast.FunctionDef)}
+    assert not {name for name in names if name.startswith("test_") and len(name) > 70}

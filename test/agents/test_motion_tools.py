@@ -73,13 +73,13 @@ def tools(server):
 
 
 def test_only_a_server_that_may_move_has_tools_that_move(server):
-    still, told = tools(make_server(Room()))
+    still, instructions = tools(make_server(Room()))
     assert {tool.name for tool in still}.isdisjoint({"approach", "retreat"})
-    assert "drive" not in told
-    moving, told = tools(server)
+    assert "drive" not in instructions
+    moving, instructions = tools(server)
     changed = {tool.name for tool in moving if not tool.annotations.read_only_hint}
     assert changed == {"approach", "retreat"} == {t.name for t in moving} - {t.name for t in still}
-    assert "approach and retreat drive the robot's base" in told
+    assert "approach and retreat drive the robot's base" in instructions
 
 
 def test_the_base_gets_the_goal_and_the_agent_the_outcome(server, base):
@@ -117,7 +117,7 @@ def test_a_bad_goal_is_refused_before_the_base_hears_of_it(server, base, tool, a
     assert base.asked == []
 
 
-def test_a_failed_drive_is_told_with_its_reason(server):
+def test_failed_drive_is_reported_with_its_reason(server):
     answer = call(server, "approach", spot="nowhere")
     assert answer.is_error
     assert "no spot is called 'nowhere'" in answer.content[0].text

@@ -37,7 +37,7 @@ def call(server, tool, **arguments):
     return anyio.run(asked)
 
 
-def told(server, tool, **arguments):
+def ask(server, tool, **arguments):
     """Return the values of an answer that is no error."""
     answer = call(server, tool, **arguments)
     assert not answer.is_error, answer.content
@@ -67,7 +67,7 @@ def test_all_tools_are_typed_and_only_read(server):
 
 def test_surfaces_are_those_of_the_map_with_its_stamp(folder, server):
     known = [s for s in content(folder, "surfaces")["surfaces"] if s["label"] != "floor"]
-    answer = told(server, "find_surfaces", limit=20)
+    answer = ask(server, "find_surfaces", limit=20)
     assert answer["found"] == len(known) > 0
     assert answer["map"]["stamp_s"] == pytest.approx(max(s["last_seen"] for s in known), abs=1.0)
     floor = content(folder, "surfaces")["floor_z"] or 0.0
@@ -82,55 +82,55 @@ def test_surfaces_are_those_of_the_map_with_its_stamp(folder, server):
 
 
 def test_words_height_and_size_choose_surfaces(server):
-    every = told(server, "find_surfaces", limit=20)["surfaces"]
+    every = ask(server, "find_surfaces", limit=20)["surfaces"]
     label, height = every[0]["label"], every[0]["height_m"]
-    same = told(server, "find_surfaces", words=label.upper(), limit=20)["surfaces"]
+    same = ask(server, "find_surfaces", words=label.upper(), limit=20)["surfaces"]
     assert [s["id"] for s in same] == [s["id"] for s in every if s["label"] == label]
-    near = told(
+    near = ask(
         server, "find_surfaces", min_height_m=height - 0.01, max_height_m=height + 0.01, limit=20
     )
     assert every[0]["id"] in [s["id"] for s in near["surfaces"]]
     longer = every[0]["length_m"] + 0.01
-    long = told(server, "find_surfaces", min_length_m=longer)["surfaces"]
+    long = ask(server, "find_surfaces", min_length_m=longer)["surfaces"]
     assert all(s["length_m"] >= longer for s in long)
-    assert told(server, "find_surfaces", words="nosuchthing")["found"] == 0
+    assert ask(server, "find_surfaces", words="nosuchthing")["found"] == 0
 
 
 def test_objects_placements_and_ways_belong_to_the_surface(folder, server):
     objects = content(folder, "objects")["objects"]
-    [surface] = told(server, "find_surfaces", limit=1)["surfaces"]
-    on = told(server, "objects_on", surface_id=surface["id"])
+    [surface] = ask(server, "find_surfaces", limit=1)["surfaces"]
+    on = ask(server, "objects_on", surface_id=surface["id"])
     assert [o["id"] for o in on["objects"]] == [
         o["id"] for o in objects if o["surface"] == surface["id"]
     ]
     size = {"length_m": 0.1, "width_m": 0.1, "height_m": 0.1}
-    places = told(server, "find_placements", surface_id=surface["id"], limit=2, **size)
+    places = ask(server, "find_placements", surface_id=surface["id"], limit=2, **size)
     assert 0 < len(places["placements"]) <= 2
     for place in places["placements"]:
         assert place["surface_id"] == surface["id"]
         assert place["position_m"][2] == pytest.approx(surface["center_m"][2], abs=0.05)
-    ways = told(server, "how_to_approach", surface_id=surface["id"], reach_m=1.5, robot_radius_m=0)
+    ways = ask(server, "how_to_approach", surface_id=surface["id"], reach_m=1.5, robot_radius_m=0)
     for way in ways["placements"]:
         assert way["base_poses"]
         x, y, _ = way["position_m"]
         for base in way["base_poses"]:
             assert (base["x_m"] - x) ** 2 + (base["y_m"] - y) ** 2 <= 1.5**2 + 1e-3
-    huge = told(server, "find_placements", length_m=9.0, width_m=9.0, height_m=0.1)
+    huge = ask(server, "find_placements", length_m=9.0, width_m=9.0, height_m=0.1)
     assert huge["placements"] == []
     assert huge["note"].startswith("0 placements")
 
 
 def test_changes_are_those_after_the_stamp_the_newest_first(server):
-    every = told(server, "changes_since", stamp_s=0.0, limit=20)
+    every = ask(server, "changes_since", stamp_s=0.0, limit=20)
     assert every["found"] >= len(every["changes"]) > 0
     stamps = [change["stamp_s"] for change in every["changes"]]
     assert stamps == sorted(stamps, reverse=True)
-    assert told(server, "changes_since", stamp_s=stamps[0])["found"] == 0
+    assert ask(server, "changes_since", stamp_s=stamps[0])["found"] == 0
     assert "tccm compare" in every["note"]
 
 
-def test_objects_without_a_class_are_not_found_by_words_and_the_note_says_so(server):
-    answer = told(server, "find_objects", words="cup")
+def test_search_by_words_skips_objects_without_class_with_a_note(server):
+    answer = ask(server, "find_objects", words="cup")
     assert answer["objects"] == []
     assert answer["note"].startswith("0 of ")
 

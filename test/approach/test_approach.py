@@ -62,7 +62,7 @@ def test_a_spot_moves_with_its_surface():
     assert outcome.distance == pytest.approx(true, abs=0.04)
 
 
-def test_a_spot_that_is_too_far_from_every_place_is_said_without_a_motion():
+def test_unreachable_spot_is_reported_without_motion():
     flat = simple_flat(rectangle(2.0, 2.0))
     machine, base = approach(flat, spot=np.zeros(2), max_distance=0.7)
     outcome = run(machine, base)
@@ -99,7 +99,7 @@ def test_a_base_that_cannot_be_corrected_has_not_arrived():
     assert corrected > 0
 
 
-def test_a_surface_that_is_gone_is_said():
+def test_missing_surface_is_reported():
     flat = simple_flat()
     flat.target.top = affinity.translate(flat.target.top, 50.0, 0.0)
     flat.target.legs = []
@@ -146,7 +146,7 @@ class SlowCycles(SimulatedBase):
         return replace(new, cycle=self._held)
 
 
-def test_a_surface_that_is_gone_is_said_also_by_slow_tilt_cycles():
+def test_missing_surface_is_reported_with_slow_tilt_cycles():
     """Three cycles from the staging pose take longer than the patience of 8 s."""
     flat = simple_flat()
     flat.target.top = affinity.translate(flat.target.top, 50.0, 0.0)
@@ -166,7 +166,7 @@ def test_chairs_that_the_map_does_not_have_are_driven_around():
     assert_is_there(base)
 
 
-def test_who_walks_in_the_way_is_waited_for():
+def test_base_waits_for_a_person_in_its_way():
     flat = simple_flat()
     # Across the way, at the time when the base is on it.
     flat.person = (np.array([-1.2, -2.0]), np.array([0.0, 1.0]), 0.5, 0.25, 1.0)
@@ -177,7 +177,7 @@ def test_who_walks_in_the_way_is_waited_for():
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
-def test_who_walks_into_the_side_of_the_base_finds_it_at_rest(speed):
+def test_base_rests_when_a_person_walks_into_its_side(speed):
     flat = simple_flat(None, (0.4, 0.0, 0.0), (-2.4, 0.0, 0.0))
     machine, base = approach(flat, seed=1)
     touched = []
@@ -201,7 +201,7 @@ def test_who_walks_into_the_side_of_the_base_finds_it_at_rest(speed):
     assert_is_there(base)
 
 
-def test_what_stays_in_every_way_ends_it_with_a_place():
+def test_permanent_obstacle_ends_the_approach_with_its_place():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
     ring = [(-1.15, y) for y in np.linspace(-2.9, 2.9, 30)]
     legs = [shapely.Point(p).buffer(0.05) for p in ring]
@@ -213,7 +213,7 @@ def test_what_stays_in_every_way_ends_it_with_a_place():
     assert base.contacts == 0
 
 
-def test_a_table_that_is_pushed_while_the_base_closes_in_is_followed_or_said():
+def test_table_pushed_while_closing_in_is_followed_or_reported():
     flat = simple_flat()
     machine, base = approach(flat)
 
@@ -233,7 +233,7 @@ def test_a_table_that_is_pushed_while_the_base_closes_in_is_followed_or_said():
         assert outcome.message
 
 
-def test_a_table_that_is_pulled_away_while_the_base_verifies_is_followed_or_said():
+def test_table_pulled_away_while_verifying_is_followed_or_reported():
     """Its edge was measured before the base stopped: that gap is no success."""
     flat = simple_flat()
     machine, base = approach(flat)
@@ -253,7 +253,7 @@ def test_a_table_that_is_pulled_away_while_the_base_verifies_is_followed_or_said
         assert outcome.reason in (Reason.GONE, Reason.MOVED, Reason.LOST_SURFACE)
 
 
-def test_without_tilt_cycles_after_the_stop_an_approach_has_lost_its_surface():
+def test_approach_without_tilt_cycles_after_the_stop_loses_its_surface():
     flat = simple_flat()
     base = SlowCycles(flat, np.random.default_rng(0))
     machine = Approach(ROBOT, a_goal(flat), surroundings(flat))
@@ -340,7 +340,7 @@ def test_a_base_in_the_open_is_left_to_a_navigator_at_once():
     assert navigator.places[0] == pytest.approx(flat.start, abs=1e-6)
 
 
-def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
+def test_retreat_goes_straight_back_and_stops_before_obstacles():
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     base = SimulatedBase(flat, np.random.default_rng(0))
     machine = Retreat(ROBOT, 0.5)
@@ -354,7 +354,7 @@ def test_a_retreat_goes_straight_back_and_stops_before_what_is_there():
     assert base.contacts == 0
 
 
-def test_a_retreat_stops_before_a_table_that_was_seen_before_the_base_turned_round():
+def test_retreat_stops_before_a_table_seen_before_the_turn():
     base = SimulatedBase(
         simple_flat(None, (0.0, 0.0, 0.0), (-1.3, 0.0, 0.0)), np.random.default_rng(0)
     )

@@ -50,7 +50,7 @@ def test_a_round_edge_is_faced_from_anywhere(shift):
     assert normal @ towards == pytest.approx(1.0, abs=1e-3)
 
 
-def test_what_stands_before_a_part_of_the_edge_does_not_move_it():
+def test_object_before_a_part_of_the_edge_does_not_move_it():
     rng = np.random.default_rng(3)
     points = scan_lines(lambda p: contains(TABLE, p), 0.01, rng)
     is_hidden = (points[:, 0] < -0.55) & (np.abs(points[:, 1]) < 0.08)

@@ -39,7 +39,7 @@ def test_a_straight_way_ends_where_a_point_comes_within_its_margin(x, y, directi
         assert way == pytest.approx(first, abs=0.004)
 
 
-def test_a_base_leaves_what_is_near_behind_and_passes_what_is_beside():
+def test_base_leaves_near_obstacles_behind_and_passes_those_beside():
     margins = np.array([0.05])
     assert BASE.free_way(np.array([[0.32, 0.0]]), margins, -1.0) == np.inf
     assert BASE.free_way(np.array([[0.32, 0.0]]), margins, 1.0) == 0.0
@@ -73,6 +73,6 @@ def test_a_grown_footprint_is_a_margin_wider_on_each_side():
         ([np.nan] * 6, "beyond 3 m, or none at all"),
     ],
 )
-def test_what_is_no_footprint_is_said(corners, words):
+def test_invalid_footprint_is_reported(corners, words):
     with pytest.raises(MotionError, match=words):
         Footprint.of(corners)

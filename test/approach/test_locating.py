@@ -61,7 +61,7 @@ def test_nothing_is_found_where_a_smaller_surface_stands(top):
     assert is_elsewhere(cycle, mapped, [])
 
 
-def test_of_a_surface_that_reaches_out_of_the_view_the_visible_part_is_fitted():
+def test_fit_of_a_surface_partly_out_of_view_uses_the_visible_part():
     flat = simple_flat(rectangle(1.4, 0.8), (0.2, 0.1, 0.0), (-1.3, 0.1, 0.1))
     cycle, mapped, in_odom = seen(flat)
     ahead = cycle.points[:, 0] < 1.5

@@ -54,7 +54,7 @@ def test_without_entries_there_are_no_names(tmp_path, text):
         ("a: {labels: [3]}\n", "a: 3 is not a string"),
     ],
 )
-def test_a_mistake_is_told_with_its_name(tmp_path, text, why):
+def test_mistake_is_reported_with_its_name(tmp_path, text, why):
     path = tmp_path / "named_poses.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError) as error:
@@ -78,7 +78,7 @@ names = st.from_regex(r"[A-Za-z0-9_-]{1,8}(/[a-z0-9]{1,8})?", fullmatch=True)
 
 
 @given(st.dictionaries(names, spots, max_size=4))
-def test_what_is_written_is_read(tmp_path_factory, entries):
+def test_written_names_are_read(tmp_path_factory, entries):
     path = tmp_path_factory.mktemp("names") / "named_poses.yaml"
     write_names(path, entries)
     assert read_names(path) == entries

@@ -28,7 +28,7 @@ def remembered():
     return made
 
 
-def test_what_the_newest_obstacles_leave_out_is_kept_once():
+def test_obstacles_missing_in_the_newest_message_are_kept_once():
     made = remembered()
     assert rows(made.points) == rows(CUBES)
     made.add(CUBES, np.zeros(2))
@@ -36,7 +36,7 @@ def test_what_the_newest_obstacles_leave_out_is_kept_once():
     assert rows(made.points) == rows(CUBES)
 
 
-def test_what_a_tilt_cycle_looks_at_is_forgotten_unless_it_is_there():
+def test_obstacles_in_view_are_forgotten_unless_measured_again():
     made = remembered()
     made.forget_visible(cycle(0.0))
     assert rows(made.points) == rows(CUBES[2:])
@@ -45,7 +45,7 @@ def test_what_a_tilt_cycle_looks_at_is_forgotten_unless_it_is_there():
     assert rows(made.points) == rows(CUBES[[0, 2]])
 
 
-def test_what_is_below_the_field_of_view_is_kept():
+def test_obstacles_below_the_field_of_view_are_kept():
     made = ObstacleMemory(CUBE_M)
     made.add(np.array([[0.4, 0.0, 0.3]]), np.zeros(2))
     made.add(NOTHING, np.zeros(2))
@@ -53,7 +53,7 @@ def test_what_is_below_the_field_of_view_is_kept():
     assert len(made.points) == 1
 
 
-def test_what_is_far_from_the_base_is_forgotten():
+def test_obstacles_far_from_the_base_are_forgotten():
     made = remembered()
     made.add(NOTHING, np.array([-2.0, 0.0]))
     assert not len(made.points)

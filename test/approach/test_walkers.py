@@ -75,7 +75,7 @@ def test_a_single_point_in_free_space_is_no_person():
 
 
 @pytest.mark.parametrize("wanted", [Speeds(0.25, 0.0), Speeds(0.1, -0.3), Speeds(0.0, 0.6)])
-def test_the_base_rests_before_a_person_who_walks_towards_it_comes_within_the_margin(wanted):
+def test_base_rests_before_an_approaching_person_is_within_the_margin(wanted):
     limits = ROBOT.limits
     for distance in np.arange(0.0, 3.0, 0.05):
         walkers = Walkers(ROBOT)

@@ -340,7 +340,7 @@ def test_a_database_with_a_definition_in_an_unknown_form_is_read(tmp_path, refer
     assert read(folder) == reference
 
 
-def test_a_compression_that_cannot_be_unpacked_is_no_damage_to_recover_from(tmp_path):
+def test_unknown_compression_is_not_recovered_as_damage(tmp_path):
     path = foreign_bag(tmp_path / "bag.mcap", sample_messages())
     path.write_bytes(path.read_bytes().replace(b"\4\0\0\0zstd", b"\4\0\0\0lzma"))
     without_summary_crc(path)

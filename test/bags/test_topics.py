@@ -101,7 +101,7 @@ def test_bad_images_are_counted_and_the_rest_is_mapped(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("info", "why", "told"),
+    ("info", "why", "note"),
     [
         (None, "no camera info", "no /depth/camera_info: its images cannot be used"),
         (lambda t: replace(camera(t), width=32), "different sizes", "/depth/camera_info says 32 x"),
@@ -113,13 +113,13 @@ def test_bad_images_are_counted_and_the_rest_is_mapped(tmp_path):
         (lambda t: replace(camera(t), frame_id="else"), "camera info of another frame", ""),
     ],
 )
-def test_images_without_a_calibration_that_fits_have_a_reason(tmp_path, info, why, told):
+def test_images_without_a_calibration_that_fits_have_a_reason(tmp_path, info, why, note):
     path = tmp_path / "bag"
     write_recording(path, seconds=1.0, clouds=(), info=info)
     remap = ["depth/image_rect_raw:=depth/image_rect_raw"]
     with pytest.raises(TccmError, match=why):
         mapped(path, tmp_path / "out", remap=remap)
-    assert told in "\n".join(bag_info(path).notes)
+    assert note in "\n".join(bag_info(path).notes)
 
 
 def test_info_names_a_frame_that_the_robot_does_not_have(tmp_path):
@@ -151,7 +151,7 @@ def test_a_bare_laser_is_the_base_and_moves_as_matching_says(tmp_path):
     assert np.hypot(*(found[:, 1:3] - run.truth[:, :2]).T).max() < 0.05
 
 
-def test_messages_that_a_role_cannot_read_are_said_and_others_are_looked_for(tmp_path):
+def test_unreadable_topic_of_a_role_is_reported_and_others_are_tried(tmp_path):
     cloud = "sensor_msgs/msg/PointCloud2"
     foreign_bag(tmp_path / "bag" / "a.mcap", [
         ("/scan", cloud, START, TYPES.make(cloud)),

@@ -89,7 +89,7 @@ def test_no_file_remains_after_an_exception(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["bag", "bag.mcap"])
-def test_an_existing_bag_is_replaced_on_request_when_the_new_one_is_complete(tmp_path, name):
+def test_existing_bag_is_replaced_on_request_once_the_new_one_is_complete(tmp_path, name):
     path = write_sample(tmp_path / name, n=3)
     with pytest.raises(OutputError, match="exists already"):
         BagWriter(path)

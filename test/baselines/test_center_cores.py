@@ -59,7 +59,7 @@ def test_quality_is_that_of_equation_8():
     assert plane.quality == pytest.approx(values[2] * values[1] / 1e-9, rel=0.15)
 
 
-def test_val_has_the_spread_of_the_cores_themselves_and_each_eigenvalue_once():
+def test_val_uses_the_spread_of_the_cores_and_each_eigenvalue_once():
     """Eq. (8) in NumPy over many points of each core: l1 l2 / l3, no square of any of them."""
     cores = joined(level_cores(60, 0.70, 11), level_cores(60, 0.71, 12))
     lengths = np.random.default_rng(13).uniform(0.05, 0.3, len(cores))

@@ -87,7 +87,7 @@ def inliers_by_hand(beams, free, i, j, distance, max_gap):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
-def test_the_support_of_a_line_is_what_no_gap_parts_from_it(seed):
+def test_support_of_a_line_ends_at_gaps(seed):
     rng = np.random.default_rng(seed)
     across = rng.normal(0.0, 0.03, 80)
     yaw, origin = rng.uniform(-np.pi, np.pi), rng.uniform(-3.0, 3.0, 2)

@@ -73,13 +73,13 @@ def test_a_driver_that_is_wrong_is_found(driver, reverse, offset):
     assert f"scan.reverse={str(reverse).lower()}" in found.text()
 
 
-def test_what_was_proposed_is_right_when_it_is_configured():
+def test_proposed_timing_is_right_when_configured():
     settings = ("scan.reverse=true", f"scan.time_offset={-ROTATION}")
     found = timer_of("reversed", settings).estimate()
     assert not found.is_significant
 
 
-def test_too_few_scans_tell_nothing():
+def test_too_few_scans_give_no_estimate():
     assert BeamTimer(read_config(None, [])).estimate() is None
 
 

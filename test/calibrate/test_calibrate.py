@@ -128,7 +128,7 @@ def test_hits_near_two_planes_belong_to_neither():
     assert 0 < found.sum() < 300
 
 
-def test_without_the_height_of_the_floor_the_height_of_the_laser_is_not_estimated(tmp_path: Path):
+def test_laser_height_is_not_estimated_without_floor_height(tmp_path: Path):
     simulate("room", tmp_path / "bag", options=Options(tilt_beams=121, cycle_period=2.0))
     found = calibrate(tmp_path / "bag")
     height = next(q for q in found.observability.quantities if q.name == "height")

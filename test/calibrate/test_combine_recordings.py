@@ -37,7 +37,7 @@ def sigmas(found: Calibration) -> dict[str, float]:
     return {q.name: q.sigma for q in found.observability.quantities if q.sigma is not None}
 
 
-def test_two_recordings_of_one_rig_give_smaller_standard_deviations_than_one(bag):
+def test_two_recordings_of_a_rig_give_smaller_sigmas_than_one(bag):
     bags = [bag(world, world, **ERRORS) for world in ("room", "moved")]
     both = calibrate(bags, floor_z=0.0)
     alone = [calibrate(one, floor_z=0.0) for one in bags]

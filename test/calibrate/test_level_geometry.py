@@ -32,9 +32,9 @@ def arc(walls, seed=0):
     ],
     ids=["a front", "nothing in range", "a panel askew", "a corner"],
 )
-def test_a_single_front_does_not_tell_the_motion_along_it(walls, expected):
+def test_single_front_leaves_the_motion_along_it_open(walls, expected):
     assert determines_pose(arc(walls), Config()) is expected
 
 
-def test_the_images_of_a_kitchen_tell_it():
+def test_level_geometry_is_estimated_from_images_of_a_kitchen():
     assert level_scans_help(BAGS / "rgbd_kitchen", "depth")

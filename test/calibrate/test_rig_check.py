@@ -72,7 +72,7 @@ def test_two_planes_one_above_the_other_are_a_surface_mapped_twice():
     assert found == [("doubled surface", pytest.approx(0.02))]
 
 
-def test_the_distance_of_doubled_planes_grows_with_range_where_the_base_is_tilted():
+def test_distance_of_doubled_planes_grows_with_range_if_the_base_is_tilted():
     planes = [square(0.70, at=(2.0, 0.0)), square(0.73, at=(2.0, 0.0), side=0.8)]
     base_tilt = 0.02  # rad: 40 mm at 2 m
     assert _doubled(planes, np.eye(4)) is not None

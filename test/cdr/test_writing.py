@@ -97,7 +97,7 @@ def test_only_messages_of_one_kind_of_number_are_rows_of_a_table():
 @pytest.mark.parametrize(
     ("field", "wrong"), [("points", np.zeros((2, 2))), ("id", 2**31), ("id", 0.5)]
 )
-def test_what_does_not_fit_its_field_is_an_error(field, wrong):
+def test_value_that_does_not_fit_its_field_is_an_error(field, wrong):
     with pytest.raises(MessageError, match="Marker message cannot be written"):
         TYPES.serialize(MARKER, TYPES.make(MARKER, **{field: wrong}))
 

@@ -38,13 +38,13 @@ def cycle_of(seconds, start_s, end_s):
 
 
 @pytest.mark.parametrize("end_s", [0.3, 0.6, 1.0])
-def test_the_base_s_pose_is_that_in_the_middle_of_the_cycle_between_two_samples(end_s):
+def test_pose_of_the_base_is_interpolated_to_the_middle_of_the_cycle(end_s):
     cycle = cycle_of([0.0, 0.2, 0.4, 0.6], 0.0, end_s)
     assert cycle.T_odom_base() == pytest.approx(pose_after(end_s / 2), abs=1e-6)
 
 
 @pytest.mark.parametrize(("start_s", "end_s", "at_s"), [(0.0, 0.2, 0.3), (0.8, 1.0, 0.7)])
-def test_before_the_first_and_after_the_last_sample_the_base_is_where_that_is(start_s, end_s, at_s):
+def test_pose_of_the_base_outside_the_samples_is_the_nearest_sample(start_s, end_s, at_s):
     cycle = cycle_of([0.3, 0.5, 0.7], start_s, end_s)
     assert cycle.T_odom_base() == pytest.approx(pose_after(at_s), abs=1e-9)
 

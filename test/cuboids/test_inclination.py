@@ -20,5 +20,5 @@ def test_limits_are_the_angles_that_they_are_explained_by(limit, slope_deg):
     assert math.degrees(math.acos(limit)) == pytest.approx(slope_deg, abs=1.0)
 
 
-def test_a_plane_that_crosses_cells_once_rises_by_less_than_a_cell_over_a_cell():
+def test_plane_that_crosses_cells_once_rises_less_than_a_cell_per_cell():
     assert math.tan(math.acos(CROSSES_CELLS_ONCE)) < 1.0

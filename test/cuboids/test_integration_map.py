@@ -150,7 +150,7 @@ class TestPreliminaryDeformation:
             (0, 5, 0), (5, 45, 3), (45, 50, 2),
         ]  # fmt: skip
 
-    def test_each_of_three_nested_cycles_keeps_what_is_not_replaced(self):
+    def test_each_of_three_nested_cycles_keeps_its_unreplaced_cuboids(self):
         assert spans(column((0, 90), (20, 70), (40, 50))) == [
             (0, 20, 0), (20, 40, 1), (40, 50, 2), (50, 70, 1), (70, 90, 0),
         ]  # fmt: skip

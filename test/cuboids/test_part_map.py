@@ -107,7 +107,7 @@ def test_points_of_different_depths_equal_brute_force(points):
 
 @pytest.mark.parametrize("span", [0, 3, 300, 70_000, 20_000_000])
 @pytest.mark.parametrize("n", [FEW - 1, FEW + 1, 700])
-def test_points_of_a_cell_are_sorted_by_height_and_equal_ones_stay_as_they_came(span, n):
+def test_points_of_a_cell_are_stably_sorted_by_height(span, n):
     rng = np.random.default_rng(span)
     z, other = rng.integers(-span, span + 1, n), np.arange(n)
     points = np.column_stack([(z << 32) | rng.integers(0, 1 << 20, n), other])

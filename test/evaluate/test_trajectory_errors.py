@@ -266,7 +266,7 @@ def test_missing_files_and_truth_of_another_time_are_errors(tmp_path):
 
 
 @pytest.mark.parametrize(("unit", "per_second"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
-def test_stamps_of_truth_in_another_unit_are_recognised_and_said(tmp_path, unit, per_second):
+def test_truth_stamps_in_another_unit_are_converted_and_reported(tmp_path, unit, per_second):
     found = write_tum(tmp_path / "found.tum", circle(), stamps_of(80))
     rows = [line.split() for line in found.read_text().splitlines()[1:]]
     truth = tmp_path / "truth.tum"

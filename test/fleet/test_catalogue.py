@@ -64,7 +64,7 @@ def test_few_files_are_left_as_they_are(catalogue):
     assert len(list(catalogue.path.glob("surfaces/*.parquet"))) == 3
 
 
-def test_rows_of_another_version_are_read_with_what_they_have(catalogue):
+def test_rows_of_another_version_are_read_with_their_columns(catalogue):
     path = catalogue.path / "surfaces" / "run-0.parquet"
     pq.write_table(pq.read_table(path).drop_columns(["confidence"]), path)
     for _ in range(2):
@@ -74,7 +74,7 @@ def test_rows_of_another_version_are_read_with_what_they_have(catalogue):
         catalogue.gather(max_files=0)
 
 
-def test_a_reader_finds_every_map_once_while_files_are_written_and_gathered(catalogue, flat):
+def test_reader_finds_every_map_once_while_files_are_gathered(catalogue, flat):
     expected, done = maps(catalogue)["run-0"], threading.Event()
 
     def write():
@@ -140,7 +140,7 @@ def test_the_first_question_finds_the_free_tables_of_the_last_day(tmp_path, flat
 
 
 @pytest.mark.parametrize("labels", [("", ""), ("mug", ""), ("mug", "box"), ("", "box")])
-def test_the_second_question_finds_the_mug_and_what_was_not_seen_since(tmp_path, flat_copy, labels):
+def test_second_query_finds_the_mug_and_objects_not_seen_since(tmp_path, flat_copy, labels):
     surfaces = json.loads((flat_copy / "surfaces.json").read_text())
     under, *others = (s for s in surfaces["surfaces"] if s["label"] != "floor")
     for k, surface in enumerate(surfaces["surfaces"]):

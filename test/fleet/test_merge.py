@@ -110,7 +110,7 @@ def with_signs(folder, map_folder, T_first_map, texts):
 
 
 @pytest.mark.parametrize(("other", "sizes"), [("1", [2]), ("2", [1, 1])])
-def test_signs_tell_two_buildings_with_the_same_walls_and_furniture(
+def test_signs_distinguish_buildings_with_equal_walls_and_furniture(
     merged, maps, workers, tmp_path, other, sizes
 ):
     (component,) = merged.content.components
@@ -124,7 +124,7 @@ def test_signs_tell_two_buildings_with_the_same_walls_and_furniture(
     assert ("3 of 3 door signs read otherwise" in pair.reason) == (other == "2")
 
 
-def test_maps_of_the_same_bytes_are_merged_only_where_it_is_said(maps, tmp_path):
+def test_maps_of_equal_bytes_are_merged_on_request_only(maps, tmp_path):
     copy = shutil.copytree(maps / "elsewhere", tmp_path / "copy")
     sources = [maps / "elsewhere", copy]
     two = merge_maps(sources, tmp_path / "out", Config())

@@ -56,7 +56,7 @@ def test_tables_of_another_height_do_not_agree():
     assert compare_furniture(ROOM, other, np.zeros(3))[1] == 0.0
 
 
-def test_what_the_other_map_has_not_seen_is_not_compared():
+def test_space_unseen_by_the_other_map_is_not_compared():
     far = SurfaceFootprint(0, shapely.box(10, 10, 14, 14), 0.0, True)
     assert compare_furniture(ROOM, (far,), np.zeros(3)) == (0.0, 0.0)
 
@@ -84,7 +84,7 @@ def test_signs_of_another_floor_read_otherwise():
     assert compare_signs(SIGNS, other, np.zeros(3)) == (0, 4)
 
 
-def test_signs_that_one_map_alone_has_tell_nothing():
+def test_signs_of_one_map_alone_are_ignored():
     assert compare_signs(SIGNS[:2], SIGNS[2:], np.zeros(3)) == (0, 0)
     assert compare_signs(SIGNS, (), np.zeros(3)) == (0, 0)
     above = [NumberedSign(s.number, s.position + np.array([0, 0, 3.0])) for s in SIGNS]

@@ -51,7 +51,7 @@ def test_one_wrong_pair_bends_nothing_however_many_keyframes_it_has(wrong, loops
     check_poses(component)
 
 
-def test_what_is_not_connected_is_a_component_of_its_own():
+def test_unconnected_map_is_its_own_component():
     pairs = {(0, 3): right(0, 3), (1, 4): right(1, 4), (3, 4): right(3, 4)}
     components, _ = select_pairs(5, pairs)
     assert [sorted(c.p_root_map) for c in components] == [[0, 1, 3, 4], [2]]

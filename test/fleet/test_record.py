@@ -14,7 +14,7 @@ def test_a_failure_is_read_as_it_was_written(tmp_path):
     assert read_json_or_none(path, Failure) == failure
 
 
-def test_what_is_missing_or_damaged_is_none(tmp_path):
+def test_missing_or_damaged_record_is_none(tmp_path):
     assert read_json_or_none(tmp_path / RECORD, DoneRecord) is None
     (tmp_path / RECORD).write_text('{"source": "x"')
     assert read_json_or_none(tmp_path / RECORD, DoneRecord) is None

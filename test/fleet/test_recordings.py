@@ -96,7 +96,7 @@ def test_a_copy_from_a_remote_file_system_has_the_same_content(tmp_path):
         remote.rm("/archive", recursive=True)
 
 
-def test_the_states_tell_a_file_that_was_written_again(archive):
+def test_states_detect_a_rewritten_file(archive):
     path = archive / "a"
     before = file_states(str(path))
     assert before == file_states(str(path))

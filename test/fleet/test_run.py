@@ -125,7 +125,7 @@ def assert_whole(out, single, count=COUNT):
     assert unfinished(out) == []
 
 
-def test_two_workers_over_tcp_write_what_a_single_replay_writes(cluster, bags, single, tmp_path):
+def test_two_workers_over_tcp_write_the_files_of_a_replay(cluster, bags, single, tmp_path):
     bad, out = write_bad_recordings(tmp_path / "bad", bags), tmp_path / "out"
     with fleet(bags, out, bad, "--scheduler", cluster[0], "--json") as process:
         text, _ = process.communicate(timeout=PATIENCE_S)

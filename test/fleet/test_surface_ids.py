@@ -34,7 +34,7 @@ def test_else_it_is_the_surface_at_its_place_and_height(T):
     assert new_id(old, T=T) == 7
 
 
-def test_what_is_not_there_any_more_has_no_new_id():
+def test_removed_surface_has_no_new_id():
     assert new_id(SurfaceFootprint(5, shapely.box(5, 5, 6, 6), 0.74, False)) is None
     assert new_id(SurfaceFootprint(5, TABLE.polygon, 0.5, False)) is None
     assert new_id(SurfaceFootprint(5, TABLE.polygon, 0.0, False)) is None, "the floor is no table"

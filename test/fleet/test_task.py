@@ -59,7 +59,7 @@ def test_the_cost_is_without_the_kernels_that_a_machine_compiles_once(job, monke
     assert read_json_or_none(job.results / RECORD, DoneRecord).cost.seconds == 60.0
 
 
-def test_what_is_done_is_not_done_again(job):
+def test_finished_tasks_are_not_repeated(job):
     assert not is_done(job)
     process(job)
     before = (job.results / "surfaces.json").stat()
@@ -85,7 +85,7 @@ def test_other_bytes_or_another_configuration_are_replayed(job, tmp_path):
     assert process(other).outcome is JobStatus.DONE
 
 
-def test_what_goes_wrong_is_told_and_leaves_nothing(bags, tmp_path):
+def test_failed_task_is_reported_and_leaves_no_files(bags, tmp_path):
     bad = write_bad_recordings(tmp_path / "bad", bags)
     recordings = [*find_recordings([str(bad)]), Recording.of(str(tmp_path / "missing.mcap"))]
     for recording in recordings:

@@ -115,7 +115,7 @@ def test_any_transforms_are_used_or_counted(rows, is_static):
     assert robot.frames.tf or all(s.parent == s.child or not s.child for s in sound)
 
 
-def test_a_transform_without_a_rotation_does_not_cost_the_others_of_its_message():
+def test_transform_without_rotation_leaves_the_others_of_its_message():
     sound, nothing = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0), (0.0,) * 7
     rows = [("base", "finger", nothing), ("base", "laser", sound), ("base", "toe", nothing)]
     samples = transforms_from_message(SimpleNamespace(transforms=[transform(*r) for r in rows]))

@@ -183,10 +183,10 @@ class ApproachRobot:
     def _send_place(self) -> None:
         state = Localisation.TRACKING if self.is_localised else Localisation.LOST
         T = spatial(compose2(self.base.map_odom, self.base.odom))
-        told = Localisation(state=state, reason="" if self.is_localised else "it was carried")
-        told.header.stamp, told.header.frame_id = stamp(self.base.t), "map"
-        told.pose.pose = pose_message(self.types, T)
-        self._where.publish(told)
+        message = Localisation(state=state, reason="" if self.is_localised else "it was carried")
+        message.header.stamp, message.header.frame_id = stamp(self.base.t), "map"
+        message.pose.pose = pose_message(self.types, T)
+        self._where.publish(message)
 
     # --- in step ---
 

@@ -70,7 +70,7 @@ def solved(inputs: Iterable[object], slam: SurfaceSlam) -> Iterator[Scene]:
             yield scene_of(slam.solve(), "map")
 
 
-def told(scenes: Iterable[Scene], events: MapChanges) -> list[Change]:
+def reported(scenes: Iterable[Scene], events: MapChanges) -> list[Change]:
     """Return the reported changes of consecutive scenes."""
     views = Config().objects.agreeing_views
     return [change for scene in scenes for change in events.note(scene, views)]

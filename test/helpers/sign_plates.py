@@ -88,15 +88,17 @@ class Pictures:
         self, poses: Float64, stamps_ns: NDArray[np.int64], seed: int = 0, period: float = 0.5
     ) -> list[SignMeasurement]:
         """Return the measurements along a drive; poses (N, 3) are in the frame of the plan."""
-        random, told = np.random.default_rng(seed), []
+        random, measurements = np.random.default_rng(seed), []
         for pose, stamp in _taken(poses, stamps_ns, period):
             T_map_base = plan.matrix(pose)
             T_map_base[:3, :3] = T_map_base[:3, :3] @ _tilted(
                 *random.normal(size=2) * self.roll_pitch
             )
             for yaw in self.cameras.yaws:
-                told += self._picture(T_map_base, self.cameras.T_base_camera(yaw), stamp, random)
-        return told
+                measurements += self._picture(
+                    T_map_base, self.cameras.T_base_camera(yaw), stamp, random
+                )
+        return measurements
 
     def searched(
         self, poses: Float64, stamps_ns: NDArray[np.int64], period: float = 0.5
@@ -113,7 +115,7 @@ class Pictures:
         self, T_map_base: Float64, T_base_camera: Float64, stamp: int, random: np.random.Generator
     ) -> list[SignMeasurement]:
         T = T_map_base @ T_base_camera
-        told = []
+        measurements = []
         for plate in self.plates:
             seen = self._pixel(plate, T)
             if seen is None or random.random() > self.found:
@@ -121,7 +123,7 @@ class Pictures:
             pixel = seen + random.normal(size=2) * PIXEL_SIGMA
             ray = np.array([*(pixel - [WIDTH / 2, HEIGHT / 2]) / FOCAL, 1.0])
             number = self.misread(plate.number, random)
-            told.append(
+            measurements.append(
                 SignMeasurement(
                     stamp,
                     pixel,
@@ -136,7 +138,7 @@ class Pictures:
                     FOCAL,
                 )
             )
-        return told
+        return measurements
 
     def _pixel(self, plate: Plate, T_map_camera: Float64) -> Float64 | None:
         """Return the pixel of a plate in the picture; None if it is not readable."""

@@ -51,11 +51,11 @@ class StandInNav2:
         return self._goal is not None
 
     async def _execute(self, handle):
-        told = handle.request.pose
-        p, q = told.pose.position, told.pose.orientation
+        goal = handle.request.pose
+        p, q = goal.pose.position, goal.pose.orientation
         quaternion = np.array([q.x, q.y, q.z, q.w])
         self.goals.append(planar(pose_from_quaternion(np.array([p.x, p.y, p.z]), quaternion)))
-        assert told.header.frame_id == "map"
+        assert goal.header.frame_id == "map"
         result = NavigateToPose.Result()
         failure = self.refusal
         if not failure:

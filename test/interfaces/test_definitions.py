@@ -52,7 +52,7 @@ def test_each_definition_can_be_imported(path):
 
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=lambda path: path.stem)
-def test_each_definition_says_what_it_is_and_who_gives_it(path):
+def test_each_definition_states_meaning_and_publisher(path):
     text = document.comment(parts_of(path)[0])
     providers = "Published by", "Returned by", "Service of", "Action of", "Part of"
     assert any(word in text for word in providers), text
@@ -80,10 +80,10 @@ def test_each_pose_point_and_vector_says_in_which_frame_it_is(path):
 
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=lambda path: path.stem)
-def test_each_constant_says_what_it_means_or_its_name_does(path):
+def test_each_constant_has_a_comment_or_a_clear_name(path):
     for part in parts_of(path):
-        told = [c for c in part.constants if document.comment(c)]
-        assert len(told) >= len(part.constants) / 2
+        explained = [c for c in part.constants if document.comment(c)]
+        assert len(explained) >= len(part.constants) / 2
 
 
 @pytest.mark.parametrize("path", sorted(INTERFACES.glob("srv/*")), ids=lambda path: path.stem)

@@ -27,7 +27,7 @@ def generate(*folders: Path) -> subprocess.CompletedProcess:
     )  # fmt: skip
 
 
-def test_without_a_compiler_it_says_what_is_missing(package):
+def test_without_a_compiler_the_missing_tool_is_named(package):
     done = generate(package)
     assert done.returncode == 1
     assert done.stderr.splitlines() == [
@@ -36,7 +36,7 @@ def test_without_a_compiler_it_says_what_is_missing(package):
     ]
 
 
-def test_what_is_up_to_date_is_left_alone():
+def test_up_to_date_files_are_left_alone():
     pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
     done = generate(ROOT / "interfaces")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -98,7 +98,7 @@ def test_a_question_is_answered(ros, robot, program):
 
 
 @pytest.mark.every_distro
-def test_the_action_tells_its_phase_and_its_result(ros, robot, program):
+def test_action_reports_phase_and_result(ros, robot, program):
     def scan(goal):
         goal.publish_feedback(
             ScanHere.Feedback(phase=ScanHere.Feedback.MOVING, progress=goal.request.max_tilt)

@@ -89,7 +89,7 @@ def test_a_result_is_one_tilt_cycle_and_is_stamped_in_its_middle():
         assert result.surfaces.points.dtype == result.view.intervals.dtype == np.float32
 
 
-def test_scans_are_split_where_the_laser_reverses_and_each_beam_is_used_once():
+def test_scans_are_split_at_reversals_and_each_beam_is_used_once():
     records = room()
     _, results = run(records)
     beams = sum(int(r.part.moments[:, 0].sum()) for r in results)
@@ -162,7 +162,7 @@ def test_views_are_only_of_tilt_cycles_at_rest_when_asked():
     assert all(len(r.surfaces.points) > 100 for r in results[:2])
 
 
-def test_the_published_segmentation_takes_3d_scans_and_not_single_scan_lines():
+def test_published_segmentation_takes_3d_scans_and_no_scan_lines():
     """A scan line is in a plane whatever it hits: as one on three walls, at 10 deg."""
     published = settings(
         planes={"horizontal_angle": 0.2},
@@ -178,7 +178,7 @@ def test_the_published_segmentation_takes_3d_scans_and_not_single_scan_lines():
     assert len(cycle.surfaces.points) == 0
 
 
-def test_what_left_the_scene_leaves_the_map_after_n_cycles():
+def test_removed_object_leaves_the_map_after_n_cycles():
     fed, there = fed_tccm(settings(**SMALL)), {}
     for item in visitor():
         for result in fed.add(item):
@@ -217,7 +217,7 @@ def shuffled(records, max_delay_ns, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_arrival_order_does_not_show(seed):
+def test_result_is_independent_of_arrival_order(seed):
     _, expected = run(room())
     _, found = run(shuffled(room(), 200_000_000, seed))
     assert [everything(r) for r in found] == [everything(r) for r in expected]
@@ -282,7 +282,7 @@ def test_a_jump_of_the_clock_begins_anew():
 
 
 @pytest.mark.parametrize("forget", [TccmProcessor.clear_map, TccmProcessor.reset])
-def test_what_is_found_after_a_reset_has_other_ids(forget):
+def test_ids_after_a_reset_are_new(forget):
     """The odometry frame may be another one: what is at an old position is not the same object."""
     fed, before = run(room())
     forget(fed.processor)

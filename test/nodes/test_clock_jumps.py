@@ -107,7 +107,7 @@ def test_streams_go_back_one_after_the_other_while_one_has_ended(ros):
         assert resets(node) == 1
 
 
-def test_a_driver_that_restarts_its_clock_is_told_and_used_once_it_is_set(ros):
+def test_driver_with_a_restarted_clock_is_reported_and_used_once_set(ros):
     node, robot, said = tccm(ros), ros.robot(), Warnings(ros)
     records = list(recording(20))
     wrong = range(len(records) // 3, 2 * len(records) // 3)
@@ -119,8 +119,8 @@ def test_a_driver_that_restarts_its_clock_is_told_and_used_once_it_is_set(ros):
     robot.play(sent, node)
     assert resets(node) == 0
     assert said.of(node) == []
-    told = partial(any_says, statuses, "another clock", "qos.stamp")
-    ros.spin_until(told)
+    is_reported = partial(any_says, statuses, "another clock", "qos.stamp")
+    ros.spin_until(is_reported)
     bad = sum(t == "tilt_scan" for t, _ in sent[wrong.start : wrong.stop])
     assert node.dropped["another clock"] >= bad - 1
     assert not node.dropped["out of order"]
@@ -193,7 +193,7 @@ def test_a_clock_that_goes_back_without_records_begins_anew_as_well(ros):
         assert "the clock stepped back by 60" in said.of(node)[0]
 
 
-def test_a_surface_message_from_before_the_jump_is_not_put_into_the_new_map(ros):
+def test_surface_message_from_before_a_clock_jump_is_not_mapped(ros):
     node, robot = slam(ros), ros.robot()
     robot.play(recording(2, start_ns=START_NS + 60 * SECOND), node)
     robot.play(recording(2), node)

@@ -171,9 +171,11 @@ def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
     )
 
     def moved(identity, x):
-        told = event(kind=event.MOVED, surface_ids_before=[identity], surface_ids_after=[identity])
-        told.pose_before.position.x, told.pose_after.position.x = 1.0, x
-        return told
+        message = event(
+            kind=event.MOVED, surface_ids_before=[identity], surface_ids_after=[identity]
+        )
+        message.pose_before.position.x, message.pose_after.position.x = 1.0, x
+        return message
 
     with example(ros, "wait_for_move.py", "table", "KITCHEN") as waiting:
         ros.spin_until(lambda: node.count_subscribers("~/surface_map"))
@@ -184,7 +186,7 @@ def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
     assert said == "table 7 moved from [1. 0.]\nto [7. 0.]\n"
 
 
-def test_in_the_walkthrough_the_stool_goes_and_both_boxes_stand_on_the_table(ros):
+def test_walkthrough_removes_the_stool_and_puts_both_boxes_on_the_table(ros):
     tilt_node, node = nodes = both_nodes(ros)
     events = Listener(ros).listen(message_class(SURFACE_EVENT), "/surface_slam/events")
     with example(ros, "wait_for_move.py", "seat") as waiting:
@@ -204,7 +206,7 @@ def test_in_the_walkthrough_the_stool_goes_and_both_boxes_stand_on_the_table(ros
     assert_nothing_else_is_listed(text, "walkthrough")
 
 
-def test_in_the_flat_what_stands_on_tables_is_listed_and_the_mug_has_a_place(
+def test_objects_on_tables_of_the_flat_are_listed_and_the_mug_is_placed(
     ros, session_files, tmp_path
 ):
     """The saved map of the flat is loaded, and the robot drives its last metres once more."""

@@ -17,7 +17,7 @@ import pytest
         ("tccm_ros.nodes.solver.process", True),
     ],
 )
-def test_only_the_process_that_solves_loads_the_graph_and_none_the_distributions(module, solves):
+def test_only_the_solver_process_loads_gtsam_and_no_process_scipy_stats(module, solves):
     code = f"import sys, {module}; print(*({{'gtsam', 'scipy.stats'}} & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["gtsam"] * solves

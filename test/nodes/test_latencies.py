@@ -20,6 +20,6 @@ def test_an_input_that_lags_behind_the_others_is_late(latencies_s, late):
     assert sorted(lagging(latencies_s, 0.5)) == late
 
 
-def test_the_figure_is_told():
+def test_latency_is_reported():
     (text,) = lagging({"/scan": 2.05, "/odom": 0.01}, 0.5).values()
     assert "'/scan' comes 2.0 s later than the other inputs (2.05 s" in text

@@ -56,7 +56,7 @@ def test_both_nodes_are_started_by_their_names(actions):
         assert condition.kind == wanted
 
 
-def test_a_node_that_is_told_to_stop_has_time_to_save(actions):
+def test_stopped_node_has_time_to_save(actions):
     for node in (a for a in actions if a.kind == "Node"):
         assert float(node.sigterm_timeout) >= 30.0
         assert float(node.sigkill_timeout) >= 15.0

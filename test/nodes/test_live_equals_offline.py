@@ -65,7 +65,7 @@ EQUAL = (
         pytest.param("flat", (), None, marks=LONG),
     ],
 )
-def test_what_live_nodes_save_equals_the_files_of_a_replay(
+def test_files_saved_by_live_nodes_equal_those_of_a_replay(
     ros, session_files, tmp_path, bag, remap, config
 ):
     """With a robot for both nodes: in the walkthrough with detections, below."""
@@ -166,13 +166,13 @@ def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, session_files, tmp_
     nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
     play_and_save(ros, bag, *nodes)
     node = nodes[1]
-    told = node.robot.robot.roll_pitch.at(np.array([node.session.newest_ns]))
-    assert np.abs(told).max() > 0.005, "the base stood level in the end"
+    roll_pitch = node.robot.robot.roll_pitch.at(np.array([node.session.newest_ns]))
+    assert np.abs(roll_pitch).max() > 0.005, "the base stood level in the end"
     assert_equal(tmp_path / "live", offline)
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
-def test_recognised_objects_are_labelled_live_as_offline_and_found_by_class(
+def test_recognised_objects_have_the_same_labels_live_and_offline(
     ros, session_files, tmp_path, is_shared
 ):
     pytest.importorskip("vision_msgs.msg", reason="vision_msgs is not installed")

@@ -204,7 +204,7 @@ def test_cleanup_and_shutdown_save_as_the_plain_node_does(
     assert (tmp_path / file).exists()
 
 
-def test_a_managed_process_says_what_it_waits_for_and_ends_at_a_signal(ros):
+def test_managed_process_reports_waiting_and_ends_at_a_signal(ros):
     with started(ros.domain, "managed_tccm_node", *settings(qos__silence=60.0)) as process:
         read_until(process, "unconfigured; waits for tccm/change_state")
         manager = Manager(ros, "tccm")

@@ -45,7 +45,7 @@ def test_every_parameter_is_declared_with_its_meaning_and_range(ros):
         ("map.window_cycles", "ten", "integer"),
     ],
 )
-def test_a_bad_value_at_start_says_what_to_write(ros, name, value, advice):
+def test_bad_value_at_start_is_an_error_with_valid_values(ros, name, value, advice):
     node = make(ros, **{name.replace(".", "__"): value})
     with pytest.raises(ConfigError, match=advice):
         declare_config(node)
@@ -111,7 +111,7 @@ class Reads:
                 yield (type(group), key), prefix + key
 
 
-def test_what_can_be_changed_is_read_again_after_the_start(monkeypatch):
+def test_mutable_parameters_are_read_again_after_the_start(monkeypatch):
     config = Config()
     reads = Reads(monkeypatch, config)
     reads.phase = "made"

@@ -178,7 +178,7 @@ def test_a_misspelt_parameter_is_named_with_the_nearest(ros, bag, capfd):
     assert "use_sim_time" not in warnings
 
 
-def test_it_says_what_it_waits_for_and_when_it_plays(ros, bag):
+def test_player_reports_waiting_and_start(ros, bag):
     log = []
     watcher = ros.add(Node("watcher", context=ros.context))
     latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -209,9 +209,7 @@ def test_it_plays_once_no_subscriber_has_come_or_gone_for_a_while(ros, bag):
     ros.spin_until(lambda: playing.is_done and len(got) == COUNT)
 
 
-def test_the_bags_time_stands_until_readers_have_the_first_message_of_a_topic(
-    ros, bag, monkeypatch
-):
+def test_bag_time_waits_until_readers_have_the_first_message_of_a_topic(ros, bag, monkeypatch):
     """A reader that finds the writer late would miss what is more than the writer's queue."""
     slow_s, waits = 1.0, []
 

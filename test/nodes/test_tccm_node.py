@@ -89,7 +89,7 @@ def test_obstacles_mark_a_costmap_as_a_laser_at_each_height_would(ros):
     assert scans[-1] - stamp_ns <= 20 * 50_000_000
 
 
-def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros, monkeypatch):
+def test_markers_are_built_for_listeners_only_and_latched(ros, monkeypatch):
     node, robot, built = tccm(ros), ros.robot(), []
     serialize = node.bulk_types.serialize
 
@@ -192,7 +192,7 @@ def test_autosave_writes_the_map_and_cuts_no_tilt_cycle(ros, tmp_path):
     assert not node.dropped
 
 
-def test_saving_to_a_folder_that_cannot_be_written_is_answered_with_an_error(ros, tmp_path):
+def test_saving_to_a_read_only_folder_is_answered_with_an_error(ros, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     node = tccm(ros, save__directory=str(blocked))
@@ -223,7 +223,7 @@ def figures(report: DiagnosticArray) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("reliability", ["best_effort", "reliable"])
-def test_sensor_topics_match_what_is_offered(ros, reliability):
+def test_sensor_subscriptions_match_the_offered_qos(ros, reliability):
     node = tccm(ros, qos__reliability=reliability)
     robot = ros.robot(reliable=reliability == "reliable")
     robot.play(recording(0.5), node)

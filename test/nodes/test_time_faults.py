@@ -44,7 +44,7 @@ def played(ros, records, **values):
 
 
 @pytest.mark.parametrize("topic", ["joint_states", "odom", "tilt_scan"])
-def test_a_topic_that_arrives_late_does_not_show(ros, topic):
+def test_result_is_independent_of_a_late_topic(ros, topic):
     records = list(recording(3))
     straight = played(ros, records)
     late = played(ros, delayed(records, topic, 200_000_000))
@@ -74,7 +74,7 @@ def hastened(records, factor):
 
 
 @pytest.mark.parametrize("setting", [{}, {"reorder_window": 0.12}])
-def test_scans_that_overtake_each_other_by_less_than_the_window_are_all_used(ros, setting):
+def test_scans_out_of_order_within_the_window_are_all_used(ros, setting):
     """Those of a laser of 40 Hz that are late by up to 50 ms, with nothing set."""
     window_s = setting.get("reorder_window", 0.05)
     records = hastened(recording(3), 2.0)
@@ -88,7 +88,7 @@ def test_scans_that_overtake_each_other_by_less_than_the_window_are_all_used(ros
     assert same_map(straight, node)
 
 
-def test_what_overtakes_by_more_is_counted_and_the_parameter_is_named(ros):
+def test_scans_beyond_the_window_are_counted_with_the_parameter(ros):
     records = list(recording(3))
     mixed = delayed_each_second_scan(records, 400_000_000)
     node, robot = tccm(ros), ros.robot()
@@ -220,7 +220,7 @@ def test_drivers_without_a_clock_can_be_stamped_on_arrival(ros):
     assert node.dropped["future stamp"] == 0
 
 
-def test_a_clock_may_go_forward_but_back_it_begins_anew_and_a_missing_one_is_named(ros):
+def test_clock_jumps_back_reset_the_map_and_a_missing_clock_is_named(ros):
     nodes = [tccm(ros, use_sim_time=True), slam(ros, use_sim_time=True)]
     for node in nodes:
         assert any("nobody publishes /clock" in text for text in node.all_problems())

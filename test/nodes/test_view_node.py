@@ -90,12 +90,12 @@ def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
         ros.spin_until(lambda: answers)
         return answers[0]
 
-    status, told = answered("rename", surface_id=table["id"], label="counter")
-    assert (status, told["message"]) == (200, f"surface {table['id']} was 'table'")
+    status, reply = answered("rename", surface_id=table["id"], label="counter")
+    assert (status, reply["message"]) == (200, f"surface {table['id']} was 'table'")
     ros.spin_until(lambda: page.entities[f"surface/{table['id']}"]["label"] == "counter")
-    status, told = answered("placements", surface_id=table["id"], size=[0.1, 0.1, 0.12])
+    status, reply = answered("placements", surface_id=table["id"], size=[0.1, 0.1, 0.12])
     assert status == 200
-    assert told["placements"][0]["position"][2] == pytest.approx(0.70, abs=0.01)
+    assert reply["placements"][0]["position"][2] == pytest.approx(0.70, abs=0.01)
     assert answered("save", name="home") == (200, {"message": "saved as home"})
     for name, values, why in (
         ("rename", {"surface_id": table["id"], "label": "throne"}, "no label 'throne'"),
@@ -112,8 +112,8 @@ def test_a_page_sees_the_map_grow_asks_and_hears_of_the_end(ros, tmp_path):
         ("save", {"name": "../../etc/passwd"}, "cannot be the name of a map"),
         ("save", {"name": "home"}, "overwrite"),
     ):
-        status, told = answered(name, **values)
-        assert (status, why in told["error"]) == (400, True), told
+        status, reply = answered(name, **values)
+        assert (status, why in reply["error"]) == (400, True), reply
     assert {path.name for path in tmp_path.iterdir()} == {"home"}
     view.close()
     page.join(20)

@@ -64,7 +64,7 @@ def test_joints_without_scans_name_the_scan_topic(ros):
     assert "nobody publishes '/joint_states'" not in problems(node)
 
 
-def test_no_description_says_what_to_publish_or_set(ros):
+def test_missing_description_error_names_the_topic_and_the_parameter(ros):
     node, robot = tccm(ros), ros.robot(described=False)
     robot.play(recording(2), node)
     text = problems(node)
@@ -123,7 +123,7 @@ def test_tf_gives_the_motion_of_the_base_where_no_odometry_is_published(ros):
     assert abs(last.pose[0] - 0.2 * 0.05 * 59) < 0.02
 
 
-def test_a_malformed_message_is_refused_said_and_counted(ros):
+def test_malformed_message_is_refused_reported_and_counted(ros):
     node, robot = tccm(ros), ros.robot()
     bad = LaserScan(angle_increment=float("nan"))
     for _ in range(3):
@@ -203,7 +203,7 @@ def test_the_restart_of_a_publisher_is_no_loss(ros):
     assert node.inputs.lost() == {}
 
 
-def test_a_reason_for_drops_is_a_problem_when_several_scans_were_dropped_for_it():
+def test_reason_for_drops_is_a_warning_after_several_scans():
     watch = DropWatch()
     assert watch.problems(Counter({"no odometry": 2})) == []
     (text,) = watch.problems(Counter({"no odometry": 9}))
@@ -225,7 +225,7 @@ REASONS = {
 
 
 @pytest.mark.parametrize("why", sorted(REASONS))
-def test_each_reason_for_drops_says_what_to_do(why):
+def test_each_reason_for_drops_names_a_remedy(why):
     (text,) = DropWatch().problems(Counter({why: 9}))
     assert ADVICE.get(why, "") in text
     assert why in ADVICE or "?" in why or "look at" in why or "expected" in why

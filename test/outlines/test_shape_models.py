@@ -109,7 +109,7 @@ def test_a_hidden_notch_makes_no_l():
     assert seen.shape is SurfaceShape.L
 
 
-def test_a_model_does_not_cover_what_a_view_looked_through():
+def test_model_does_not_cover_observed_free_space():
     outline = box(0, 0, 1.2, 0.6) - NOTCH
     samples = sampled(outline, hidden=NOTCH.buffer(0.02))
     x, y = np.meshgrid(np.arange(0.6, 1.2, 0.06), np.arange(0.4, 0.6, 0.06))

@@ -142,7 +142,7 @@ def test_rings_that_enclose_nothing_give_no_triangles(ring, points):
     assert len(mesh.points) == points
 
 
-def test_a_ring_that_crosses_itself_is_filled_with_corners_where_it_crosses():
+def test_ring_that_crosses_itself_gets_corners_at_the_crossings():
     bow = np.array([[0, 0, 1], [1, 1, 1], [1, 0, 1], [0, 1, 1]], float)
     mesh = fill_outline(bow, [], UP)
     assert triangle_areas(mesh).sum() == pytest.approx(0.5)

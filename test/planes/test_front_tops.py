@@ -1,12 +1,13 @@
 """Points of tops in cuboids of fronts and walls: brute force, walls, gaps, boards."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.planes.arrays import PLANE
+from tccm_ros.planes.fits import PlaneFits
 from tccm_ros.planes.front_tops import on_walls, top_planes
 
 ABOVE = 0.03  # m above the top, of a front that ends there: the depth of a cuboid
@@ -16,28 +17,30 @@ GATE = 3.0  # sigmas: 99.7 % of all measurements
 CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
 TOP, FRONT, SLOPE = 0, 1, 2
 BEFORE_FRONT, OVER_TOP = np.array([-1.0, 0.0, 1.5]), np.array([1.0, 0.0, 1.5])
-NORMALS = {TOP: [0.0, 0.0, 1.0], FRONT: [1.0, 0.0, 0.0], SLOPE: [0.8, 0.0, 0.6]}
+PLANES = [
+    ([0.0, 0.0, 1.0], HEIGHT),
+    ([1.0, 0.0, 0.0], 0.0),
+    ([0.8, 0.0, 0.6], 0.6 * HEIGHT),
+]
+"""Normals and offsets of `TOP`, `FRONT` and `SLOPE`."""
 
 
-class Fits(list):
-    """Planes with the cuboids of a map, as `PlaneFits`."""
-
-
-def fits_of(cells, tops, labels, bottoms=None):
-    fits = Fits(
-        SimpleNamespace(index=index, normal=np.array(normal), offset=HEIGHT * normal[2], rms=RMS)
-        for index, normal in NORMALS.items()
-    )
+def fits_of(cells, tops, labels, bottoms=None, planes=PLANES):
+    """Return the planes of cuboids in `cells`, each with the plane of its label."""
     cells = np.asarray(cells, np.int32).reshape(-1, 2)
+    n = len(cells)
     top, bottom = (
         np.rint(np.asarray(z) * 1e4).astype(np.int32)
-        for z in (tops, np.full(len(cells), HEIGHT - 0.1) if bottoms is None else bottoms)
+        for z in (tops, np.full(n, HEIGHT - 0.1) if bottoms is None else bottoms)
     )
-    fits.cuboids = SimpleNamespace(
-        cell_size=CELL, ix=cells[:, 0], iy=cells[:, 1], bottom=bottom, top=top
-    )
-    fits.labels = np.asarray(labels, np.int32)
-    return fits
+    ix, iy = cells.T.copy()
+    sums = np.ones(n), np.zeros((n, 3)), np.zeros((n, 6))
+    cycles = np.zeros(n, np.int32), np.arange(n + 1)
+    rows = np.zeros(len(planes), PLANE)
+    rows["normal"], rows["offset"] = [n for n, _ in planes], [offset for _, offset in planes]
+    rows["variances"] = 1.0, 1.0, RMS**2
+    cuboids = Cuboids(CELL, ix, iy, bottom, top, *sums, *cycles)
+    return PlaneFits(cuboids, np.asarray(labels, np.int32), rows, np.zeros(3))
 
 
 def block(front_top=HEIGHT, gap=0, front=FRONT):
@@ -76,7 +79,7 @@ def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
 @pytest.mark.parametrize(
     "fits", [block(front_top=HEIGHT + ABOVE + 0.01), block(gap=1), block(front=SLOPE)]
 )
-def test_walls_that_go_on_slopes_and_distant_fronts_have_no_points_of_the_top(fits):
+def test_higher_walls_slopes_and_distant_fronts_have_no_points_of_the_top(fits):
     points, cuboids = block_points(np.random.default_rng(2))
     assert (found(fits, points, cuboids) == -1).all()
 
@@ -191,9 +194,9 @@ def test_the_front_of_a_tilted_top_is_no_wall_at_its_high_end():
     y = (iy + 0.5) * CELL
     z = HEIGHT + 0.05 * y
     cells = np.concatenate([np.column_stack([k + 0 * iy, iy]) for k in (0, 1)])
-    fits = fits_of(cells, np.tile(z, 2), [FRONT] * 100 + [TOP] * 100, np.tile(z - 0.1, 2))
-    normal = np.array([0.0, -0.05, 1.0]) / np.hypot(0.05, 1.0)
-    fits[TOP].normal, fits[TOP].offset = normal, HEIGHT * normal[2]
+    labels, normal = [FRONT] * 100 + [TOP] * 100, np.array([0.0, -0.05, 1.0]) / np.hypot(0.05, 1.0)
+    planes = [(normal, HEIGHT * normal[2]), *PLANES[1:]]
+    fits = fits_of(cells, np.tile(z, 2), labels, np.tile(z - 0.1, 2), planes)
     points = np.concatenate([np.column_stack([k * CELL + 0.01 + 0 * y, y, z]) for k in (0, 1)])
     expected = np.repeat([TOP, -1], 100)
     np.testing.assert_array_equal(found(fits, points, np.arange(200)), expected)
@@ -204,8 +207,7 @@ def test_boards_with_fronts_in_the_same_cells_have_their_own_points():
     cells = np.concatenate([np.column_stack([k + 0 * iy, iy]) for k in (0, 0, 1, 1)])
     tops = np.repeat([lower, upper, lower, upper], 20)
     labels = np.repeat([-1, -1, TOP, 3], 20)
-    fits = fits_of(cells, tops, labels, tops - 0.02)
-    fits.append(SimpleNamespace(index=3, normal=np.array([0.0, 0.0, 1.0]), offset=upper, rms=RMS))
+    fits = fits_of(cells, tops, labels, tops - 0.02, [*PLANES, ([0.0, 0.0, 1.0], upper)])
     points = np.column_stack([(cells + 0.5) * CELL, tops])
     surface = np.where(labels >= 0, labels, -1).astype(np.int64)
     dense = np.zeros(80, bool)

@@ -56,7 +56,7 @@ def test_noise_seldom_scatters_by_more_than_the_maximum(n):
 
 
 @pytest.mark.parametrize(("slope_deg", "is_steep"), [(20.0, False), (70.0, True)])
-def test_a_steep_plane_has_several_cuboids_in_a_cell_and_all_of_them_shape_it(slope_deg, is_steep):
+def test_all_cuboids_of_a_cell_contribute_to_a_steep_plane(slope_deg, is_steep):
     """Lines 40 mm above each other are cuboids of their own; 20 mm further it has risen by 55."""
     rng = np.random.default_rng(1)
     slope = np.tan(np.radians(slope_deg))

@@ -108,7 +108,7 @@ def test_points_of_no_plane_and_planes_without_points_do_not_matter():
     assert nothing.shape == (0,)
 
 
-def test_the_noise_is_what_planes_imply():
+def test_range_noise_equals_the_simulated_sigma():
     points, labels, normals, offsets, rms = room(0.006, 1)
     assert range_noise(points, labels, normals, offsets, rms, EYE) == pytest.approx(0.006, rel=0.1)
 

@@ -53,7 +53,7 @@ def test_boards_that_are_far_from_each_other_or_at_two_heights_stay_two():
         assert whole_boards([board, whole]) == [whole, board]
 
 
-def test_a_board_continues_beyond_a_hidden_edge_to_the_seen_edge_of_another_board():
+def test_board_extends_past_a_hidden_edge_to_the_seen_edge_of_another():
     upper = board_of(box(0.0, 0.0, 0.9, 0.34), 1)
     lower = box(0.0, 0.0, 0.7, 0.30)
     right, back = (sides(surface(lower)).tolist().index(k) for k in (0, 1))
@@ -93,7 +93,7 @@ def test_the_shadow_of_an_object_on_a_long_board_is_a_part_of_it():
     assert Polygon(whole.boundary[:, :2]).area == pytest.approx(1.8 * 0.34, abs=1e-3)
 
 
-def test_a_board_does_not_continue_past_the_seen_edge_to_what_stands_out_there():
+def test_board_does_not_extend_past_its_seen_edge():
     """The top of an open door of the same height is a part of the board above."""
     spur = [(0.0, 0.0), (0.7, 0.0), (0.9, -0.3), (0.9, 0.34), (0.0, 0.34)]
     upper = board_of(Polygon(spur), 1)

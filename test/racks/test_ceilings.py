@@ -37,7 +37,7 @@ def front(top, thickness):
     return np.concatenate([ends, behind]), half, np.concatenate([origins, origins])
 
 
-def test_the_front_of_a_board_above_tells_its_lower_side():
+def test_front_of_a_board_above_gives_its_underside():
     (found,) = ceilings(BOARD, [BoardAbove(BOARD, 0.35, 7)], *front(0.35, 0.02))
     assert (found.above, found.state) == (7, FaceState.MEASURED)
     assert found.height == pytest.approx(0.33)
@@ -79,7 +79,7 @@ def test_slivers_beside_a_board_above_are_no_parts():
     assert [c.above for c in ceilings(BOARD, boards, *NOTHING)] == [1]
 
 
-def test_a_lower_side_without_a_surface_is_a_ceiling_if_it_was_seen_from_below():
+def test_underside_without_a_surface_is_a_ceiling_if_seen_from_below():
     ends, half, origins = lower_side(0.5)
     found, *_ = ceilings(BOARD, [], ends, half, origins)
     assert (found.above, found.state) == (-1, FaceState.MEASURED)
@@ -100,7 +100,7 @@ def test_a_small_lower_side_is_none():
     assert list(ceilings(BOARD, [], *lower_side(0.5, x=(0.0, 0.15), y=(0.0, 0.15)))) == []
 
 
-def test_a_small_lower_side_that_many_views_saw_is_none_and_does_not_lower_the_one_above_it():
+def test_small_underside_seen_by_many_views_lowers_no_ceiling():
     """Its hits are more than those of the ceiling, but cover less."""
     small = [np.concatenate(30 * [a]) for a in lower_side(0.46, x=(-0.5, 0.5), y=(0.12, 0.16))]
     assert list(ceilings(BOARD, [], *small)) == []

@@ -62,7 +62,7 @@ def test_compartments_have_their_clear_lengths(rack):
         assert away[0, 0] > np.cos(0.02)
 
 
-def test_a_face_is_not_called_open_where_there_is_a_panel_nor_closed_where_there_is_none(rack):
+def test_faces_with_panels_are_not_open_and_without_not_closed(rack):
     made, outcome, T = rack
     for found in outcome.solution.compartments:
         true = same_space(found, made.spaces, T)
@@ -131,7 +131,7 @@ def pieces(board):
     return halves
 
 
-def test_swept_boxes_cut_no_solid_and_free_insertions_that_could_be_seen_are_offered(rack):
+def test_swept_boxes_cut_no_solid_and_visible_insertions_are_offered(rack):
     made, outcome, T = rack
     tally = insertions(made, outcome, T, count=60, seed=0)
     assert tally.points > 1000
@@ -139,7 +139,7 @@ def test_swept_boxes_cut_no_solid_and_free_insertions_that_could_be_seen_are_off
     assert tally.offered > 0.6 * tally.free > 0.0
 
 
-def test_what_is_put_through_the_front_has_a_swept_box_that_cuts_no_solid(
+def test_swept_box_of_an_insertion_cuts_no_solid(
     rack,
 ):
     made, outcome, T = rack

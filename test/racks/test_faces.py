@@ -47,7 +47,7 @@ def test_beams_that_end_behind_a_face_passed_it():
     assert face.offset == 0.0
 
 
-def test_nothing_is_told_by_beams_that_end_before_a_face():
+def test_beams_that_end_before_a_face_leave_it_unknown():
     face = seen(np.full(len(GRID), 1.5))
     assert (face.state, face.measured, face.passed) == (FaceState.UNKNOWN, 0.0, 0.0)
 
@@ -100,7 +100,7 @@ def test_a_bar_across_a_small_part_of_a_face_is_none():
     assert seen(np.where(is_object, 2.0, 2.4)).bar == np.inf
 
 
-def test_free_columns_before_and_behind_a_face_on_the_way_of_a_beam_tell_that_it_is_open():
+def test_face_with_free_columns_on_both_sides_of_a_beam_is_open():
     """Columns beside the face alone tell nothing: a beam need not have passed it."""
     xy = [[x, y] for x in np.arange(0.05, 3.0, 0.1) for y in np.arange(-1.45, 1.5, 0.1)]
     rows = np.column_stack([xy, np.full(len(xy), -0.5), np.full(len(xy), 1.5)]).astype(np.float32)
@@ -112,7 +112,7 @@ def test_free_columns_before_and_behind_a_face_on_the_way_of_a_beam_tell_that_it
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 0.5))
-def test_the_lower_end_of_a_front_is_between_beams_that_end_on_it_and_pass_below_it(seed, height):
+def test_lower_end_of_a_front_is_between_hits_and_passes(seed, height):
     """Ranges have errors along the beams, and a tenth of the beams end on mixed pixels."""
     rng = np.random.default_rng(seed)
     crossing = np.column_stack(

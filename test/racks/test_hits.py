@@ -37,7 +37,7 @@ def test_hits_and_sensors_move_with_the_pose_of_their_view():
     np.testing.assert_allclose(hits.half, [0.01])
 
 
-def test_what_a_newer_view_looked_through_has_gone_and_all_else_is_still_there():
+def test_hits_seen_through_by_a_newer_view_are_removed_and_others_kept():
     box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
     left = everywhere([view(np.concatenate([box, wall])), view(wall, (0.02, 0.0, 0.0))])
     ends = left.without_removed().ends
@@ -45,7 +45,7 @@ def test_what_a_newer_view_looked_through_has_gone_and_all_else_is_still_there()
     assert (np.abs(ends[:, 0] - WALL_X) < 0.1).sum() == 2 * len(wall)
 
 
-def test_what_no_newer_view_looked_at_is_still_there():
+def test_hits_unseen_by_newer_views_are_kept():
     box, wall = rows(BOX_X, GRID[is_box(GRID)]), rows(WALL_X, GRID)
     beside = wall[np.abs(wall[:, 1]) > 0.3]
     hits = everywhere([view(np.concatenate([box, wall])), view(beside)])

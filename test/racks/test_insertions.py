@@ -59,7 +59,7 @@ def test_an_empty_compartment_is_filled_clear_of_edges_and_of_each_other():
 
 @pytest.mark.parametrize("x", [-0.15, 0.06, 0.21])
 @pytest.mark.parametrize("kind", ["hit", "unseen"])
-def test_nothing_goes_past_what_was_hit_or_never_seen(x, kind):
+def test_insertion_stops_at_hits_and_unseen_space(x, kind):
     block = ((x, -0.06, 0.06), (x + 0.06, 0.06, 0.12))
     space = InsertionSpace(compartment(**{kind: [block]}))
     for p in space.insertions(MUG, Hand(), 0.02):
@@ -68,7 +68,7 @@ def test_nothing_goes_past_what_was_hit_or_never_seen(x, kind):
         assert beside >= 0.02 - CELL / 2 or at[0] + MUG[0] / 2 <= x
 
 
-def test_what_was_never_seen_over_an_object_does_not_matter_to_it():
+def test_unseen_space_above_an_object_does_not_block_it():
     space = InsertionSpace(compartment(unseen=[((-0.42, -0.45, 0.18), (0.33, 0.45, 0.3))]))
     assert space.insertions(MUG, Hand(), 0.02)
     assert not space.insertions((0.09, 0.09, 0.2), Hand(), 0.02)
@@ -82,7 +82,7 @@ def test_an_object_that_is_too_high_or_too_wide_has_no_place():
     assert not space.insertions((DEPTH - 0.01, 0.09, 0.1), Hand(), 0.02)
 
 
-def test_a_low_object_that_no_beam_tells_from_the_board_is_an_obstacle():
+def test_low_object_indistinct_from_the_board_is_an_obstacle():
     low = Obstacle(9, footprint(0.1, 0.0), 0.0, 0.02)
     for p in InsertionSpace(compartment(), [low]).insertions(MUG, Hand(), 0.02):
         assert abs(in_front(p)[1]) >= 0.08 / 2 + MUG[1] / 2
@@ -93,7 +93,7 @@ def object_at(number, x, y, height=0.12):
     return Obstacle(number, footprint(x, y), 0.0, height), cells
 
 
-def test_an_object_is_free_from_the_front_unless_another_one_stands_before_it():
+def test_object_is_free_from_the_front_unless_another_is_before_it():
     far, far_cells = object_at(1, 0.225, 0.015)
     near, near_cells = object_at(2, 0.075, 0.015)
     hand = Hand(0.08, 0.1)
@@ -105,14 +105,14 @@ def test_an_object_is_free_from_the_front_unless_another_one_stands_before_it():
     assert (blocked.state, blocked.objects) == (AccessState.BLOCKED, (2,))
 
 
-def test_an_object_behind_space_that_was_never_seen_is_neither_free_nor_blocked():
+def test_object_behind_unseen_space_is_neither_free_nor_blocked():
     item, cells = object_at(1, 0.225, 0.015)
     unseen = [((0.0, -0.15, 0.0), (0.12, 0.15, 0.3))]
     space = InsertionSpace(compartment(unseen=unseen, hit=[cells]), [item])
     assert space.access(item, Hand(0.08, 0.1), 0.02).state == AccessState.UNKNOWN
 
 
-def test_a_hand_that_is_higher_than_the_compartment_is_blocked_by_the_board_above():
+def test_hand_higher_than_the_compartment_is_blocked_by_the_board_above():
     item, cells = object_at(1, 0.225, 0.015)
     space = InsertionSpace(compartment(hit=[cells]), [item])
     access = space.access(item, Hand(0.08, 0.29), 0.02)

@@ -54,7 +54,7 @@ def test_two_doors_are_two_parts_from_left_to_right():
     np.testing.assert_allclose(middles, [0.38, -0.38], atol=0.01)
 
 
-def test_edge_and_content_of_the_compartment_are_no_part_nor_is_what_stands_beside_it():
+def test_open_parts_exclude_the_edge_the_content_and_neighbours():
     edge = leaf((0.0, 0.4), 0.5 * np.pi, 0.8)
     content = leaf((0.2, 0.1), 0.5 * np.pi, 0.2)
     beside = leaf((-0.1, 0.6), 0.0, 0.3)

@@ -14,7 +14,7 @@ FRONT = np.array([[1.0, 2.0, 0.5], [1.0, 1.2, 0.5]])
 INWARD = np.array([1.0, 0.0, 0.0])
 
 
-def test_the_edges_are_those_of_the_box_and_an_arrow_that_ends_at_its_front():
+def test_outline_is_the_edges_of_the_box_and_an_arrow_to_its_front():
     edges = box_edges(FRONT, INWARD, 0.3, 0.4)
     box, arrow = edges[:12], edges[12:]
     lengths = np.sort(np.linalg.norm(box[:, 1] - box[:, 0], axis=1))

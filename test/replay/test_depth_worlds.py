@@ -32,7 +32,7 @@ def test_each_robot_with_a_head_has_a_configuration():
 
 
 @pytest.mark.parametrize("robot", FILES)
-def test_the_configuration_of_a_robot_maps_a_recording_with_its_frames_and_topics(robot, tmp_path):
+def test_configuration_of_a_robot_maps_its_recording(robot, tmp_path):
     config = read_config(ROOT / "config" / "robots" / f"{FILES[robot]}.yaml")
     rig = ROBOTS[robot]
     assert config.frames.base == rig.base

@@ -115,7 +115,7 @@ def test_detections_in_the_map_and_the_odometry_frame_count_too(labelled):
     assert crate["confidence"] == pytest.approx(0.6)
 
 
-def test_what_cannot_be_used_is_counted_with_its_reason(labelled):
+def test_unusable_detections_are_counted_by_reason(labelled):
     dropped = {why: n for why, n in labelled.dropped.items() if "no object" not in why}
     assert dropped == {
         "detection: its position is not finite": 1,

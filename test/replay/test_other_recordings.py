@@ -70,9 +70,7 @@ def test_the_table_is_found_in_recordings_of_others(source, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", UNUSUAL)
-def test_the_table_is_found_where_messages_contradict_themselves_and_it_is_said(
-    source, tmp_path, name
-):
+def test_table_is_found_despite_contradictory_messages_that_are_reported(source, tmp_path, name):
     edit, said = UNUSUAL[name]
     bag = eb.edited(source, tmp_path / "bag", edit)
     summary = replay(bag, tmp_path / "out", read_config(None), pictures=False)
@@ -103,9 +101,7 @@ def test_depths_of_the_largest_number_alone_are_named(source, tmp_path):
         replay(bag, tmp_path / "out", read_config(None), pictures=False)
 
 
-def test_descriptions_and_static_transforms_hold_from_the_start_when_they_come_late(
-    session_files, tmp_path
-):
+def test_late_descriptions_and_static_transforms_hold_from_the_start(session_files, tmp_path):
     """All tilt cycles are as in the recording in which they come first."""
     latched = {"/robot_description", "/tf_static"}
     bag = eb.late(BUNDLED / "upside_down", tmp_path / "bag", latched, 7 * 10**9)
@@ -117,7 +113,7 @@ def test_descriptions_and_static_transforms_hold_from_the_start_when_they_come_l
         assert (late / name).read_bytes() == (early / name).read_bytes()
 
 
-def test_static_transforms_that_come_late_on_tf_are_used_from_then_on_and_that_is_said(tmp_path):
+def test_late_static_transforms_on_tf_are_used_from_then_on_and_reported(tmp_path):
     kinds = {"nav_msgs/msg/Odometry": "/odom", eb.TF: "/tf"}
 
     def level_alone(topic, msgtype, message):
@@ -135,7 +131,7 @@ def test_static_transforms_that_come_late_on_tf_are_used_from_then_on_and_that_i
     assert summary.content.counts.walls > 0
 
 
-def test_a_delay_of_the_tilt_joint_is_said_and_corrected(session_files, tmp_path):
+def test_delay_of_the_tilt_joint_is_reported_and_corrected(session_files, tmp_path):
     def delayed(topic, msgtype, message):
         if msgtype == "sensor_msgs/msg/JointState":
             eb.set_stamp(message, eb.stamp_of(message) + 300_000_000)
@@ -199,7 +195,7 @@ def test_a_lens_of_an_unknown_model_is_refused_and_named(source, tmp_path):
     assert "distortion model 'equidistant' is not known" in "\n".join(bag_info(bag).notes)
 
 
-def test_info_says_what_is_wrong_with_a_description(source, tmp_path):
+def test_info_names_faults_of_a_description(source, tmp_path):
     def describe(change):
         def edit(topic, msgtype, message):
             if topic == "/robot_description":
@@ -252,7 +248,7 @@ def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
     assert "/elsewhere/depth: image has encoding '16SC1'" in notes
 
 
-def test_a_tilt_joint_of_the_wrong_sign_is_named_as_a_reason_for_an_empty_map(tmp_path):
+def test_inverted_tilt_joint_is_named_as_reason_for_an_empty_map(tmp_path):
     """The floor, seen where a ceiling would be, is most of what is horizontal."""
 
     def negated(topic, msgtype, message):

@@ -136,13 +136,13 @@ def test_events_of_the_walkthrough_are_in_result_mcap_where_asked_for(session_fi
     """As its truth says: the stool is carried away, one of the boxes is moved; all else stays."""
     without, with_events = session_files.replayed("walkthrough"), tmp_path / "with"
     replay(BAGS / "walkthrough", with_events, Config(), pictures=False, events=True)
-    told = [m for _, m in messages_of(with_events / "result.mcap", EVENTS_TOPIC)]
+    events = [m for _, m in messages_of(with_events / "result.mcap", EVENTS_TOPIC)]
     assert messages_of(without / "result.mcap", EVENTS_TOPIC) == []
-    (gone,) = (event for event in told if event.kind == ChangeKind.GONE)
+    (gone,) = (event for event in events if event.kind == ChangeKind.GONE)
     (stool,) = json.loads((BAGS / "walkthrough" / "truth.json").read_text())["gone"]
     at = gone.pose_before.position
     assert Polygon([p[:2] for p in stool["boundary"]]).contains(Point(at.x, at.y))
-    kinds = Counter(ChangeKind(event.kind) for event in told)
+    kinds = Counter(ChangeKind(event.kind) for event in events)
     assert kinds == {
         ChangeKind.APPEARED: 2, ChangeKind.GONE: 1,
         ChangeKind.OBJECT_APPEARED: 3, ChangeKind.OBJECT_LEFT: 1,
@@ -162,7 +162,7 @@ def messages_of(bag, topic):
         ]
 
 
-def test_a_person_who_walked_through_leaves_no_cuboids(session_files, tmp_path):
+def test_person_walking_through_leaves_no_cuboids(session_files, tmp_path):
     """The person is seen from 3 to 7 s of 20.7 s: in a window of all cycles, not in the last 10."""
     config = read_config(None, ["map.window_cycles=13"])
     replay(BAGS / "walkthrough", tmp_path / "all", config, pictures=False)

@@ -72,21 +72,21 @@ def test_a_base_that_stands_level_has_the_same_map_with_an_imu():
 
 
 @pytest.mark.parametrize(("world", "stop_tilt"), [("ring", 0.0), ("flat", 0.0175)])
-def test_what_an_imu_tells_is_true_at_any_time(world, stop_tilt):
+def test_roll_and_pitch_of_an_imu_are_true_at_any_time(world, stop_tilt):
     """Also just after the base has begun to move, when the wheels do not show it yet."""
     options = Options(imu=True, stop_tilt=stop_tilt, tilt=False, level=False)
     simulation = Simulation(build_world(world, options), 0, options)
     robot = Robot(Config(), default_streams(), expects_odometry=True)
-    told = []
+    measured = []
     for message in simulation.run():
         role = role_of(simulation, message.topic)
         for record in message.records:
-            told += [e for e in robot.add(role, record) if isinstance(e, RollPitch) and e.usual]
-    times = (np.array([e.stamp_ns for e in told]) - EPOCH_NS) * 1e-9
+            measured += [e for e in robot.add(role, record) if isinstance(e, RollPitch) and e.usual]
+    times = (np.array([e.stamp_ns for e in measured]) - EPOCH_NS) * 1e-9
     true = simulation.true_poses(times)[:, :3, :3]
     true = np.column_stack([np.arctan2(true[:, 2, 1], true[:, 2, 2]), -np.arcsin(true[:, 2, 0])])
-    errors = np.array([np.subtract(e.measured, e.usual) for e in told]) - true
+    errors = np.array([np.subtract(e.measured, e.usual) for e in measured]) - true
     # 1.5 mrad of unevenness of the floor are among what drives tell.
-    sigmas = np.hypot(np.array([e.sigma for e in told]), 0.0015)[:, None]
-    assert len(told) > 200
+    sigmas = np.hypot(np.array([e.sigma for e in measured]), 0.0015)[:, None]
+    assert len(measured) > 200
     assert np.abs(errors / sigmas).max() < 4.0

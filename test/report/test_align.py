@@ -64,7 +64,7 @@ def test_paths_of_maps_in_different_frames_are_compared_at_common_times(halves):
     assert "laid over the first: " in laid.text()
 
 
-def test_what_went_is_found_between_maps_in_different_frames(halves, tmp_path):
+def test_removed_surfaces_are_found_between_maps_in_different_frames(halves, tmp_path):
     first, second = halves
 
     def went(folder):

@@ -39,7 +39,7 @@ def test_cells_are_kept_out_of_under_a_table_and_nowhere_else(tmp_path):
     assert (cells == 100).sum() * resolution**2 > 0.9 * outline.area
 
 
-def test_what_is_above_the_robot_is_free(tmp_path):
+def test_surfaces_above_the_robot_are_free(tmp_path):
     assert not keepout_mask(GRID, [LAMP], 0.2).cells.any()
     assert keepout_mask(GRID, [LAMP], 0.4).cells.any()
 

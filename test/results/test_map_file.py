@@ -46,7 +46,7 @@ def test_a_loaded_map_has_the_same_surfaces(run, saved):
     assert json_text(SurfacesFile.of(again.surfaces, again.floor_z, "map")) == text_of(run[1])
 
 
-def test_saving_what_was_loaded_gives_the_same_bytes(run, saved, tmp_path):
+def test_saving_a_loaded_map_gives_the_same_bytes(run, saved, tmp_path):
     save_map(tmp_path / "again.mcap", load_map(saved), run[1])
     assert (tmp_path / "again.mcap").read_bytes() == saved.read_bytes()
 

@@ -171,7 +171,7 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
     }  # fmt: skip
 
 
-def test_tables_and_collision_objects_are_of_the_solution_and_stamped_with_it(messages):
+def test_tables_and_collision_objects_have_the_stamp_of_the_solution(messages):
     last = 23 * S + S // 2
     ((log, tables),) = messages["/surface_slam/tables"]
     assert (log, stamp_of(tables.header)) == (last, last)
@@ -192,7 +192,7 @@ def test_the_grid_and_the_localisation_are_those_of_the_solution(messages):
     assert matrix(place.pose.pose)[0][0] == pytest.approx(1.0)
 
 
-def test_an_event_comes_when_the_view_ends_that_tells_it(messages, cycles):
+def test_event_has_the_end_stamp_of_its_view(messages, cycles):
     ((log, event),) = messages["/surface_slam/events"]
     assert (log, stamp_of(event.header)) == (cycles[1].end_ns, cycles[0].stamp_ns)
     assert (event.kind, event.object_id, list(event.surface_ids_after)) == (6, 5, [1])
@@ -273,7 +273,7 @@ def pose_of(t, q):
     return T
 
 
-def test_poses_are_those_of_the_solution_with_the_covariance_of_their_keyframe(messages, cycles):
+def test_poses_of_the_bag_equal_the_solution_with_keyframe_covariances(messages, cycles):
     expected = solution(cycles)
     for index, (_, message) in enumerate(messages["/pose"]):
         t, q = matrix(message.pose.pose)

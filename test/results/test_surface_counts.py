@@ -9,7 +9,7 @@ def surface(label, area):
     return SimpleNamespace(label=label, area=area)
 
 
-def test_the_floor_is_not_counted_and_small_surfaces_are_counted_separately():
+def test_counts_exclude_the_floor_and_separate_small_surfaces():
     areas = [("floor", 12.0), ("floor", 0.05), ("table", 0.1), ("other", 0.09), ("shelf", 0.4)]
     assert count_surfaces(surface(*row) for row in areas) == SurfaceCounts(counted=2, small=1)
 

@@ -32,7 +32,7 @@ def test_roll_and_pitch_are_those_of_the_rotation(roll, pitch, length):
     [force_of(0.0, 0.0, 9.0), force_of(0.0, 0.0, 0.0), force_of(1.2 * MAX_USUAL, 0.0),
      force_of(0.0, -1.2 * MAX_USUAL), force_of(np.pi, 0.0), np.full(3, np.nan)],
 )  # fmt: skip
-def test_what_is_not_gravity_or_far_from_the_vertical_tells_nothing(force):
+def test_other_accelerations_and_large_angles_give_no_roll_and_pitch(force):
     assert roll_pitch_of(force) is None
 
 
@@ -49,7 +49,7 @@ def test_a_stop_has_the_mean_of_its_measurements():
     assert not gravity.is_measured
 
 
-def test_what_contradicts_is_left_out_unless_it_goes_on():
+def test_contradicting_accelerations_are_ignored_unless_they_persist():
     gravity, other = StopGravity(), np.array([2.0 * MAX_OFF, 0.0])
     gravity.add(np.zeros(2))
     for _ in range(3):

@@ -72,7 +72,7 @@ def test_without_the_bias_it_would_be_far_off():
     assert np.abs(BIAS[2] * (times[-1] - STAND_S)) > 0.1
 
 
-def test_nothing_is_told_before_the_bias_is_known():
+def test_no_heading_before_the_bias_is_known():
     """A robot that drives from the start has no heading until it has stood for 1.5 s."""
     begin = START + 4200 * MS
     driving = [record for record in records(seconds=12.0) if record[0] == 0 or record[0] > begin]
@@ -98,7 +98,7 @@ def test_a_base_that_is_turned_while_its_wheels_stand_teaches_no_bias():
     assert one.gyro.bias == pytest.approx(BIAS[2], abs=0.003)
 
 
-def test_where_samples_are_missing_nothing_is_told_and_no_scan_is_lost():
+def test_missing_samples_give_no_heading_and_lose_no_scan():
     times, found, _ = headings(records(silent=(6.0, 7.0)))
     assert np.isfinite(found[(times > 5.5) & (times < 6.0)]).all()
     assert np.isnan(found[(times > 6.0) & (times < 7.0)]).all()
@@ -121,7 +121,7 @@ def test_the_order_of_arrival_does_not_matter():
     np.testing.assert_array_equal(headings(prompt)[1], headings(late)[1])
 
 
-def test_an_imu_in_a_frame_that_nothing_places_tells_nothing():
+def test_imu_in_an_unconnected_frame_is_unused():
     found = records()
     moved = [(s, role, Imu(s, "elsewhere", r.angular_velocity) if role == "imu" else r)
              for s, role, r in found]  # fmt: skip

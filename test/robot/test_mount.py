@@ -84,7 +84,7 @@ def test_hits_of_a_laser_on_a_lever_arm_are_where_they_are_by_hand(angle, hit):
     np.testing.assert_allclose(where(kin, (2, 0, 0)), hit, atol=1e-7)
 
 
-def test_what_an_upside_down_laser_sees_on_its_left_is_on_the_right():
+def test_left_of_an_upside_down_laser_is_the_right_of_the_base():
     text = TILTING.replace(
         '<origin xyz="0.05 0 0.02" rpy="0 0 0"/>',
         '<origin xyz="0.05 0 0.02" rpy="3.14159265 0 0"/>',
@@ -487,7 +487,7 @@ def test_a_robot_without_shapes_has_none():
     assert kin.self_shapes(START) is None
 
 
-def test_forgetting_samples_keeps_what_is_static():
+def test_forgetting_samples_keeps_static_transforms():
     kin = kinematics(description(), joints_at(START, tilt=0.3))
     where(kin, (0, 0, 0))
     kin.forget()

@@ -124,7 +124,7 @@ def test_scans_whose_times_are_in_milliseconds_are_dropped_and_named():
     }
 
 
-def test_scans_whose_times_are_a_thousand_times_too_short_are_used_and_remarked():
+def test_scans_with_times_in_a_wrong_unit_are_used_and_reported():
     taken = Taken()
     posed = play(taken, with_increments(drive(1000), 0.001))
     assert len(posed) == 40
@@ -451,7 +451,7 @@ losses = st.tuples(st.integers(0, 12), st.integers(0, 16))
 
 @given(st.tuples(losses, losses, losses), st.integers(0, 999), st.integers(0, 999))
 @settings(max_examples=80, deadline=None)
-def test_arrival_order_does_not_show(lost, seed, order_seed):
+def test_result_is_independent_of_arrival_order(lost, seed, order_seed):
     streams = faulty_streams(lost, seed)
     first = outcome(arrivals(streams, order_seed))
     assert first == outcome(arrivals(streams, order_seed + 1))
@@ -567,7 +567,7 @@ def test_each_laser_has_its_own_counts_and_problem():
 
 @given(st.integers(0, 999))
 @settings(max_examples=20, deadline=None)
-def test_how_the_topics_of_two_lasers_interleave_does_not_show(seed):
+def test_result_is_independent_of_interleaving_of_two_lasers(seed):
     records = both_lasers(800)
     by_role = [[r for r in records[1:] if r[0] == role] for role in dict(records[1:])]
     random, arriving = np.random.default_rng(seed), []

@@ -100,7 +100,7 @@ def posed(found):
     scans = [e for e in events if getattr(e, "role", "") == "scan" and hasattr(e, "heading")]
     assert len(scans) == sum(role == "scan" for _, role, _ in found)
     times = np.array([(p.stamp_ns - START) * 1e-9 for p in scans])
-    one.told = [e for e in events if isinstance(e, RollPitch)]
+    one.roll_pitch = [e for e in events if isinstance(e, RollPitch)]
     return times, np.array([p.T_odom_base[0] for p in scans]), one
 
 
@@ -127,7 +127,7 @@ def test_the_left_side_goes_up_with_roll_and_the_front_down_with_pitch(rpy, peri
     assert (T[AT_END] @ left)[:, 2] == pytest.approx(0.0, abs=0.0045)
 
 
-def test_a_tilt_that_comes_while_the_base_stands_is_followed_by_the_gyroscope():
+def test_tilt_of_a_stationary_base_is_followed_by_the_gyroscope():
     """Half of it after 0.2 s, when gravity has not been averaged."""
     now = next(
         t for t in np.arange(STAND_S, SECONDS, 0.001) if tilt_at(t, (DEG, 0.0))[0][0] > 0.5 * DEG
@@ -150,15 +150,15 @@ def test_the_usual_roll_and_pitch_are_those_of_the_drives():
     """Whether it goes straight or in a turn; a first stop that was askew does not count."""
     for turned in (0.0, 3.0):
         one = posed(records(turned=turned))[2]
-        assert one.told[0].usual is None
+        assert one.roll_pitch[0].usual is None
         expected = FORCE_BIAS[1] / G[2], -FORCE_BIAS[0] / G[2]
-        assert one.told[-1].usual == pytest.approx(expected, abs=0.001)
-        assert one.told[-1].sigma < 0.002
+        assert one.roll_pitch[-1].usual == pytest.approx(expected, abs=0.001)
+        assert one.roll_pitch[-1].sigma < 0.002
 
 
-def test_nothing_is_told_after_a_large_yaw_before_the_base_has_stood():
+def test_no_roll_and_pitch_between_a_large_yaw_and_a_stop():
     one = posed(records((DEG, 0.0), turned=3.0))[2]
-    times = np.array([(e.stamp_ns - START) * 1e-9 for e in one.told])
+    times = np.array([(e.stamp_ns - START) * 1e-9 for e in one.roll_pitch])
     assert not np.any((times > STAND_S + 2.0) & (times < STAND_S + DRIVE_S + 0.5))
     assert np.any(times > STAND_S + DRIVE_S + 1.5)
 
@@ -167,7 +167,7 @@ def scaled(factor):
     return lambda r, t: Imu(r.stamp_ns, r.frame_id, r.angular_velocity, factor * r.acceleration)
 
 
-def test_accelerations_in_g_tell_the_same():
+def test_accelerations_in_g_give_the_same_roll_and_pitch():
     _, in_g, one = posed(records((DEG, 0.0), change=scaled(1.0 / 9.81)))
     np.testing.assert_allclose(in_g, posed(records((DEG, 0.0)))[1], atol=1e-6)
     assert not one.refused
@@ -182,15 +182,15 @@ def test_an_acceleration_that_is_not_gravity_is_refused_and_counted(factor):
     assert one.refused["imu: imu: acceleration is not gravity"] > 100
 
 
-def test_a_gyroscope_alone_tells_no_roll_and_pitch():
+def test_gyroscope_alone_gives_no_roll_and_pitch():
     found = records((DEG, 0.0), change=lambda r, t: Imu(r.stamp_ns, r.frame_id, r.angular_velocity))
     _, T, one = posed(found)
     np.testing.assert_array_equal(T, posed(without_imu(found))[1])
-    assert not one.told
+    assert not one.roll_pitch
     assert not one.refused
 
 
-def test_after_a_gap_nothing_is_told_before_a_drive_and_a_stop():
+def test_no_roll_and_pitch_between_a_gap_and_the_next_stop():
     """A gap in the drive takes the usual values away; after one at the stop it is averaged anew."""
     gap = records((DEG, 0.0), change=lambda r, t: None if 4.0 < t < 5.0 else r)
     np.testing.assert_array_equal(posed(gap)[1], posed(without_imu(gap))[1])
@@ -202,20 +202,20 @@ def test_after_a_gap_nothing_is_told_before_a_drive_and_a_stop():
     assert roll[times > begin + 1.8] == pytest.approx(DEG, abs=0.003)
 
 
-def test_an_imu_in_a_frame_that_nothing_places_tells_nothing():
+def test_imu_in_an_unconnected_frame_is_unused():
     found = records((DEG, 0.0), change=lambda r, t: Imu(
         r.stamp_ns, "elsewhere", r.angular_velocity, r.acceleration))  # fmt: skip
     np.testing.assert_array_equal(posed(found)[1], posed(without_imu(found))[1])
 
 
-def test_odometry_with_roll_and_pitch_tells_them_itself():
+def test_roll_and_pitch_of_odometry_are_used():
     found = [
         (s, role, Odometry(s, "odom", "base", r.T_odom_base @ pose_from_roll_pitch((0.01, 0.02))))
         if role == "odom" else (s, role, r) for s, role, r in records((DEG, 0.0))
     ]  # fmt: skip
     _, T, one = posed(found)
     np.testing.assert_array_equal(T, posed(without_imu(found))[1])
-    assert not one.told
+    assert not one.roll_pitch
 
 
 @pytest.mark.parametrize("late_ms", [7, 60, 200])
@@ -228,7 +228,7 @@ def test_the_order_of_arrival_does_not_matter(late_ms):
 
 
 @pytest.mark.parametrize("offset_s", [-30.0, 30.0])
-def test_an_imu_with_a_clock_of_its_own_tells_nothing(offset_s):
+def test_imu_with_another_clock_is_unused(offset_s):
     off = round(offset_s * 1e9)
     moved = [(s, role, Imu(s + off, "imu_link", r.angular_velocity, r.acceleration)
               if role == "imu" else r) for s, role, r in records()]  # fmt: skip
@@ -239,7 +239,7 @@ angles = st.floats(-0.2, 0.2)
 
 
 @given(angles, angles, st.floats(1e-4, 0.02))
-def test_what_is_noise_is_exactly_none_and_what_is_large_is_whole(roll, pitch, sigma):
+def test_roll_and_pitch_are_zero_within_noise_and_unbiased_beyond(roll, pitch, sigma):
     value = np.array([roll, pitch])
     angle, kept = np.hypot(roll, pitch), significant(value, sigma)
     if angle <= 2.5 * sigma:

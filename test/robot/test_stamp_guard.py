@@ -27,7 +27,7 @@ def test_the_first_record_waits_for_the_second():
     assert guard.now("a") == 10.1 * S
 
 
-def test_flush_gives_what_is_held():
+def test_flush_returns_the_held_records():
     guard = StampGuard(2 * S)
     feed(guard, ("a", 10))
     assert guard.flush().admitted == [("a", 10)]
@@ -107,7 +107,7 @@ def test_one_of_two_inputs_going_back_is_no_jump():
     assert sum(key == "a" for key, _ in admitted) > 15
 
 
-def test_who_goes_back_later_is_no_witness_against_a_jump():
+def test_later_jumps_back_do_not_refute_a_jump():
     """The end of one stream is still under way when the others have gone back; one has ended."""
     guard = StampGuard(2 * S)
     feed(guard, *[(key, 100 + 0.1 * k) for k in range(3) for key in "abc"])
@@ -117,7 +117,7 @@ def test_who_goes_back_later_is_no_witness_against_a_jump():
     assert not refused
 
 
-def test_what_keeps_no_time_makes_no_jump_alone():
+def test_topic_without_clock_makes_no_jump_alone():
     """Our own map -> odom follows the scans into the past when no other input speaks any more."""
     guard = StampGuard(2 * S)
     feed(guard, ("a", 100), ("a", 100.1))
@@ -128,7 +128,7 @@ def test_what_keeps_no_time_makes_no_jump_alone():
     assert not any(result.jumped_ns for result in results)
 
 
-def test_the_step_back_is_told():
+def test_jump_back_has_its_duration():
     guard = StampGuard(2 * S)
     feed(guard, ("a", 100), ("a", 100.5), ("a", 5))
     assert guard.admit("a", 6 * S, "x").jumped_ns == 94.5 * S
@@ -163,7 +163,7 @@ def test_streams_that_do_not_count_do_not_move_time():
     assert guard.now("a") == 1.1 * S
 
 
-def test_what_keeps_no_time_does_not_hide_a_jump():
+def test_topic_without_clock_does_not_hide_a_jump():
     """Our own map -> odom goes on with the old stamps until there is a scan again."""
     guard = StampGuard(2 * S)
     for seconds in (60, 60.1, 60.2):

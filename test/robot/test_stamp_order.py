@@ -70,7 +70,7 @@ def test_after_a_gap_a_stream_waits_for_the_window_alone() -> None:
     assert order.is_final(after + WINDOW_NS)
 
 
-def test_what_is_refused_is_named() -> None:
+def test_refused_records_are_named() -> None:
     order = StampOrder(WINDOW_NS)
     for stamp in range(0, 1_000_000_000, 25_000_000):
         order.add(stamp)
@@ -84,7 +84,7 @@ def test_a_window_of_zero_takes_rising_stamps_alone() -> None:
     assert [order.add(s) for s in (1, 5, 3, 6)] == [None, None, LATE, None]
 
 
-def test_what_is_final_from_outside_is_overtaken_no_more() -> None:
+def test_records_before_an_external_final_stamp_are_late() -> None:
     order = StampOrder(WINDOW_NS)
     order.add(10)
     order.make_final(10)

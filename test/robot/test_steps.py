@@ -116,7 +116,7 @@ def test_positions_beyond_the_limits_are_left_out():
 
 
 @pytest.mark.parametrize("is_late", [False, True])
-def test_a_joint_in_degrees_is_not_believed_and_said(is_late):
+def test_joint_in_degrees_is_refused_and_reported(is_late):
     """Not even where it passes zero; the description may come later."""
     joints = JointTracks(0)
     if not is_late:

@@ -52,7 +52,7 @@ def test_a_sign_that_is_seen_from_the_other_side_names_the_other_room():
     assert names(named_rooms(ROOMS, [inside])) == ["205", "", "", ""]
 
 
-def test_of_two_signs_the_more_confident_names_the_room_and_both_belong_to_it():
+def test_more_confident_of_two_signs_names_the_room():
     signs = [plate("20S", 1.0, 1.0, sign_id=3, confidence=0.5), plate("205", 2.0, 1.0, sign_id=7)]
     room = named_rooms(ROOMS, signs)[1]
     assert (room.name, room.signs) == ("205", (3, 7))

@@ -83,7 +83,7 @@ def test_the_table_and_the_wall_are_marked_and_the_floor_is_free():
         assert (open_floor == FREE).mean() > 0.9
 
 
-def test_the_table_is_cleared_once_the_map_has_forgotten_it_and_the_wall_stays():
+def test_table_is_cleared_once_forgotten_and_the_wall_stays():
     last = states(["obstacles", "floor"])[-1]
     assert (table_cells(last) == FREE).mean() > 0.99
     assert not (table_cells(last) == LETHAL).any()
@@ -94,7 +94,7 @@ def test_without_the_clearing_source_the_mark_of_the_table_stays():
     assert is_closed(table_cells(states(["obstacles"])[-1]))
 
 
-def test_both_sources_are_of_one_topic_and_rays_are_longer_than_the_range_of_marks():
+def test_marking_and_clearing_share_a_topic_and_rays_exceed_marks():
     marking, clearing = written_sources().values()
     assert marking["topic"] == clearing["topic"] == "/tccm/obstacles"
     assert (marking["marking"], marking["clearing"]) == (True, False)

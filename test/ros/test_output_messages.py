@@ -42,7 +42,7 @@ def test_obstacle_points_fill_each_cuboid_from_its_top_down(types):
     assert rows.tobytes() == np.array(expected, np.float32).tobytes()
 
 
-def test_obstacles_of_a_large_house_have_half_a_megabyte_and_leave_no_wall_open(types):
+def test_obstacles_of_a_large_house_fit_in_500_kb_and_leave_no_wall_open(types):
     x, y = (a.ravel() * 0.02 + 0.01 for a in np.meshgrid(np.arange(600), np.arange(500)))
     tops = np.column_stack([x, y, np.full(len(x), 0.8)])
     tall = (np.abs(x - 3.0) < 0.02) | (np.abs(y - 5.0) < 0.02)

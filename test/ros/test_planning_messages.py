@@ -103,9 +103,9 @@ def test_a_round_object_is_a_cylinder(types):
     assert matrix(message.pose)[:3, 3] == pytest.approx(CAN.center)
 
 
-def test_what_is_gone_is_removed_before_anything_is_added(types):
-    told = collision(types, [TABLE], gone=["tccm_object_9", "tccm_object_3"])
-    assert [(m.id, m.operation) for m in told] == [
+def test_removals_precede_additions(types):
+    messages = collision(types, [TABLE], gone=["tccm_object_9", "tccm_object_3"])
+    assert [(m.id, m.operation) for m in messages] == [
         ("tccm_object_3", REMOVE),
         ("tccm_object_9", REMOVE),
         ("tccm_surface_4", ADD),
@@ -116,7 +116,7 @@ class Listener:
     """A world and a hand that follow the rules of MoveIt's planning scene for diffs."""
 
     def __init__(self, types):
-        self.types, self.told, self.world, self.hand = types, PublishedScene(), {}, {}
+        self.types, self.messages, self.world, self.hand = types, PublishedScene(), {}, {}
 
     def take(self, changes):
         need(self.types, PLANNING_SCENE)
@@ -143,7 +143,7 @@ class Listener:
         return [(item.id, item.operation) for item in scene.world.collision_objects]
 
     def solve(self, surfaces, objects):
-        return self.take(self.told.update(scene_shapes(surfaces, objects)))
+        return self.take(self.messages.update(scene_shapes(surfaces, objects)))
 
 
 @pytest.fixture
@@ -155,7 +155,7 @@ def moved(item, x):
     return replace(item, center=item.center + np.array([x, 0.0, 0.0]))
 
 
-def test_what_is_new_has_moved_or_has_left_is_a_diff_and_nothing_else_is(listener):
+def test_diff_contains_only_new_moved_and_removed_shapes(listener):
     added = listener.solve([TABLE, FLOOR], [CUP])
     assert sorted(added) == [("tccm_object_3", ADD), ("tccm_surface_4", ADD)]
     assert listener.solve([TABLE, FLOOR], [moved(CUP, 0.001)]) == []
@@ -172,7 +172,7 @@ def test_an_object_that_is_found_to_be_round_is_a_new_shape(listener):
     assert listener.solve([TABLE], [CAN]) == [("tccm_object_3", ADD)]
 
 
-def test_changes_too_small_to_tell_do_not_add_up(listener):
+def test_small_changes_do_not_accumulate(listener):
     for k in range(20):
         listener.solve([TABLE], [moved(CUP, 0.001 * k)])
     assert listener.world["tccm_object_3"][0] == pytest.approx(CUP.center[0] + 0.019, abs=0.0021)
@@ -180,45 +180,45 @@ def test_changes_too_small_to_tell_do_not_add_up(listener):
 
 def test_a_target_is_left_out_and_shown_again(listener):
     listener.solve([TABLE], [CUP])
-    listener.take(listener.told.set_state(3, ObjectState.LEFT_OUT))
+    listener.take(listener.messages.set_state(3, ObjectState.LEFT_OUT))
     assert list(listener.world) == ["tccm_surface_4"]
     assert listener.solve([TABLE], [moved(CUP, 0.1)]) == [], "it stays left out"
-    listener.take(listener.told.set_state(3, ObjectState.SHOWN))
+    listener.take(listener.messages.set_state(3, ObjectState.SHOWN))
     assert listener.world["tccm_object_3"][0] == pytest.approx(0.6)
 
 
 def test_a_target_is_attached_and_put_down_where_the_hand_is(listener):
     listener.solve([TABLE], [CUP])
-    listener.take(listener.told.set_state(3, ObjectState.ATTACHED, "gripper", ("finger",)))
+    listener.take(listener.messages.set_state(3, ObjectState.ATTACHED, "gripper", ("finger",)))
     assert listener.hand["tccm_object_3"][0] == "gripper"
     assert list(listener.world) == ["tccm_surface_4"]
     assert listener.solve([TABLE], []) == [], "it is not on the table, but in the hand"
-    assert listener.take(listener.told.set_state(3, ObjectState.SHOWN)) == []
+    assert listener.take(listener.messages.set_state(3, ObjectState.SHOWN)) == []
     assert not listener.hand
     assert "tccm_object_3" in listener.world, "it stays where the hand was"
     new = replace(moved(CUP, 0.4), id=8)
-    told = listener.solve([TABLE], [new])
-    assert told == [("tccm_object_3", REMOVE), ("tccm_object_8", ADD)]
+    messages = listener.solve([TABLE], [new])
+    assert messages == [("tccm_object_3", REMOVE), ("tccm_object_8", ADD)]
 
 
-def test_a_new_listener_is_told_all_and_what_the_robot_holds(listener, types):
+def test_new_listener_gets_all_shapes_and_attached_objects(listener, types):
     listener.solve([TABLE], [CUP, replace(moved(CUP, 0.4), id=8)])
-    listener.take(listener.told.set_state(3, ObjectState.ATTACHED, "gripper"))
+    listener.take(listener.messages.set_state(3, ObjectState.ATTACHED, "gripper"))
     late = Listener(types)
-    late.take(listener.told.repeat())
+    late.take(listener.messages.repeat())
     assert set(late.world) == {"tccm_surface_4", "tccm_object_8"}
     assert set(late.hand) == {"tccm_object_3"}
 
 
 def test_an_unknown_object_or_link_is_one_sentence():
-    told = PublishedScene()
-    told.update(scene_shapes([TABLE], [CUP]))
+    messages = PublishedScene()
+    messages.update(scene_shapes([TABLE], [CUP]))
     with pytest.raises(MessageError, match="no object 7"):
-        told.set_state(7, ObjectState.LEFT_OUT)
+        messages.set_state(7, ObjectState.LEFT_OUT)
     with pytest.raises(MessageError, match="link_name is empty"):
-        told.set_state(3, ObjectState.ATTACHED)
+        messages.set_state(3, ObjectState.ATTACHED)
     with pytest.raises(MessageError, match="state is 9"):
-        told.set_state(3, 9)
+        messages.set_state(3, 9)
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, -70.0])
@@ -244,7 +244,7 @@ def test_a_table_is_a_plane_with_its_hull_in_its_own_pose(types, yaw_deg, slope)
     assert Polygon(hull[:, :2]).exterior.is_ccw
 
 
-def test_the_hull_of_a_table_is_what_was_seen_of_it(types):
+def test_hull_of_a_table_covers_its_observed_part(types):
     half = TABLE.boundary * [0.5, 1.0, 1.0]
     (table,) = tables(types, replace(TABLE, boundary_seen=half)).tables
     xy = np.array([[p.x, p.y] for p in table.convex_hull])

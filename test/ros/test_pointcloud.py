@@ -52,7 +52,7 @@ def organised(row, height, width, padding, big):
 
 
 @pytest.mark.parametrize("big", [False, True])
-def test_a_cloud_with_padding_lines_extra_fields_and_any_byte_order_is_read(big):
+def test_cloud_with_padding_extra_fields_and_any_byte_order_is_read(big):
     rows = cloud_rows(organised(SURFACE_ROW, 3, 4, 5, big), SURFACE_ROW)
     assert rows["x"].tolist() == list(range(12))
     assert rows["surface"].tolist() == [k + 30 for k in range(12)]

@@ -43,7 +43,7 @@ def table():
 
 
 @pytest.mark.parametrize("name", ["typestore", "rosidl"])
-def test_a_surface_tells_its_shape_and_how_each_side_is_known(name, table):
+def test_surface_message_has_shape_and_edge_states(name, table):
     message = surface_message(family(name), STAMP, "map", table, 0.0)
     assert message.shape == message.SHAPE_RECTANGLE
     assert list(message.edges) == [
@@ -105,7 +105,7 @@ def space():
 
 
 @pytest.mark.parametrize("name", ["typestore", "rosidl"])
-def test_a_compartment_tells_its_lengths_its_front_and_what_is_known_of_each_face(name):
+def test_compartment_message_has_lengths_front_and_face_states(name):
     message = compartment_message(family(name), space())
     assert (message.rack_id, message.board_id, message.above_id) == (2, 3, -1)
     assert (message.width, message.depth, message.height, message.front_seen) == (
@@ -126,7 +126,7 @@ def test_a_compartment_tells_its_lengths_its_front_and_what_is_known_of_each_fac
 
 
 @pytest.mark.parametrize("name", ["typestore", "rosidl"])
-def test_a_found_object_tells_what_blocks_the_hand(name):
+def test_found_object_names_obstacles_of_the_hand(name):
     types, box_on = family(name), SceneObject(5, 1, np.ones(3), np.full(3, 0.1), 0.0)
     item = object_message(types, STAMP, "map", box_on)
     above = Access(AccessState.BLOCKED, (), 8)

@@ -67,7 +67,7 @@ def test_a_place_in_the_open_has_as_many_as_asked():
     assert all(math.hypot(a.x - b.x, a.y - b.y) >= 0.3 - 1e-9 for a, b in pairs)
 
 
-def test_unknown_floor_and_what_is_outside_of_the_grid_is_not_free():
+def test_unknown_floor_and_space_outside_the_grid_are_not_free():
     unknown = FreeFloor(OccupancyGrid(np.full((80, 80), -1, np.int8), STEP, ORIGIN))
     assert unknown.base_poses(np.array([0.0, 1.0]), 0.8, 0.2, 3) == []
     free = FreeFloor(OccupancyGrid(np.zeros((80, 80), np.int8), STEP, ORIGIN))
@@ -76,7 +76,7 @@ def test_unknown_floor_and_what_is_outside_of_the_grid_is_not_free():
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10**6), st.floats(-2, 2), st.floats(-1, 3), st.floats(0.3, 1.5))
-def test_the_nearest_base_pose_is_in_the_nearest_cell_with_room_for_the_base(seed, x, y, reach):
+def test_nearest_base_pose_is_in_the_nearest_cell_with_enough_space(seed, x, y, reach):
     """Cell by cell; to another cell it is less by half a diagonal than from middle to middle."""
     side, radius = 40, 0.15
     cells = np.zeros((side, side), np.int8)

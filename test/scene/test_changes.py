@@ -30,13 +30,13 @@ def scene(stamp, *surfaces, objects=()):
     return Scene(stamp, "map", 0.0, tuple(objects), None, known, stamp)
 
 
-def told(*scenes, views=2) -> list[Change]:
+def events_of(*scenes, views=2) -> list[Change]:
     changes = MapChanges()
     return [change for each in scenes for change in changes.note(each, views)]
 
 
 def kinds(*scenes):
-    return [change.kind for change in told(*scenes)]
+    return [change.kind for change in events_of(*scenes)]
 
 
 FLOOR = surface(0, size=(9, 9), z=0.0, label="floor")
@@ -48,16 +48,16 @@ def test_a_surface_has_appeared_once_a_later_view_agrees():
     new = surface(3, placed=2)
     assert kinds(scene(2, FLOOR, new)) == []
     assert kinds(scene(2, FLOOR, new), scene(2, FLOOR, new)) == []
-    (event,) = told(scene(2, FLOOR, new), scene(3, FLOOR, new), scene(4, FLOOR, new))
+    (event,) = events_of(scene(2, FLOOR, new), scene(3, FLOOR, new), scene(4, FLOOR, new))
     assert (event.kind, event.ids_after, event.stamp_ns) == (ChangeKind.APPEARED, (3,), 2)
 
 
-def test_what_one_view_shows_alone_is_not_told():
+def test_change_seen_by_one_view_is_no_event():
     assert kinds(scene(1, FLOOR), scene(2, surface(3, placed=2)), scene(3, FLOOR)) == []
 
 
 def test_a_moved_surface_is_one_event_with_both_poses():
-    first, *rest = told(scene(2, TABLE), scene(3, MOVED), scene(4, MOVED), scene(5, MOVED))
+    first, *rest = events_of(scene(2, TABLE), scene(3, MOVED), scene(4, MOVED), scene(5, MOVED))
     assert first.kind == ChangeKind.APPEARED
     (event,) = rest
     assert (event.kind, event.ids_before, event.ids_after) == (ChangeKind.MOVED, (3,), (3,))
@@ -66,11 +66,11 @@ def test_a_moved_surface_is_one_event_with_both_poses():
     assert event.last_seen_ns == 2
 
 
-def test_a_move_that_later_views_show_is_told_from_where_the_surface_stood():
+def test_move_is_reported_from_the_previous_pose():
     """The map has what is left at the old place with the new one, until a third view is sure."""
     both = surface(3, 0.08, size=(0.96, 1.2), placed=1)
     moved = surface(3, 0.16, placed=3)
-    first, *rest = told(scene(2, TABLE), scene(3, both), scene(4, both), scene(5, moved))
+    first, *rest = events_of(scene(2, TABLE), scene(3, both), scene(4, both), scene(5, moved))
     assert first.kind == ChangeKind.APPEARED
     (event,) = rest
     assert event.kind == ChangeKind.MOVED
@@ -79,10 +79,10 @@ def test_a_move_that_later_views_show_is_told_from_where_the_surface_stood():
     assert kinds(scene(2, TABLE), scene(3, both), scene(4, both)) == [ChangeKind.APPEARED]
 
 
-def test_a_surface_that_is_carried_through_the_view_is_told_where_it_stays():
+def test_surface_carried_through_the_view_is_reported_where_it_stays():
     """Each view shows it elsewhere; only the last place is seen twice."""
     way = [scene(k, surface(3, 0.5 * k, placed=k)) for k in (3, 4, 5)]
-    events = told(scene(2, TABLE), *way, scene(6, surface(3, 2.5, placed=5)))
+    events = events_of(scene(2, TABLE), *way, scene(6, surface(3, 2.5, placed=5)))
     assert [e.kind for e in events] == [ChangeKind.APPEARED, ChangeKind.MOVED]
     assert np.allclose(events[1].T_after[:2, 3], [2.5, 0.0])
 
@@ -110,19 +110,19 @@ def test_two_views_in_one_solution_agree():
 def test_a_surface_that_was_gone_and_is_elsewhere_has_moved():
     previous = PreviousPose(TABLE.boundary, UP, 0.7, 2)
     there = replace(surface(3, 4.0, placed=8), previous_pose=previous)
-    events = told(scene(2, TABLE), scene(3), scene(4), scene(8, there), scene(9, there))
+    events = events_of(scene(2, TABLE), scene(3), scene(4), scene(8, there), scene(9, there))
     assert [e.kind for e in events] == [1, ChangeKind.GONE, ChangeKind.MOVED]
     assert np.allclose(events[2].T_before[:2, 3], [0.0, 0.0])
     assert events[2].ids_before == events[2].ids_after == (3,)
     back = replace(surface(3, 0.0, placed=8), previous_pose=previous)
-    events = told(scene(2, TABLE), scene(3), scene(4), scene(8, back), scene(9, back))
+    events = events_of(scene(2, TABLE), scene(3), scene(4), scene(8, back), scene(9, back))
     assert [e.kind for e in events] == [1, ChangeKind.GONE, ChangeKind.APPEARED]
 
 
 def test_a_surface_that_is_recognised_after_it_was_seen_is_one_event():
     new = surface(7, 4.0, placed=3)
     same = replace(surface(3, 4.0, placed=3), merged_ids=(7,))
-    events = told(
+    events = events_of(
         scene(2, TABLE), scene(3, TABLE, new), scene(4, TABLE, new), scene(5, same), scene(6, same)
     )
     assert [e.kind for e in events] == [1, 1, ChangeKind.MOVED]
@@ -132,7 +132,7 @@ def test_a_surface_that_is_recognised_after_it_was_seen_is_one_event():
 def test_surfaces_merge_and_split():
     left, right = surface(3, placed=1), surface(5, 2.0, placed=1)
     whole = replace(surface(3, 1.0, size=(2.8, 1.2)), merged_ids=(5,))
-    events = told(scene(2, left, right), scene(3, whole), scene(4, left, right))
+    events = events_of(scene(2, left, right), scene(3, whole), scene(4, left, right))
     assert [e.kind for e in events] == [1, 1, ChangeKind.MERGED, ChangeKind.SPLIT]
     assert (events[2].ids_before, events[2].ids_after) == ((3, 5), (3,))
     assert (events[3].ids_before, events[3].ids_after) == ((3,), (3, 5))
@@ -144,21 +144,21 @@ def cup(identity, on, views, z=0.8):
     )
 
 
-def test_an_object_has_come_after_views_that_agree_and_left_when_it_is_no_more():
+def test_object_appears_after_agreeing_views_and_disappears_when_gone():
     scenes = [
         scene(2, FLOOR, TABLE),
         *(scene(k, FLOOR, TABLE, objects=[cup(9, 3, k - 2)]) for k in (3, 4, 5)),
     ]
-    events = told(*scenes, scene(6, FLOOR, TABLE))
+    events = events_of(*scenes, scene(6, FLOOR, TABLE))
     assert [e.kind for e in events] == [1, ChangeKind.OBJECT_APPEARED, ChangeKind.OBJECT_LEFT]
     assert [e.object_id for e in events] == [-1, 9, 9]
     assert events[1].ids_after == events[2].ids_before == (3,)
 
 
-def test_legs_on_the_floor_and_tops_of_objects_are_not_told():
+def test_legs_and_tops_of_objects_are_no_events():
     leg, box = cup(9, 0, 5, z=0.1), cup(10, 3, 5)
     top = surface(4, size=(0.1, 0.1), z=0.9, label="other")
-    events = told(*(scene(k, FLOOR, TABLE, top, objects=[leg, box]) for k in (2, 3, 4)))
+    events = events_of(*(scene(k, FLOOR, TABLE, top, objects=[leg, box]) for k in (2, 3, 4)))
     assert [(e.kind, e.object_id) for e in events] == [
         (ChangeKind.APPEARED, -1),
         (ChangeKind.OBJECT_APPEARED, 10),

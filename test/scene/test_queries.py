@@ -82,7 +82,7 @@ def test_without_conditions_all_but_the_floor_are_found(queries):
         (SurfaceFilter(near=(0.5, 0.0), max_distance=1.0), [1]),
     ],
 )
-def test_each_condition_leaves_what_meets_it(queries, wanted, expected):
+def test_each_condition_keeps_the_surfaces_that_meet_it(queries, wanted, expected):
     assert ids(queries.find_surfaces(wanted)) == expected
 
 
@@ -90,7 +90,7 @@ def test_the_distance_is_that_of_the_outline(queries):
     assert ids(queries.find_surfaces(SurfaceFilter(near=(0.5, 0.0), max_distance=0.89))) == []
 
 
-def test_an_object_is_in_the_way_and_what_stands_on_a_surface_is_listed(queries):
+def test_objects_on_a_surface_are_listed_and_are_obstacles(queries):
     table = SurfaceFilter(ids=frozenset({1}))
     found = queries.find_placements(table, replace(MUG, max_count=0))
     assert found
@@ -102,7 +102,7 @@ def test_an_object_is_in_the_way_and_what_stands_on_a_surface_is_listed(queries)
     assert queries.objects_on(queries.find_surfaces(table)) == [BOX]
 
 
-def test_what_is_under_a_shelf_has_its_height(queries):
+def test_space_under_a_shelf_has_its_height(queries):
     found = queries.find_placements(SurfaceFilter(ids=frozenset({2})), MUG)
     assert found[0].free_height == pytest.approx(0.3)
     tall = replace(MUG, height=0.29)
@@ -137,7 +137,7 @@ def test_objects_meet_all_conditions(wanted, expected):
     assert [found.item.id for found in queries.find_objects(wanted)] == expected
 
 
-def test_an_object_below_a_board_is_free_from_above_for_a_hand_that_fits_there():
+def test_object_below_a_board_is_free_from_above_for_a_small_hand():
     queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [BOX, MUG_2], 0.1)
     for hand, state, surface in ((0.15, AccessState.FREE, None), (0.25, AccessState.BLOCKED, 3)):
         box, mug = queries.find_objects(ObjectFilter(hand_height=hand))
@@ -145,7 +145,7 @@ def test_an_object_below_a_board_is_free_from_above_for_a_hand_that_fits_there()
         assert (mug.above.state, mug.above.surface) == (state, surface)
 
 
-def test_a_hand_from_above_needs_its_height_over_what_is_put_down():
+def test_hand_from_above_needs_its_height_over_the_object():
     queries = SurfaceQueries([FLOOR, TABLE, COUNTER, SHELF], [], 0.1)
     below = SurfaceFilter(ids=frozenset({2}))
     assert queries.find_placements(below, MUG)

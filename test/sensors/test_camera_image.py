@@ -101,7 +101,7 @@ def test_lines_may_be_padded():
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"encoding": "bayer_rggb8"}, "colour filter.*image_proc's debayer"),
         ({"encoding": "yuv422"}, "'yuv422', expected rgb8, bgr8, mono8"),
@@ -110,11 +110,11 @@ def test_lines_may_be_padded():
         ({"width": 0}, "0 x 5"),
     ],
 )
-def test_what_cannot_be_read_has_a_sentence(changes, told):
+def test_unreadable_images_have_a_message(changes, message):
     message = camera_image_message(TYPESTORE, plain(np.zeros((5, 4, 3), np.uint8)))
     for name, value in changes.items():
         setattr(message, name, value)
-    with pytest.raises(MessageError, match=told):
+    with pytest.raises(MessageError, match=message):
         camera_image_from_message(message)
 
 

@@ -56,7 +56,7 @@ def test_a_rectified_image_has_the_rays_of_its_projection():
     np.testing.assert_allclose(rays[:, 0, 0], [-0.6, -0.4], atol=1e-6)
 
 
-def test_pixels_that_the_lens_does_not_show_have_no_ray():
+def test_pixels_outside_the_lens_have_no_ray():
     strong = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) is at most 0.406
     rays = pixel_rays(replace(CAMERA, D=strong))
     assert np.isnan(rays[:, 0, 0]).all()
@@ -235,7 +235,7 @@ def test_noisy_depths_are_looked_through_but_not_mapped():
     assert (far.ends[:, 2] <= limit + 0.3 - 3 * config.sensors.max_sigma).all()
 
 
-def test_mixed_depths_between_an_object_and_what_is_behind_are_left_out():
+def test_mixed_pixels_behind_an_object_are_dropped():
     depth = np.full((H, W), 2.0, np.float32)
     depth[10:30, 20:40] = 1.0
     depth[10:30, 40] = 1.4  # flying pixels, one and two wide
@@ -290,7 +290,7 @@ def test_depths_in_millimetres_and_body_frames_are_rejected():
         assert fault_of_pose(tilted) == fault
 
 
-def test_the_calibration_of_the_same_stamp_is_taken_or_the_newest_that_fits():
+def test_calibration_has_the_stamp_of_the_image_or_is_the_newest_that_fits():
     image = DepthImage(100, "eye", np.ones((H, W), np.uint16))
     old, same, new = (replace(CAMERA, stamp_ns=t) for t in (50, 100, 150))
     assert join_camera(image, (old, same, new), False).camera is same

@@ -80,7 +80,7 @@ def test_an_image_is_the_same_in_both_families_of_messages(types):
         assert back.image_size == (160, 120)
 
 
-def test_depths_in_m_lose_no_more_than_half_a_step_where_they_are_compressed():
+def test_compressed_depths_in_m_lose_at_most_half_a_step():
     depth = np.array([[0.5, 1.0, 3.0, 9.0], [np.nan, np.inf, 0.0, -1.0]], np.float32)
     back = compressed_depth_from_message(
         compressed_depth_message(TYPESTORE, DepthImage(STAMP, "optical", depth))
@@ -232,7 +232,7 @@ def test_p_serves_where_a_driver_leaves_k_empty():
     assert not len(camera.D)
 
 
-def test_a_png_of_16_bits_is_depth_with_and_without_the_header_of_the_plugin():
+def test_png_of_16_bits_is_depth_with_and_without_plugin_header():
     numbers = np.array([[0, 500, 65535]], np.uint16)
     stream = io.BytesIO()
     Image.fromarray(numbers).save(stream, "PNG")
@@ -343,7 +343,7 @@ def test_a_cloud_that_contradicts_itself_is_refused(changes, why):
 @pytest.mark.parametrize(
     ("times", "said"), [([1.6e9, 1.6e9], "more than 60 s"), ([np.nan, 0.0], "not finite")]
 )
-def test_times_that_are_none_are_ignored_and_said(times, said):
+def test_invalid_times_are_ignored_and_reported(times, said):
     layout = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f8")]
     cloud = point_cloud_from_message(cloud_of(layout, time=times))
     assert cloud.since_ns is None

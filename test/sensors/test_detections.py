@@ -78,7 +78,9 @@ def test_without_a_box_the_pose_of_the_best_class_counts(types):
         ((0, 0, 0), MUG, "hand", OTHER_FRAME),
     ],
 )
-def test_what_cannot_be_used_is_counted_and_the_rest_is_used(types, center, results, frame_id, why):
+def test_unusable_detections_are_counted_and_the_rest_is_used(
+    types, center, results, frame_id, why
+):
     wrong = detection(types, center, results, frame_id=frame_id)
     (record,) = read(types, wrong, detection(types, (1, 1, 1), MUG))
     assert record.unusable == {why: 1}

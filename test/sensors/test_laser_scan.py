@@ -70,7 +70,7 @@ def hits(posed, config):
 # -- which beams --------------------------------------------------
 
 
-def test_ranges_that_rep_117_calls_invalid_or_beyond_the_limits_are_dropped():
+def test_ranges_invalid_by_rep_117_or_beyond_limits_are_dropped():
     ranges = [np.inf, -np.inf, np.nan, 0.0, -1.0, 0.04, 0.05, 1.0, 30.0, 30.1]
     valid = valid_beams(scan_at(START, ranges=ranges), PLAIN)
     assert valid.tolist() == [False] * 6 + [True, True, True, False]
@@ -287,7 +287,7 @@ def test_level_points_are_levelled_at_the_scans_stamp():
     np.testing.assert_allclose(points, [[2.0 * np.cos(0.1), 0.0]], atol=1e-12)
 
 
-def test_level_points_of_beams_stamped_backwards_are_in_the_base_of_the_stamp():
+def test_level_points_of_backward_stamped_beams_are_in_the_base_frame():
     scan = scan_at(
         START, ranges=[2.0, 2.0], angle_min=0.0, angle_increment=0.0, time_increment=-0.1
     )

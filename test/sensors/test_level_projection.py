@@ -65,7 +65,7 @@ def test_the_ranges_are_those_of_the_twin(seed, size):
     np.testing.assert_allclose(nearest_ranges(points, LOW, HIGH), ranges_twin(points), rtol=1e-9)
 
 
-def test_a_level_scan_has_the_nearest_of_the_band_inf_beside_and_nan_behind():
+def test_level_scan_has_nearest_ranges_inf_if_free_and_nan_if_unseen():
     wall = [[2.0, 0.0, z] for z in (0.2, 0.5, 1.0)] + [[3.0, 0.0, 0.5]]
     floor = [[0.0, 1.0, 0.0]] * 3
     ranges = nearest_ranges(np.array(wall + floor), LOW, HIGH)
@@ -137,7 +137,7 @@ def kitchen_scan(pitch):
 
 
 @pytest.mark.parametrize("pitch", np.radians([0, 10, 15, 20, 25, 30, 40]))
-def test_what_a_head_sees_does_not_depend_on_its_tilt(pitch):
+def test_level_scan_is_independent_of_head_tilt(pitch):
     """Whatever edge of the view cuts the worktop: ranges are of its front or of the wall."""
     ranges = kitchen_scan(pitch)
     bearings = -np.pi + np.arange(BEAMS) * BEARING_STEP

@@ -56,7 +56,7 @@ def test_one_point_stays_in_each_voxel(seed, n):
 
 
 @pytest.mark.parametrize(("rings", "step"), [(16, 2.0), (64, 0.4)])
-def test_the_rings_of_a_lidar_are_told_from_its_points(rings, step):
+def test_rings_of_a_lidar_are_found_from_its_points(rings, step):
     elevations = np.radians((np.arange(rings) - rings / 2) * step)
     azimuths = np.radians(np.arange(0, 360, 1.0))
     rng = np.random.default_rng(0)

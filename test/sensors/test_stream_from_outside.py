@@ -139,7 +139,7 @@ def test_hits_are_where_the_wall_is(mapped):
     assert np.ptp(heights) > 0.5
 
 
-def test_what_it_mapped_is_drawn_saved_loaded_and_drawn_again(mapped, tmp_path):
+def test_map_of_an_external_stream_is_drawn_saved_and_loaded(mapped, tmp_path):
     cuboids = mapped[1].map.cuboids()
     (tmp_path / "cuboids.npz").write_bytes(cuboids_archive(cuboids, Config(), "odom"))
     drawn = draw(cuboids.ix, cuboids.iy, cuboids.top * TICK, cuboids.bottom * TICK)

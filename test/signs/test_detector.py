@@ -124,7 +124,7 @@ def test_titles_on_the_backs_of_books_are_no_signs(detector):
     assert numbers(detector.detect(np.asarray(shelf.rotate(-90, expand=True)))) == []
 
 
-def test_what_is_refused_has_a_reason(detector):
+def test_refused_regions_have_a_reason(detector):
     notice = [(f"No {k + 1}0 of these lines", (60, 40 + 26 * k), 16) for k in range(8)]
     found = detector.search(wall(*notice, plate=(40, 20, 300, 280)))
     assert found.signs == []

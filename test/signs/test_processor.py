@@ -107,7 +107,7 @@ def test_other_events_are_left_alone():
     assert SignProcessor(Config()).add(Odometry(START, "odom", "base", np.eye(4))) == []
 
 
-def test_without_the_extra_it_says_what_is_missing_and_counts(monkeypatch):
+def test_without_the_extra_the_missing_library_is_named_and_counted(monkeypatch):
     def missing(*_):
         raise MissingExtraError("reading door signs needs rapidocr-onnxruntime")
 
@@ -198,7 +198,7 @@ def test_the_patch_of_a_plate_is_more_like_itself_than_like_another():
     assert first @ moved > first @ other + 0.05
 
 
-def test_a_picture_without_a_sign_tells_that_it_was_searched(blind):
+def test_picture_without_a_sign_is_reported_as_searched(blind):
     picture = empty()
     (searched,) = SignProcessor(Config()).add(picture)
     assert type(searched) is SearchedPicture

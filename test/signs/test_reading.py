@@ -30,7 +30,7 @@ def test_a_number_is_found_and_read_also_at_an_angle(slope):
     assert reader.read(picture, lines[0]) == TextReader().read(picture, lines[0])
 
 
-def test_without_the_extra_an_error_says_what_to_install(monkeypatch):
+def test_without_the_extra_an_error_names_it(monkeypatch):
     monkeypatch.setattr(reading, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="rapidocr-onnxruntime"):
         TextReader()

@@ -19,6 +19,6 @@ def test_the_distance_is_the_number_of_edits(a, b):
     assert edit_distance(a, b) == by_recursion(a, b)
 
 
-def test_the_text_with_the_largest_confidence_is_what_a_plate_says():
+def test_text_of_a_plate_is_the_one_with_the_largest_confidence():
     assert vote([("205", 0.9), ("206", 0.8), ("205", 0.7)]) == ("205", (0.9 + 0.7) / 3)
     assert vote([("206", 0.5), ("205", 0.5)])[0] == "206"

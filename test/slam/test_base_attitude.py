@@ -52,7 +52,7 @@ def test_wheels_have_poses_of_the_same_bytes_as_planar_ones():
     assert np.array_equal(solution.T_map_base[:, 2], [[0.0, 0.0, 1.0, 0.0]] * 3)
 
 
-def test_attitudes_are_linear_between_samples_and_those_that_repeat_are_kept_once():
+def test_attitudes_are_interpolated_and_repeated_samples_kept_once():
     track = AttitudeTrack()
     for k in range(1000):
         track.add(k * 10, (0.5, 0.0, 0.0))

@@ -35,7 +35,7 @@ def track_of(found):
     return track
 
 
-def test_the_usual_values_that_a_later_drive_tells_count_for_all_views():
+def test_usual_roll_and_pitch_of_a_later_drive_apply_to_all_views():
     track = track_of(samples(20, known_from=19))
     stamps = [START, START + 3 * STEP_NS // 2, START + 19 * STEP_NS]
     np.testing.assert_allclose(track.at(stamps), [[ROLL, PITCH]] * 3, atol=QUANTUM)
@@ -51,7 +51,7 @@ def test_between_samples_they_are_linear_and_beyond_or_in_a_gap_none():
     assert not track.at([START - 1, found[5].stamp_ns, found[19].stamp_ns + 1]).any()
 
 
-def test_what_is_no_more_than_noise_is_exactly_none():
+def test_roll_and_pitch_within_noise_are_exactly_zero():
     assert not track_of(samples(9, tilt=(2.0 * SIGMA, 0.0))).at([START]).any()
     assert not track_of(samples(9, sigma=0.02)).at([START]).any()
 

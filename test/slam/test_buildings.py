@@ -74,7 +74,7 @@ def test_similar_rooms_along_a_corridor_are_not_confused():
     assert plan.errors(run.truth, solution.poses)[0] < 0.05
 
 
-def test_a_wrong_scale_of_odometry_is_corrected_in_corridors_with_few_features():
+def test_wrong_odometry_scale_is_corrected_in_corridors():
     """10 % too short: where walls ahead show it, it is learnt, and the corridors are as long."""
     run, solution = solve(buildings.court(50.0, 20.0), buildings.ROBOTS["coarse"])
     assert buildings.loops_of(run, solution)[1] == 0

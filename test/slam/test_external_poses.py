@@ -34,7 +34,7 @@ def truth(k):
     return np.array([4.0 + 0.5 * np.sin(k / 30), -2.0 + along, yaw])
 
 
-def records(told, drift=0.0, seed=1):
+def records(external, drift=0.0, seed=1):
     """Yield odometry, and every 0.5 s map -> odom, by the poses that `told(k)` gives."""
     rng = np.random.default_rng(seed)
     odom = np.zeros(3)
@@ -43,15 +43,15 @@ def records(told, drift=0.0, seed=1):
             step = between_se2(truth(k - 1), truth(k)) * (1.0 + drift)
             odom = compose_se2(odom, step + rng.normal(0.0, [5e-4, 2e-4, 2e-4]))
         yield Odometry(k * SECOND // 10, "odom", "base", spatial(odom))
-        pose = told(k) if k % 5 == 0 else None
+        pose = external(k) if k % 5 == 0 else None
         if pose is not None:
             yield MapOdom(k * SECOND // 10, spatial(pose) @ np.linalg.inv(spatial(odom)))
 
 
-def drive(told, **options):
+def drive(external, **options):
     """Return a processor that was fed with `records`."""
     slam = WallSlam(CONFIG)
-    for record in records(told, **options):
+    for record in records(external, **options):
         if isinstance(record, MapOdom):
             slam.add_map_odom(record)
         else:
@@ -93,7 +93,7 @@ def test_where_it_begins_late_odometry_leads_back_to_the_start():
     assert not late.waits_for_external_pose
 
 
-def test_a_robot_that_stands_has_the_median_of_what_is_told():
+def test_stationary_robot_has_the_median_of_external_poses():
     slam = WallSlam(read_config(None, ["localisation.source=tf"]))
     for k in range(11):
         slam.add_odometry(k * SECOND, np.eye(4))
@@ -102,7 +102,7 @@ def test_a_robot_that_stands_has_the_median_of_what_is_told():
     assert slam.solve().poses[-1] == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
 
 
-def test_the_live_pose_is_what_was_told_last():
+def test_live_pose_is_the_last_external_pose():
     tracker = Tracker(CONFIG)
     for record in records(truth):
         tracker.add(record)
@@ -182,7 +182,7 @@ def test_the_pose_covariance_of_a_message():
             pose_covariance_from_message(message(bad))
 
 
-def test_the_variance_of_independent_errors_ignores_jumps_and_a_common_error():
+def test_white_variance_ignores_jumps_and_common_errors():
     rng = np.random.default_rng(4)
     groups = [rng.normal(rng.normal(0.0, 1.0, 3), 0.02, (200, 3)) for _ in range(5)]
     groups[0][100:] += 0.5
@@ -220,7 +220,7 @@ def test_walls_are_at_the_external_poses_and_do_not_move_them():
 
 
 @pytest.mark.parametrize("is_external", [False, True])
-def test_odometry_since_the_last_solution_gives_the_bytes_of_all_samples_at_once(is_external):
+def test_odometry_since_the_last_solution_equals_all_samples_at_once(is_external):
     """Also after a sample in the past, after a replaced one, and after an earlier map -> odom."""
 
     def records():

@@ -53,7 +53,7 @@ def test_a_robot_that_stands_before_a_pole_keeps_its_heading(seed):
 
 
 @pytest.mark.parametrize(("source", "independent"), [("none", True), ("depth", False)])
-def test_depths_count_in_the_pose_for_what_they_count_in_its_covariance(source, independent):
+def test_depths_have_the_same_weight_in_pose_and_covariance(source, independent):
     """At the pose, the pulls of the match and of odometry, which errs by 3 cm, are equal."""
     config = Config()
     config.sensors.level_from = source
@@ -107,7 +107,7 @@ def test_a_camera_is_never_worse_than_its_odometry(seed):
 
 
 @pytest.mark.parametrize(("half_view", "jump"), [(90.0, 0.8), (40.0, 0.0)])
-def test_a_laser_overrules_odometry_by_a_better_match_and_a_camera_does_not(half_view, jump):
+def test_better_match_overrules_odometry_for_lasers_and_not_for_cameras(half_view, jump):
     """The last scan is of a place 0.8 m further on than odometry says."""
     room = np.concatenate([plan.box(-2.0, -3.0, 6.0, 3.0), plan.box(4.0, -1.0, 4.7, 0.0)])
     places = np.column_stack([np.arange(0.0, 2.0, 0.1), np.zeros((20, 2))])
@@ -206,7 +206,7 @@ def test_without_odometry_a_gap_and_slow_scans_lose_nothing(rate, gap):
 
 @pytest.mark.parametrize("rate", [5, 10])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_without_odometry_a_crowd_hides_the_room_and_lost_is_said(rate, seed):
+def test_lost_in_a_crowd_without_odometry_is_reported(rate, seed):
     errors, lost, front = drive_in_the_room(rate, seed=seed, people=24)
     # The robot drives 1.5 m in the crowd; its last trusted motion says at most 0.25 m of it.
     assert errors.max() < 1.5 + 0.25

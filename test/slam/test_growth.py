@@ -82,7 +82,7 @@ def test_each_solution_of_a_ring_is_near_its_batch(laps):
 
 
 @pytest.mark.usefixtures("small")
-def test_what_is_new_is_in_it(laps):
+def test_growth_uses_all_observations_since_the_batch(laps):
     """Nothing that was seen since the batch is left out: lines, walls, corners, covariance."""
     seen = grown = 0
     for slam, views in steps(laps):
@@ -121,7 +121,7 @@ def test_the_final_solution_is_the_batch_to_the_bit(laps):
 
 
 @pytest.mark.usefixtures("small")
-def test_a_map_that_is_saved_while_it_grows_has_what_its_solution_has(laps):
+def test_map_saved_while_growing_equals_its_solution(laps):
     for slam, views in steps(laps):
         solution = slam.solve(views, is_final=False)
     assert not solution.is_batch

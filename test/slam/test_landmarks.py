@@ -121,7 +121,7 @@ def test_landmarks_are_estimated_on_odometry_alone(run):
     assert np.allclose(post.position, POST, atol=1e-3)
 
 
-def test_a_session_that_is_not_localised_has_only_the_landmarks_of_the_saved_map(run):
+def test_unlocalised_session_has_only_landmarks_of_the_saved_map(run):
     later = WallSlam.from_saved(Config(), slam_of(run, seen_along(run)).saved())
     box = plan.drive(plan.box(-1, -1, 1.5, 1.2), np.zeros((3, 3)), start_ns=2 * 10**18)
     for scan in box.scans:

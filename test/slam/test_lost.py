@@ -86,7 +86,7 @@ def test_the_tracker_says_lost_then_searching_then_tracking(run, mapped):
     assert np.allclose(tracker.current_pose().pose, solution.poses[-1], atol=1e-6)
 
 
-def test_what_is_not_found_again_is_not_in_the_map():
+def test_scans_of_a_lost_robot_are_not_mapped():
     """It is put down in a room that nothing has seen: the map stays as it was."""
     walls = np.concatenate([WALLS, plan.box(40.0, 40.0, 47.0, 44.5)])
     # For less than 2 m and 10 s: after that it is a trajectory of its own.
@@ -110,7 +110,7 @@ def test_what_is_not_found_again_is_not_in_the_map():
     assert len(again.keyframes) == len(alone.keyframes)
 
 
-def test_a_pose_that_is_told_places_the_robot_where_a_scan_fits(run):
+def test_supplied_pose_places_the_robot_where_a_scan_fits(run):
     """It stands where it was put down, and is told the pose to 0.4 m and 6 deg."""
     run, at = run
     slam, tracker = WallSlam(Config()), Tracker(Config())
@@ -124,7 +124,7 @@ def test_a_pose_that_is_told_places_the_robot_where_a_scan_fits(run):
     slam.add_scan(run.scans[at])
     tracker.add(run.scans[at])
     assert not slam.is_lost
-    # The pose that was known is kept until the one that was told is found to fit.
+    # The known pose is kept until a scan fits the supplied one.
     assert tracker.state == LocalisationState.TRACKING
     assert np.hypot(*between2(run.truth[at - 1], tracker.current_pose().pose)[:2]) < 0.05
     assert slam.is_at_given_pose
@@ -136,7 +136,7 @@ def test_a_pose_that_is_told_places_the_robot_where_a_scan_fits(run):
         assert abs(between2(run.truth[at], pose)[2]) < np.radians(0.5)
 
 
-def test_a_pose_that_is_told_wrongly_to_a_robot_that_is_where_it_thinks_takes_nothing_away(run):
+def test_wrong_supplied_pose_removes_nothing_of_a_localised_robot(run):
     run, at = run
     slam, tracker = WallSlam(Config()), Tracker(Config())
     for scan in run.scans[: at - 1]:
@@ -155,7 +155,7 @@ def test_a_pose_that_is_told_wrongly_to_a_robot_that_is_where_it_thinks_takes_no
         assert np.hypot(*between2(run.truth[at - 1], pose)[:2]) < 0.05
 
 
-def test_a_pose_that_is_told_wrongly_is_not_taken(run):
+def test_wrong_supplied_pose_is_refused(run):
     run, at = run
     slam = WallSlam(Config())
     for scan in run.scans[:at]:
@@ -167,7 +167,7 @@ def test_a_pose_that_is_told_wrongly_is_not_taken(run):
     assert slam.is_lost
 
 
-def test_who_walks_past_a_standing_robot_does_not_make_it_lost():
+def test_person_walking_past_does_not_make_a_stationary_robot_lost():
     """Half of the beams end at people for a second."""
     poses = np.concatenate([plan.route([(0, 0), (3, 0)]), [[3.0, 0.0, 0.0]] * 40])
     run = plan.drive(WALLS, poses)
@@ -231,7 +231,7 @@ def test_a_robot_that_stands_is_found_by_its_first_scan_or_waits(saved, place):
     assert is_right if slam.has_place_now else slam.waits_for
 
 
-def test_a_robot_that_stands_where_one_scan_tells_is_found(saved):
+def test_stationary_robot_at_a_unique_place_is_found(saved):
     slam = WallSlam.from_saved(Config(), saved)
     pose = slam.add_scan(standing((2.0, 0.3, 0.5))[0]).pose
     assert slam.has_place_now
@@ -251,7 +251,7 @@ def test_a_robot_whose_first_scan_is_hidden_is_found_standing(saved):
     assert np.hypot(*between2(np.array([2.0, 0.3, 0.5]), pose)[:2]) < 0.1
 
 
-def test_a_pose_that_is_told_before_the_first_scan_places_a_robot_that_stands(saved):
+def test_pose_supplied_before_the_first_scan_places_a_stationary_robot(saved):
     place = np.array([8.0, 9.1, 3.0])
     slam = WallSlam.from_saved(Config(), saved)
     off = np.array([0.4, -0.3, np.radians(20.0)])

@@ -46,7 +46,7 @@ def test_it_is_the_covariance_of_where_samples_put_a_point(solved):
     assert np.allclose(found, expected, rtol=0.1, atol=0.1 * np.trace(expected) / 2)
 
 
-def test_a_keyframe_is_certain_against_itself_and_the_order_does_not_matter(solved):
+def test_relative_covariance_is_zero_for_one_keyframe_and_symmetric(solved):
     solution, keys, _ = solved
     point = np.array([1.0, 2.0])
     assert np.allclose(solution.relative_covariance(keys[3], keys[3], point), 0.0, atol=1e-12)

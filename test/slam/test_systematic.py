@@ -74,7 +74,7 @@ def by_least_squares(steps, loops):
 
 
 @pytest.mark.parametrize("is_closed", [False, True])
-def test_it_is_how_far_the_solution_moves_when_all_steps_change_by_one_sigma(is_closed):
+def test_covariance_is_the_motion_of_the_solution_for_one_sigma_of_scale(is_closed):
     chain = chain_of()
     truth = np.array([k.pose for k in chain.keyframes])
     a, b = LOOP
@@ -88,7 +88,7 @@ def test_it_is_how_far_the_solution_moves_when_all_steps_change_by_one_sigma(is_
     assert covs[-1, 0, 0] > 1e-5
 
 
-def test_a_loop_closure_takes_away_what_it_observes():
+def test_loop_closure_removes_the_covariance_that_it_observes():
     chain = chain_of()
     truth = np.array([k.pose for k in chain.keyframes])
     b = len(truth) - 1
@@ -112,7 +112,7 @@ def test_keyframes_that_must_not_move_do_not():
     assert not systematic_covariances(solved(chain), chain).any()
 
 
-def test_it_is_the_covariance_of_wheels_that_are_drawn_with_independent_noise():
+def test_covariance_equals_that_of_sampled_wheels():
     """Over robots: the graph's covariance and this one, together, are that of the last pose.
 
     2,000 robots: 10 % of a variance is three sigmas.
@@ -159,7 +159,7 @@ def test_in_a_room_matching_corrects_the_scale():
 
 
 @pytest.mark.parametrize("scale", [1.0 - SIGMA, 1.0 + SIGMA])
-def test_the_covariance_along_a_corridor_tells_the_error(scale):
+def test_covariance_along_a_corridor_covers_the_error(scale):
     """Wheels that are off by one sigma end one sigma off; across the corridor walls tell."""
     run = plan.drive(CORRIDOR, ALONG, beams=361, scale=scale, drift=0.0, noise=(0.002, 0.002))
     slam = WallSlam(Config())

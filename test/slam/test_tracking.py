@@ -39,7 +39,7 @@ def test_it_matches_as_the_processor_does_and_a_solution_corrects_it(run):
     assert np.allclose(corrected, solution.poses[-1], atol=1e-9)
 
 
-def test_it_keeps_what_the_next_scan_is_matched_with_and_no_more(run):
+def test_tracking_keeps_only_the_data_for_the_next_match(run):
     config = Config()
     tracker = Tracker(config, (40, 2))
     for scan in run.scans:

@@ -37,7 +37,7 @@ def test_a_table_that_went_elsewhere_is_displaced_and_of_one_size(step, directio
 
 
 @pytest.mark.parametrize("grown", [box(0, 0, 0.7, 1.6), box(-0.5, -0.2, 0.9, 1.0)])
-def test_what_grows_or_shrinks_has_not_moved(grown):
+def test_surface_that_grows_or_shrinks_has_not_moved(grown):
     assert not is_displaced(at(TABLE), at(grown))
     assert not is_displaced(at(grown), at(TABLE))
     assert not is_of_one_size(at(TABLE), at(grown))

@@ -118,7 +118,7 @@ def test_maps_without_detections_have_no_arrays_of_them():
     assert [v.detections for v in unpack_views(arrays)] == [(), ()]
 
 
-def test_a_view_takes_the_detections_of_the_minute_before_it_and_later_ones_that_none_takes():
+def test_view_takes_detections_of_the_previous_minute_and_unclaimed_ones():
     stamps = [100 * S, 110 * S, 500 * S]
     asked = (30, 40, 100, 101, 110, 111, 400, 439, 440, 500, 900)
     expected = [None, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2]
@@ -126,7 +126,7 @@ def test_a_view_takes_the_detections_of_the_minute_before_it_and_later_ones_that
     assert view_of(1, []) is None
 
 
-def test_what_waits_for_a_view_does_not_grow_without_end():
+def test_detections_waiting_for_a_view_are_bounded():
     slam = SurfaceSlam(CONFIG)
     for k in range(200):
         slam.add(detections_at(k * S))

@@ -15,7 +15,7 @@ PAPER = read_config(Path(__file__).resolve().parents[2] / "config" / "paper.yaml
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
 
 
-def test_only_what_is_published_is_switched_on():
+def test_paper_config_enables_only_published_methods():
     """III.A: odometry and walls; registration of views is the paper's future work."""
     assert not PAPER.matching.enabled
     assert not PAPER.loops.enabled

@@ -11,8 +11,8 @@ from changing_rooms import (
     counted,
     index_at,
     is_at,
+    reported,
     solved,
-    told,
     true_counts,
     true_presence,
 )
@@ -68,18 +68,18 @@ def scenes(session):
     return [*session.before, *session.after]
 
 
-def test_every_true_event_is_told_once_and_no_other(scenes):
-    found = told(scenes, MapChanges())
+def test_every_true_event_is_reported_once_and_no_other(scenes):
+    found = reported(scenes, MapChanges())
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)
 
 
-def test_the_same_events_are_told_after_save_restart_and_load(inputs, session):
-    found = told(session.before, MapChanges())
+def test_events_after_save_restart_and_load_are_the_same(inputs, session):
+    found = reported(session.before, MapChanges())
     loaded = SurfaceSlam.from_saved(Config(), load_map(session.saved))
     changes = MapChanges(is_map_loaded=True)
     assert changes.note(scene_of(loaded.solve(), "map"), loaded.config.objects.agreeing_views) == []
-    found += told(solved(inputs[index_at(inputs, RESTART_S) :], loaded), changes)
+    found += reported(solved(inputs[index_at(inputs, RESTART_S) :], loaded), changes)
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)
 
@@ -108,7 +108,7 @@ def test_objects_between_solutions_are_where_the_next_solution_has_them(inputs):
     assert np.abs(moved).max() < LIVE_M
 
 
-def test_the_planning_scene_of_a_listener_follows_what_is_moved_taken_and_put(scenes):
+def test_planning_scene_of_a_listener_follows_all_changes(scenes):
     """It knows the diffs alone; the second tilt cycle that looks at a change has corrected it."""
     scene, world, worlds = PublishedScene(), {}, {}
     for solution in scenes:

@@ -49,7 +49,7 @@ def test_a_step_of_five_centimetres_is_its_own_surface():
     assert step.label == "step"
 
 
-def test_heights_part_what_touches():
+def test_touching_surfaces_of_other_heights_are_separate():
     """A hob 4 cm above a counter: nearer than the merge distance, and yet another surface."""
     assert Config().surfaces.merge_distance > 0.04
     room = Room([Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.94)])
@@ -121,11 +121,11 @@ def test_every_id_of_one_solution_is_found_in_another():
         for other in solutions:
             names = [name for s in other.surfaces for name in (s.id, *s.merged_ids)]
             assert len(names) == len(set(names)), "an id belongs to one surface"
-            told = changes(scene(one), scene(other), 1)
-            assert {c.kind for c in told} <= {ChangeKind.MERGED, ChangeKind.SPLIT}
+            events = changes(scene(one), scene(other), 1)
+            assert {c.kind for c in events} <= {ChangeKind.MERGED, ChangeKind.SPLIT}
             ids, other_ids = ({s.id for s in above_floor(m)} for m in (one, other))
-            assert ids - other_ids <= {k for c in told for k in c.ids_before}
-            assert other_ids - ids <= {k for c in told for k in c.ids_after}
+            assert ids - other_ids <= {k for c in events for k in c.ids_before}
+            assert other_ids - ids <= {k for c in events for k in c.ids_after}
 
 
 def test_a_table_that_was_moved_is_moved_in_the_map():

@@ -131,7 +131,7 @@ def test_boxes_that_touch_are_one_where_their_heights_are_the_same():
     assert len(scene(FLOOR, TABLE, *pair)[1]) == 1
 
 
-def test_a_back_and_an_arm_around_a_seat_are_two_boxes_that_leave_the_seat_free():
+def test_back_and_arm_of_a_seat_are_two_boxes_that_leave_it_free():
     seat = sheet((0.0, 1.1), (0.0, 0.6), 0.42)
     back, arm = ((0.0, 1.1), (0.5, 0.6)), ((0.0, 0.1), (0.0, 0.5))
     objects = scene(FLOOR, seat, *(box(*plan, (0.43, 0.6)) for plan in (back, arm)))[1]
@@ -141,7 +141,7 @@ def test_a_back_and_an_arm_around_a_seat_are_two_boxes_that_leave_the_seat_free(
     assert long + other_long == pytest.approx(1.6 - 2 * STEP, abs=2 * CELL)
 
 
-def test_two_sides_of_a_box_that_hide_what_is_behind_them_are_one_object():
+def test_two_visible_sides_of_a_box_are_one_object():
     sides = [
         sheet(x, y, z)
         for z in np.arange(0.71, 0.95, STEP)

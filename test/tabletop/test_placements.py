@@ -80,7 +80,7 @@ def test_a_tilted_surface_is_met_where_it_is():
     assert position @ normal == pytest.approx(0.5, abs=1e-12)
 
 
-def test_only_what_the_arm_reaches_is_found():
+def test_only_placements_within_reach_are_found():
     request = PlacementRequest(0.1, 0.1, 0.1, max_count=0, reach_from=(-0.3, 0.4), reach=0.6)
     found = find_placements([table(box(0, 0, 1.2, 0.8))], request)
     assert len(found) >= 2

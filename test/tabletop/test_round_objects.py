@@ -21,7 +21,7 @@ def hull_of(points, rng):
 
 @settings(deadline=None)
 @given(SEEDS, st.floats(0.04, 0.12), st.floats(1.05 * np.pi, 2.0 * np.pi))
-def test_a_cylinder_that_was_seen_from_one_side_has_its_diameter_and_its_axis(seed, radius, arc):
+def test_cylinder_seen_from_one_side_has_its_diameter_and_axis(seed, radius, arc):
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-np.pi, np.pi) + np.arange(0.0, arc, 0.01 / radius)
     points = [1.2, -0.7] + radius * np.column_stack([np.cos(angles), np.sin(angles)])

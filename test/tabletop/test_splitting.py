@@ -41,7 +41,7 @@ def test_boxes_of_one_height_stay_one():
     assert len(parts_of(lambda *_: 0.1)) == 1
 
 
-def test_what_slopes_is_one():
+def test_sloping_top_is_one_object():
     assert len(parts_of(lambda x, _: 0.5 * x)) == 1
 
 

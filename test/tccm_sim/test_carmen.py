@@ -80,7 +80,7 @@ def test_bearings_follow_the_number_of_beams(tmp_path, beams, first, last):
 
 
 @pytest.mark.parametrize("offset", [(-0.04, 0.0, 0.0), (0.2, -0.1, 0.5)])
-def test_the_laser_offset_is_pose_minus_odometry_though_some_lines_are_wrong(tmp_path, offset):
+def test_laser_offset_is_pose_minus_odometry_despite_wrong_lines(tmp_path, offset):
     rng = np.random.default_rng(0)
     lines = []
     for k in range(50):
@@ -280,7 +280,7 @@ SYNC dummy 0 nohost 0
 TRUEPOS 0 0 0 0 0 0 0 nohost 0"""
 
 
-def test_what_is_no_scan_is_left_out_and_a_last_line_that_is_cut_is_damaged(tmp_path):
+def test_other_lines_are_skipped_and_a_truncated_last_line_is_damaged(tmp_path):
     whole = [flaser(START + k, (0.1 * k, 0.0, 0.0)) for k in range(5)]
     lines = [HEADER, *whole[:4], f"MARKER 1 2 3 {START} nohost 0", whole[4][: len(whole[4]) // 2]]
     (tmp_path / "a.clf").write_text("\n".join(lines))

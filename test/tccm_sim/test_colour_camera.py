@@ -68,7 +68,7 @@ def test_a_panel_has_its_size_and_is_not_mirrored():
     assert (weights > 0.3).sum() == pytest.approx((140 / 3.0) ** 2 * 0.5, rel=0.05)
 
 
-def test_what_stands_before_a_panel_hides_it():
+def test_objects_before_a_panel_hide_it():
     panel = white_panel()
     scene = Scene()
     scene.block("wall", (3.0, 3.1), (-4.0, 4.0), (0.0, 4.0), role="wall")

@@ -61,7 +61,7 @@ def test_a_tilted_laser_measures_the_distance_of_the_floor():
     assert at_bearing(scan, np.pi / 3) == pytest.approx(2 * height / np.sin(tilt), abs=1e-5)
 
 
-def test_an_upside_down_laser_measures_what_is_on_the_left_at_negative_bearings():
+def test_upside_down_laser_sees_the_left_at_negative_bearings():
     """A post on the left of the robot is at a negative bearing."""
     world = bare_world(UPSIDE_DOWN)
     world.scene.cylinder("post", 0.05, 2.0, (2.0, 1.0, 1.0))
@@ -96,7 +96,7 @@ def test_each_beam_is_cast_from_the_base_pose_at_its_own_time():
     assert scan.ranges[middle] == pytest.approx(3.0 - 0.28 - x, abs=0.006)
 
 
-def test_messages_are_in_the_order_of_their_time_on_the_topics_of_the_robot():
+def test_messages_are_in_time_order_on_the_topics_of_the_robot():
     messages = list(Simulation(bare_world(UPSIDE_DOWN), 0, EXACT).run())
     stamps = [m.log_ns for m in messages]
     assert stamps == sorted(stamps)

@@ -61,7 +61,7 @@ def test_pixels_meet_floor_and_wall_where_rays_do(rig):
     assert cosines.ravel() == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_moving_head_is_seen_by_the_joints_and_by_the_image_alike():
+def test_joints_and_images_agree_on_a_moving_head():
     rig = ROBOTS["fetch"]
     nod = Profile(np.array([[0.0, 2.0, 0.0, 0.8]]), 0.0)
     simulation = standing(rig, duration=2.2, head_tilt_joint=nod)
@@ -130,7 +130,7 @@ def test_options_of_a_mount_change_the_truth_and_not_the_description():
     assert reported["head_tilt_joint"] == pytest.approx(-0.5 - 0.02, abs=1e-4)
 
 
-def test_a_robot_that_there_is_not_is_named_with_what_is_like_it():
+def test_unknown_robot_is_an_error_with_the_nearest_name():
     with pytest.raises(ConfigError, match="fetch"):
         robot("fecth")
 

@@ -81,7 +81,7 @@ def test_bias_and_noise_are_those_of_the_accelerometer():
     np.testing.assert_allclose(measured.std(axis=0), imu.force_sigma, rtol=0.035)
 
 
-def test_a_base_that_is_tilted_at_stops_tells_so_with_both_sensors():
+def test_tilt_at_stops_appears_in_gyroscope_and_accelerometer():
     options = Options(imu=True, tilt=False, level=False, base_tilt=0.0, stop_tilt=0.02)
     one = Simulation(build_world("flat", options), 0, options)
     imu = [m.records[0] for m in one.run() if isinstance(m.records[0], Imu)]

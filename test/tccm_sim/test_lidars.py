@@ -16,7 +16,7 @@ def measured(exact, lidar=QUIET):
     return measure_points(lidar, exact, np.random.default_rng(2))
 
 
-def test_points_lie_on_the_cylinder_that_was_measured_and_come_in_order_of_time():
+def test_points_lie_on_the_measured_cylinder_in_time_order():
     rays = QUIET.rays
     points, since_ns = measured(3.0 / np.hypot(rays[:, 0], rays[:, 1]))
     assert len(points) == QUIET.laser.beams * RINGS
@@ -26,7 +26,7 @@ def test_points_lie_on_the_cylinder_that_was_measured_and_come_in_order_of_time(
     assert elevations == pytest.approx(np.tile(np.arange(-15.0, 16.0, 2.0), (900, 1)), abs=1e-3)
 
 
-def test_all_rings_shoot_at_one_bearing_at_a_time_and_go_round_clockwise_in_a_period():
+def test_all_rings_share_a_bearing_and_turn_clockwise_once_a_period():
     points, since_ns = measured(np.full(QUIET.laser.beams * RINGS, 2.0))
     times = since_ns.reshape(-1, RINGS) * 1e-9
     bearings = np.arctan2(points[:, 1], points[:, 0]).reshape(-1, RINGS)
@@ -37,7 +37,7 @@ def test_all_rings_shoot_at_one_bearing_at_a_time_and_go_round_clockwise_in_a_pe
     assert times[-1, 0] + QUIET.laser.time_increment == pytest.approx(QUIET.laser.period)
 
 
-def test_what_returns_nothing_is_no_point():
+def test_beams_without_return_have_no_point():
     exact = np.full(QUIET.laser.beams * RINGS, 2.0)
     exact[::3], exact[1::3] = np.inf, 0.1
     points, since_ns = measured(exact)

@@ -61,7 +61,7 @@ def test_nothing_hangs_over_a_door_or_over_something_else():
             assert side != other_side or high < a or b < low
 
 
-def test_rooms_that_are_alike_differ_in_nothing_but_where_they_are():
+def test_identical_rooms_differ_in_their_pose_alone():
     def shapes(alike):
         solids = office_scene(alike=alike).solids
         found = {}

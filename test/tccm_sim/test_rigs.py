@@ -87,7 +87,7 @@ class TestSegway:
 class TestUpsideDown:
     frame = "nod_lidar"
 
-    def test_at_rest_positive_bearings_of_an_upside_down_laser_are_on_the_right(self):
+    def test_positive_bearings_of_an_upside_down_laser_are_on_the_right(self):
         T = laser(UPSIDE_DOWN, self.frame)
         assert T[:3, 3] == pytest.approx([0.19, -0.01, 1.18])
         assert T[:3, 0] == pytest.approx([1, 0, 0])

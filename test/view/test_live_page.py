@@ -113,13 +113,13 @@ def test_a_change_after_the_end_is_left_out(robot):
     assert changed == []
 
 
-def test_a_page_gets_the_map_and_what_changes(robot):
-    told, entities = first_messages(robot.page, 1), {}
+def test_page_gets_the_map_and_its_changes(robot):
+    messages, entities = first_messages(robot.page, 1), {}
     while entities.keys() != MAP.keys():
-        told = first_messages(robot.page, 1)
-        entities = told[0]["set"]
+        messages = first_messages(robot.page, 1)
+        entities = messages[0]["set"]
     assert entities == MAP
-    assert told[0]["pose"] == [2.5, 1.0, 0.3]
+    assert messages[0]["pose"] == [2.5, 1.0, 0.3]
 
 
 def test_writing_needs_the_token(robot):
@@ -289,5 +289,5 @@ def test_a_browser_shows_the_map_asks_and_comes_back(tmp_path):
         assert robot.page.token != again.page.token
         again.page.close()
         # Chromium itself tells of the connection that was lost, nothing else is amiss.
-        told = [line for line in map(str, browser.complaints()) if "net::ERR" not in line]
-        assert not [line for line in told if "400 (Bad Request)" not in line]
+        messages = [line for line in map(str, browser.complaints()) if "net::ERR" not in line]
+        assert not [line for line in messages if "400 (Bad Request)" not in line]

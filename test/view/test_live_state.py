@@ -10,17 +10,17 @@ SQUARE = np.array([[0.0, 0, 0.7], [1, 0, 0.7], [1, 1, 0.7], [0, 1, 0.7]])
 UP = np.array([0.0, 0, 1])
 
 
-def applied(told):
+def applied(deltas):
     """Return the entities that a page has after a snapshot and deltas."""
     entities = {}
-    for delta in told:
+    for delta in deltas:
         for name in delta.get("gone", []):
             del entities[name]
         entities |= delta.get("set", {})
     return entities
 
 
-def test_a_delta_has_what_changed_alone():
+def test_delta_has_changes_alone():
     state = LiveState()
     state.entities = {"surface/1": {"a": 1}, "surface/2": {"a": 2}}
     assert state.delta(1000)["set"] == state.entities
@@ -32,17 +32,17 @@ def test_a_delta_has_what_changed_alone():
     assert state.delta(1000) == {"pose": [1.0, 2.0, 0.5], "events": ["appeared: table 2"]}
 
 
-def test_a_page_that_opens_gets_what_the_others_have_got():
+def test_new_page_gets_the_state_of_the_others():
     state = LiveState()
     state.entities = {f"surface/{k}": {"text": "x" * 100} for k in range(10)}
     state.add_event("one")
-    told = [state.delta(300)]
+    deltas = [state.delta(300)]
     late = state.snapshot()
-    assert late["set"] == told[0]["set"]
+    assert late["set"] == deltas[0]["set"]
     assert late["events"] == ["one"]
     while delta := state.delta(300):
-        told.append(delta)
-    assert applied(told) == applied([late, *told[1:]]) == state.entities
+        deltas.append(delta)
+    assert applied(deltas) == applied([late, *deltas[1:]]) == state.entities
 
 
 def test_the_budget_bounds_each_delta_and_an_entity_beyond_it_comes_alone():

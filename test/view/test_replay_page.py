@@ -85,9 +85,7 @@ def _maps_at_once(monkeypatch):
     monkeypatch.setattr("tccm_ros.replay.unfinished_maps.MAX_FRACTION", 1.0)
 
 
-def test_a_page_shows_the_map_of_a_replay_grow_and_changes_none_of_its_results(
-    session_files, tmp_path
-):
+def test_page_shows_a_growing_replay_and_changes_no_results(session_files, tmp_path):
     out, urls = tmp_path / "out", []
     assert running_replay(out) is None
     with Replay(out, 1.0, 7.0, 17.0) as run, Browser(tmp_path / "profile", 1100, 900) as browser:
@@ -130,7 +128,7 @@ def test_a_killed_replay_is_not_shown(tmp_path):
     assert newest_map(tmp_path / ".out.tccm-new-abc" / "maps", 0) is None
 
 
-def test_entities_have_what_a_page_draws(flat):
+def test_entities_have_the_fields_that_a_page_draws(flat):
     from tccm_ros.results.folder_reader import load_results
 
     results = load_results(flat)

@@ -133,7 +133,7 @@ def posed_scan(stamp_ns, distance):
     return PosedScan(scan, np.array([stamp_ns]), still, still, "scan")
 
 
-def test_of_measurements_faster_than_the_viewer_is_told_the_newest_is_shown(tmp_path, sent):
+def test_measurements_faster_than_the_viewer_rate_show_the_newest(tmp_path, sent):
     """What keeps the rate of each sensor, and the memory without a viewer, bounded."""
     port = free_port()
     stream = RerunStream(f"rerun+http://127.0.0.1:{port}/proxy")

@@ -64,7 +64,7 @@ def test_each_part_of_the_processors_gets_a_child(folder, child):
     assert sorted(log.read_text().split()) == ["drive", "outlines", "tilt"]
 
 
-def test_what_is_on_disk_needs_no_child(folder, child, monkeypatch):
+def test_cached_parts_need_no_child_process(folder, child, monkeypatch):
     log = child("exit 0")
     for part in PARTS["slam"]:
         compile_here(monkeypatch, part, [])
@@ -79,7 +79,7 @@ def test_without_compiling_no_child_is_started(folder, child, monkeypatch):
     assert log.read_text() == ""
 
 
-def test_a_child_that_fails_is_told_with_its_last_line(folder, child):
+def test_failed_child_is_reported_with_its_last_line(folder, child):
     child("echo first >&2; echo no memory >&2; exit 3")
     failing = Compilation(["slam"], Config())
     failing.start()
@@ -100,7 +100,7 @@ def test_stopping_ends_the_children_and_starts_no_more(folder, child, monkeypatc
     assert not stopped.problems
 
 
-def test_who_comes_second_to_a_part_waits_for_the_first(folder, monkeypatch):
+def test_only_one_process_compiles_a_part(folder, monkeypatch):
     compiled = []
     with compilation._only_one("drive"):
         second = threading.Thread(target=compile_here, args=(monkeypatch, "drive", compiled))

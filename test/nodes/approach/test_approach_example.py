@@ -62,8 +62,8 @@ def test_a_mug_is_fetched_though_the_table_is_moved_meanwhile(drive, tmp_path):
     nearest = min(stood)
     assert nearest[0] == pytest.approx(0.05, abs=0.02)
     assert abs(np.degrees(nearest[2])) < 1.5
-    for (told, distance), true in zip(measured, (min(gaps), nearest[0])):
-        assert told == pytest.approx(true, abs=0.01)
+    for (measured_m, distance), true in zip(measured, (min(gaps), nearest[0])):
+        assert measured_m == pytest.approx(true, abs=0.01)
         assert distance <= MAX_DISTANCE_M + 0.01
     assert driver.robot.base.contacts == 0
     assert driver.stands()

@@ -61,18 +61,18 @@ def test_a_goal_ends_and_the_base_stands_whatever_happens(drive, seed):
     for number in range(ROUNDS):
         which = chance.choice([0, 0, 0, 1])
         goal = driver.send(which, **({"distance": 0.2} if which else {}))
-        told = []
+        made = []
         for _ in range(chance.randint(1, 3)):
             faults.wait()
-            told.append(chance.choice(FAULTS))
-            faults.make(told[-1], goal)
+            made.append(chance.choice(FAULTS))
+            faults.make(made[-1], goal)
             if chance.random() < 0.5:
                 faults.wait()
                 faults.repair()
         goal.cancel_goal_async()
         status, result = driver.result(goal)
-        assert status in (SUCCEEDED, CANCELED, ABORTED), (number, told)
-        assert result.message, (number, told)
+        assert status in (SUCCEEDED, CANCELED, ABORTED), (number, made)
+        assert result.message, (number, made)
         faults.repair()
-        assert driver.stands(), (number, told, result.message)
-        assert robot.base.contacts == 0, (number, told)
+        assert driver.stands(), (number, made, result.message)
+        assert robot.base.contacts == 0, (number, made)

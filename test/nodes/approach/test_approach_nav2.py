@@ -83,27 +83,27 @@ def test_nav2_without_a_way_is_a_reason(drive_by_nav2):
     assert driver.stands()
 
 
-def test_the_docking_server_is_told_where_the_base_belongs_and_nothing_moves(drive):
+def test_docking_server_gets_the_base_pose_and_nothing_moves(drive):
     driver = drive(simple_flat(None, (0.3, -0.2, 0.5), (-1.4, 0.0, 0.0)))
     ear = Listener(driver.ros, "docking_server")
-    told = []
-    ear.node.create_subscription(PoseStamped, "approach/detected_dock_pose", told.append, 10)
+    poses = []
+    ear.node.create_subscription(PoseStamped, "approach/detected_dock_pose", poses.append, 10)
     driver.ros.connect(driver.node, ear.node, "/approach/detected_dock_pose")
     base = driver.robot.base
     goal = driver.send(detect_only=True)
-    driver.robot.drive_until(lambda: len(told) > 2)
+    driver.robot.drive_until(lambda: len(poses) > 2)
     assert driver.ask()[1].reason == Reason.BUSY
-    p, q = told[-1].pose.position, told[-1].pose.orientation
+    p, q = poses[-1].pose.position, poses[-1].pose.orientation
     quaternion = np.array([q.x, q.y, q.z, q.w])
     docked = planar(pose_from_quaternion(np.array([p.x, p.y, p.z]), quaternion))
-    assert told[-1].header.frame_id == "odom"
+    assert poses[-1].header.frame_id == "odom"
     here = base.truth
     base.truth = compose2(compose2(here, inverse2(base.odom)), docked)
     gap, yaw = base.true_figures()
     base.truth = here
     assert gap == pytest.approx(0.05, abs=0.02)
     assert abs(math.degrees(yaw)) < 1.5
-    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in told]
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in poses]
     assert (np.diff(stamps) > 0.0).all()
     goal.cancel_goal_async()
     status, result = driver.result(goal)
@@ -111,7 +111,7 @@ def test_the_docking_server_is_told_where_the_base_belongs_and_nothing_moves(dri
     assert not driver.robot.commands
 
 
-def test_a_surface_that_is_not_there_is_not_told_to_the_docking_server(drive):
+def test_docking_server_gets_no_missing_surface(drive):
     flat = simple_flat(None, (0.0, 0.0, 0.0), (-1.8, 0.0, 0.0))
     flat.target = flat.target.moved(0.0, 2.5, 0.0)
     driver = drive(flat, approach__patience=4.0)

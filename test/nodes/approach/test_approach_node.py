@@ -83,7 +83,7 @@ def test_a_named_spot_is_found_and_approached_though_its_table_was_moved(ros, dr
     client.close()
 
 
-def test_what_came_during_a_long_plan_is_read_before_an_input_is_lost(drive, monkeypatch):
+def test_inputs_during_a_long_plan_are_read_before_they_count_as_lost(drive, monkeypatch):
     driver = drive(simple_flat())
     plan = Approach._plan
 
@@ -163,7 +163,7 @@ def test_odometry_on_tf_alone_is_driven_by_and_its_silence_stops(drive):
 
 
 @pytest.mark.every_distro
-def test_a_second_goal_is_refused_and_cancelling_stops_within_a_tenth_of_a_second(drive):
+def test_second_goal_is_refused_and_cancelling_stops_within_100_ms(drive):
     driver = drive(simple_flat())
     goal = driver.send()
     driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)
@@ -215,7 +215,7 @@ def test_cancelling_stops_the_base_while_a_step_computes(drive, monkeypatch):
     ],
     ids=["odometry", "scans", "localisation"],
 )
-def test_what_is_lost_on_the_way_stops_the_base(drive, lose, reason):
+def test_input_lost_on_the_way_stops_the_base(drive, lose, reason):
     driver = drive(simple_flat())
     goal = driver.send()
     driver.robot.drive_until(lambda: driver.robot.base.speed > 0.1)

@@ -37,13 +37,13 @@ def ask(ros, server, tool, **arguments):
     return answer.result()
 
 
-def told(ros, server, tool, **arguments):
+def content(ros, server, tool, **arguments):
     answer = ask(ros, server, tool, **arguments)
     assert not answer.is_error, answer.content
     return answer.structured_content
 
 
-def test_without_a_map_the_reason_is_told(ros, server):
+def test_without_a_map_the_reason_is_reported(ros, server):
     answer = ask(ros, server, "overview")
     assert answer.is_error
     assert "no map has come from surface_slam yet" in answer.content[0].text
@@ -61,19 +61,19 @@ def test_surfaces_placements_and_changes_of_a_running_node(ros, server):
         return not answer.is_error and answer.structured_content["found"]
 
     ros.spin_until(has_table, what="a table")
-    [table] = told(ros, server, "find_surfaces", words="table")["surfaces"]
+    [table] = content(ros, server, "find_surfaces", words="table")["surfaces"]
     assert table["height_m"] == pytest.approx(0.70, abs=0.01)
     assert table["first_seen_s"] <= table["last_seen_s"]
-    overview = told(ros, server, "overview")
+    overview = content(ros, server, "overview")
     assert overview["surfaces"] == 1
     assert overview["map"]["stamp_s"] >= table["last_seen_s"] - 1e-3
     size = {"length_m": 0.1, "width_m": 0.1, "height_m": 0.12}
-    places = told(ros, server, "find_placements", surface_id=table["id"], limit=2, **size)
+    places = content(ros, server, "find_placements", surface_id=table["id"], limit=2, **size)
     assert [p["surface_id"] for p in places["placements"]] == [table["id"]] * 2
     assert places["placements"][0]["position_m"][2] == pytest.approx(0.70, abs=0.01)
-    way = told(
+    way = content(
         ros, server, "how_to_approach", surface_id=table["id"], reach_m=1.5, robot_radius_m=0.1
     )
     assert way["note"]
-    changes = told(ros, server, "changes_since", stamp_s=0.0)["changes"]
+    changes = content(ros, server, "changes_since", stamp_s=0.0)["changes"]
     assert [(c["kind"], c["surface_ids"]) for c in changes] == [("appeared", [table["id"]])]

@@ -74,7 +74,7 @@ def ask(robot, server, tool, **arguments):
     return answer.result()
 
 
-def test_without_the_node_the_reason_is_told(robot, server):
+def test_without_the_node_the_reason_is_reported(robot, server):
     robot.ros.spin_until(
         lambda: robot.map_node.count_subscribers("/surface_slam/surface_map"), what="the client"
     )
@@ -84,9 +84,9 @@ def test_without_the_node_the_reason_is_told(robot, server):
 
 
 def test_an_agent_drives_to_a_table_and_back_and_a_call_given_up_stops(robot, server, drive):
-    told = ask(robot, server, "approach", surface_id=1, gap_m=0.08)
-    assert not told.is_error, told.content
-    there = told.structured_content["approach"]
+    answer = ask(robot, server, "approach", surface_id=1, gap_m=0.08)
+    assert not answer.is_error, answer.content
+    there = answer.structured_content["approach"]
     gap, _ = robot.base.true_figures()
     assert (there["surface_id"], there["has_moved"]) == (1, True)
     assert there["gap_m"] == pytest.approx(gap, abs=0.01)

@@ -14,7 +14,7 @@ from tccm_ros.nodes.qos import latched_qos
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
 
-def test_a_question_that_nobody_can_answer_or_that_is_none_is_told_at_once(ros):
+def test_unanswerable_or_malformed_query_is_an_error_at_once(ros):
     from tccm_interfaces.msg import SurfaceFilter
 
     from tccm_ros.client import RequestError, SurfaceMapClient

@@ -181,7 +181,7 @@ def test_scans_that_come_during_a_pause_are_counted_and_no_fault(ros):
     assert used == node.inputs.counts()["/tilt_scan"]
 
 
-def test_an_input_whose_messages_are_refused_is_an_error_until_they_are_used(ros):
+def test_input_with_refused_messages_is_an_error_until_they_are_used(ros):
     """Of the level laser nothing is used, and each kind is told; then one is over."""
     node, statuses, robot = tccm(ros), Statuses(ros), ros.robot()
     clock_s = [100.0]

@@ -53,7 +53,7 @@ def test_an_error_in_a_callback_does_not_end_the_intake(ros, heard):
     assert [str(error) for error in errors] == ["bad"]
 
 
-def test_what_is_added_while_it_runs_counts_from_the_next_start(ros, heard):
+def test_timer_added_while_running_counts_from_the_next_start(ros, heard):
     intake, got, _, _ = heard
     other = ros.add(Node("other", context=ros.another_context()))
     intake.add_timer(

@@ -24,7 +24,7 @@ def test_figures_do_not_make_another_kind():
     assert kind_of("point_step 20, expected 32") == kind_of("point_step 8, expected 32.5")
 
 
-def test_each_kind_is_said_at_once_and_once_a_minute():
+def test_each_kind_is_logged_at_once_and_once_a_minute():
     found, said, clock = refusals()
     for step in (20, 24):
         found.note("points", MessageError(f"point_step {step}"))
@@ -36,7 +36,7 @@ def test_each_kind_is_said_at_once_and_once_a_minute():
     assert found.counts["points"] == 4
 
 
-def test_refusals_of_the_last_seconds_are_a_problem_and_an_error_where_nothing_is_used():
+def test_recent_refusals_are_a_warning_or_an_error_if_nothing_is_used():
     found, _, clock = refusals()
     assert found.problem("points") is None
     for step in (20, 24):

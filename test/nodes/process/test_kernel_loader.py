@@ -40,7 +40,7 @@ class Held:
             return tccm(ros, **values)
 
 
-def test_what_comes_before_the_kernels_are_loaded_is_used_afterwards(ros, monkeypatch, capfd):
+def test_records_before_the_kernels_are_loaded_are_used_afterwards(ros, monkeypatch, capfd):
     held = Held(monkeypatch)
     node, robot = held.node(ros, monkeypatch), ros.robot()
     records = list(recording(4))
@@ -61,7 +61,7 @@ def test_what_comes_before_the_kernels_are_loaded_is_used_afterwards(ros, monkey
         assert word in line
 
 
-def test_what_does_not_fit_is_counted(ros, monkeypatch):
+def test_records_beyond_the_queue_are_counted(ros, monkeypatch):
     monkeypatch.setattr(shared_robot, "MAX_EARLY", 30)
     held = Held(monkeypatch)
     node, robot = held.node(ros, monkeypatch), ros.robot()
@@ -75,7 +75,7 @@ def test_what_does_not_fit_is_counted(ros, monkeypatch):
     ros.spin_until(lambda: node.kernels.is_done)
 
 
-def test_the_ready_line_names_what_is_waited_for(ros, capfd):
+def test_ready_line_names_the_awaited_inputs(ros, capfd):
     tccm(ros)
     line = next(t for t in capfd.readouterr().err.splitlines() if "ready" in t)
     assert "waits for /tilt_scan, /odom, /joint_states" in line

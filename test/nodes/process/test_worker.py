@@ -17,7 +17,7 @@ def test_jobs_run_in_order_and_errors_are_reported():
     assert [type(error) for error in errors] == [ZeroDivisionError]
 
 
-def test_a_full_queue_drops_what_may_be_dropped(monkeypatch):
+def test_full_queue_drops_only_droppable_items(monkeypatch):
     monkeypatch.setattr(module, "BACKLOG", 3)
     gate, done = threading.Event(), []
     worker = Worker("probe", lambda error: None)

@@ -19,7 +19,7 @@ from tccm_interfaces.msg import Localisation
 from tccm_interfaces.srv import SetPose
 
 
-def told(x, y, yaw, frame="map"):
+def supplied(x, y, yaw, frame="map"):
     message = PoseWithCovarianceStamped()
     message.header.frame_id = frame
     message.pose.pose.position.x, message.pose.pose.position.y = x, y
@@ -28,29 +28,29 @@ def told(x, y, yaw, frame="map"):
     return message
 
 
-def test_a_pose_without_covariance_is_a_rough_guess_and_one_in_another_frame_is_refused():
-    guess = guess_of(told(1.0, 2.0, 0.5), "map")
+def test_pose_without_covariance_is_rough_and_in_another_frame_refused():
+    guess = guess_of(supplied(1.0, 2.0, 0.5), "map")
     assert guess.pose == pytest.approx([1.0, 2.0, 0.5])
     assert np.sqrt(np.diag(guess.cov)) == pytest.approx([0.5, 0.5, np.radians(15.0)])
     with pytest.raises(FrameError, match=r"'odom'.*'map'"):
-        guess_of(told(1.0, 2.0, 0.5, "odom"), "map")
+        guess_of(supplied(1.0, 2.0, 0.5, "odom"), "map")
     with pytest.raises(FrameError, match="not finite"):
-        guess_of(told(float("nan"), 2.0, 0.5), "map")
+        guess_of(supplied(float("nan"), 2.0, 0.5), "map")
 
 
-def test_a_pose_that_is_told_is_taken_when_a_scan_fits_and_the_known_one_is_kept_until_then(ros):
+def test_supplied_pose_replaces_the_known_one_once_a_scan_fits(ros):
     node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
     states = viewer.listen(Localisation, "/surface_slam/localisation", latched=True)
     client = viewer.node.create_client(SetPose, "/surface_slam/set_pose")
-    answer = ros.call(client, SetPose.Request(pose=told(0.0, 0.0, 0.0)))
+    answer = ros.call(client, SetPose.Request(pose=supplied(0.0, 0.0, 0.0)))
     assert not answer.success
     assert "there is no map yet" in answer.message
     robot.play(recording(3, speed=0.3), node)
     ros.spin_until(lambda: states and states[-1].state == Localisation.TRACKING)
     assert states[-1].placed_by == Localisation.PLACED_BY_START
-    # It is put back to the middle of the room, and is told that to 0.1 m.
+    # It is put back to the middle of the room, and its pose is supplied to 0.1 m.
     before = len(states)
-    answer = ros.call(client, SetPose.Request(pose=told(0.1, 0.05, 0.02)))
+    answer = ros.call(client, SetPose.Request(pose=supplied(0.1, 0.05, 0.02)))
     assert (answer.success, answer.localisation.state) == (True, Localisation.TRACKING)
     start_ns = START_NS + 3_200_000_000
     robot.play(recording(1, start_ns=start_ns, speed=0.0), node)
@@ -60,7 +60,7 @@ def test_a_pose_that_is_told_is_taken_when_a_scan_fits_and_the_known_one_is_kept
             states[-1].state == Localisation.TRACKING
             and states[-1].placed_by == Localisation.PLACED_BY_REQUEST
         ),
-        what="the pose that was told",
+        what="the supplied pose",
     )
     assert {s.state for s in states[before:]} == {Localisation.TRACKING}
     assert states[-1].reason == ""
@@ -91,7 +91,7 @@ def test_a_robot_that_stands_is_found_in_a_loaded_map(ros, tmp_path):
     assert np.hypot(place.x, place.y) < 0.05
 
 
-def test_a_robot_in_a_room_that_the_map_does_not_have_begins_a_trajectory_beside_it(ros, tmp_path):
+def test_robot_in_an_unmapped_room_begins_a_trajectory_beside_the_map(ros, tmp_path):
     """By stamps: it stands for 10 s in a room; the map is that of a ring of corridors."""
     ring = SurfaceSlam(Config())
     for scan in plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 5)])).scans:

@@ -45,7 +45,7 @@ def test_an_empty_map_at_the_end_is_no_failure(saves, lines):
     assert (ending.status, ending.saved, lines) == (0, {}, ["not saved: nothing mapped"])
 
 
-def test_a_save_at_the_end_that_has_not_finished_is_a_failure_unless_there_is_an_earlier_one(saves):
+def test_unfinished_save_at_the_end_fails_without_an_earlier_one(saves):
     ending = Ending()
     saves.at_end(lambda: "map", ending, run=lambda job: None)
     assert (ending.status, ending.failed) == (1, {"slam": "the save did not finish"})

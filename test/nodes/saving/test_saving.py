@@ -111,7 +111,7 @@ def goes_on(process, seconds):
     return process.poll() is None
 
 
-# --- told to stop ---
+# --- stopped ---
 
 
 @pytest.mark.parametrize("delay_s", [0.002, 0.2])
@@ -125,7 +125,7 @@ def test_a_second_sigint_neither_aborts_nor_loses_the_map(ros, tmp_path, delay_s
     assert read_content(tmp_path / "map" / "map.mcap").keyframes
 
 
-def test_the_newest_solution_is_saved_at_once_and_a_late_signal_ends_the_wait(ros, tmp_path):
+def test_newest_solution_is_saved_at_once_and_a_late_signal_ends_the_wait(ros, tmp_path):
     """As `ros2 launch` does: SIGINT, later SIGTERM; the last solution would take forever."""
     with mapping_node(ros, tmp_path / "map") as (node, child):
         hold_solution(ros, child, tmp_path / "map")
@@ -201,7 +201,7 @@ print([node.wait() for node in nodes], flush=True)
 """What `ros2 launch` does with two nodes; launch itself is not on PyPI."""
 
 
-def test_two_terminals_a_saved_map_is_continued_and_two_presses_of_ctrl_c_save_it(ros, tmp_path):
+def test_two_presses_of_ctrl_c_save_a_continued_map(ros, tmp_path):
     """Terminal 1 launches with a saved map, terminal 2 plays, then Ctrl-C twice in terminal 1."""
     folder = tmp_path / "map"
     before, robot = slam(ros, save__directory=str(folder)), ros.robot()
@@ -267,7 +267,7 @@ def test_a_hang_up_under_nohup_ends_nothing():
     assert done.stdout.split() == ["SIGINT", "SIGTERM"]
 
 
-def test_a_solution_that_takes_long_is_left_out_at_the_end_and_that_is_said(ros, tmp_path):
+def test_slow_solution_is_left_out_at_the_end_and_reported(ros, tmp_path):
     with mapping_node(ros, tmp_path / "map") as (node, child):
         hold_solution(ros, child, tmp_path / "map")
         node.send_signal(signal.SIGINT)
@@ -305,10 +305,10 @@ HANGS = """
 import threading
 from tccm_ros.nodes.process.stopping import StopSignals
 
-told = threading.Event()
-signals = StopSignals(told.set)
+stopped = threading.Event()
+signals = StopSignals(stopped.set)
 open({start!r}, "w").close()
-told.wait()
+stopped.wait()
 signals.ending.failed["node"] = "the disk hangs"
 threading.Event().wait()
 """
@@ -348,7 +348,7 @@ def test_autosave_of_an_empty_node_saves_nothing_over_a_map(ros, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_empty_node_that_is_told_to_stop_saves_nothing_over_a_map(ros, tmp_path, number):
+def test_empty_node_saves_nothing_over_a_map_when_stopped(ros, tmp_path, number):
     folder = tmp_path / "map"
     folder.mkdir()
     (folder / "map.mcap").write_bytes(b"a map")
@@ -365,7 +365,7 @@ def test_an_empty_node_that_is_told_to_stop_saves_nothing_over_a_map(ros, tmp_pa
     assert files(folder) == before
 
 
-def test_a_map_is_not_replaced_by_one_that_holds_less_and_the_one_before_is_kept(ros, tmp_path):
+def test_map_is_not_replaced_by_a_smaller_one(ros, tmp_path):
     folder, previous = tmp_path / "map", tmp_path / "map.previous"
     node, robot = slam(ros, save__directory=str(folder)), ros.robot()
     robot.play(recording(3, speed=0.5, tilt=False), node)
@@ -453,7 +453,7 @@ def test_a_full_disk_at_the_end_leaves_the_newest_solution(ros, tmp_path, monkey
     assert read_content(tmp_path / "map" / "map.mcap") == node.solver.newest.content
 
 
-def test_a_save_after_a_drive_waits_for_what_had_come_when_it_was_asked_for(ros, tmp_path):
+def test_save_after_a_drive_waits_for_records_up_to_the_request(ros, tmp_path):
     """Scans and an IMU go on while the robot stands: what comes later is no loss."""
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
     robot.play(recording(2, tilt=False), node)
@@ -488,12 +488,12 @@ def test_a_save_does_not_wait_for_a_solution_that_takes_long(ros, tmp_path):
     assert "s of records are not in it" in answer.message
 
 
-def test_the_wait_of_a_save_is_bounded_on_a_machine_where_solutions_take_minutes():
+def test_wait_of_a_save_is_bounded_if_solutions_take_minutes():
     assert patience_s(0.5) == pytest.approx(2.2)
     assert patience_s(230.0) == 10.0
 
 
-def test_a_view_that_comes_last_and_is_older_than_what_was_solved_is_not_passed_over(ros, tmp_path):
+def test_last_view_older_than_the_solution_is_solved(ros, tmp_path):
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
     robot.play(recording(2, tilt=False), node)
     assert trigger(ros, "/surface_slam/save_map").success
@@ -549,7 +549,7 @@ def test_an_answer_of_the_worker_wakes_its_executor(ros, tmp_path):
 
 
 @pytest.mark.parametrize("is_time_standing", [False, True])
-def test_what_came_last_is_solved_when_input_has_ended(ros, is_time_standing):
+def test_last_records_are_solved_after_the_end_of_input(ros, is_time_standing):
     """Also where nobody publishes /clock, and ROS time stands."""
     node, robot = slam(ros, use_sim_time=is_time_standing), ros.robot()
     robot.play(recording(1, tilt=False), node)

@@ -163,8 +163,8 @@ def test_any_request_gets_an_answer_and_writes_nowhere_else(ros, tmp_path):
     def ask(request):
         kind, fields = request
         robot.play(itertools.islice(records, RECORDS), tilt_node, node, until_done=False)
-        told = answer(asker, kind, fields)
-        assert told.success or (told.message and "\n" not in told.message)
+        reply = answer(asker, kind, fields)
+        assert reply.success or (reply.message and "\n" not in reply.message)
         assert outside(tmp_path, maps) == before
         assert not list(other.iterdir())
 

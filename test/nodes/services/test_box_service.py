@@ -138,7 +138,7 @@ def test_a_map_that_was_forgotten_answers_no_more(asking):
         ({"w": 0.0}, "the box"),
     ],
 )
-def test_what_is_no_box_is_refused_with_a_sentence(asking, wrong, sentence):
+def test_invalid_box_is_refused_with_a_sentence(asking, wrong, sentence):
     asking.processor.add(FIRST)
     answer = asking.ask(**wrong)
     assert (answer.success, sentence in answer.message) == (False, True), answer.message

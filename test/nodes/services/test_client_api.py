@@ -113,7 +113,7 @@ def test_each_change_is_published_once(offering):
 
 
 @needs_interfaces
-def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(offering):
+def test_after_a_reset_queries_find_nothing_and_the_next_map_begins(offering):
     for number, is_map_loaded, events in ((2, False, 1), (3, False, 2), (4, True, 2)):
         offering.client_api.forget(is_map_loaded=is_map_loaded)
         kind = service_class("FindSurfaces")
@@ -125,7 +125,7 @@ def test_a_map_that_is_forgotten_answers_nothing_and_the_next_one_begins_anew(of
     assert list(offering.client_api.problems()) == []
 
 
-def test_planners_get_the_scene_after_the_newest_view_and_queries_that_of_the_solution(offering):
+def test_planners_get_the_newest_scene_and_queries_that_of_the_solution(offering):
     shown, cup = [], SceneObject(3, 4, np.zeros(3), np.ones(3), 0.0)
     offering.client_api._boxes = SimpleNamespace(publish=shown.append)
     solution = offering.receive(4, TABLE)
@@ -137,7 +137,7 @@ def test_planners_get_the_scene_after_the_newest_view_and_queries_that_of_the_so
     assert shown == [newer, newer]
 
 
-def test_without_the_package_solutions_are_shown_and_what_is_missing_is_said(monkeypatch):
+def test_missing_interfaces_are_reported_and_solutions_are_shown(monkeypatch):
     monkeypatch.setattr(client_api, "has_interfaces", lambda: False)
     monkeypatch.setattr(client_api, "missing_interfaces", lambda: MISSING)
     monkeypatch.setattr("tccm_ros.nodes.services.collision.has_interfaces", lambda: False)

@@ -61,12 +61,12 @@ def scene(stamp_ns, *surfaces, objects=()) -> Scene:
     return Scene(stamp_ns, "map", 0.0, tuple(objects), None, known)
 
 
-def test_surfaces_and_objects_are_shown_and_what_has_left_is_removed(publisher):
+def test_surfaces_and_objects_are_added_and_removed(publisher):
     objects = objects_of(publisher)
     objects.publish(scene(1, FLOOR, TABLE, SHELF, objects=[CUP]))
     objects.publish(scene(2, FLOOR, SHELF))
-    told = [(m.id, m.operation, m.header.stamp.nanosec) for m in publisher.messages]
-    assert told == [
+    published = [(m.id, m.operation, m.header.stamp.nanosec) for m in publisher.messages]
+    assert published == [
         ("tccm_surface_4", ADD, 1),
         ("tccm_surface_7", ADD, 1),
         ("tccm_object_3", ADD, 1),
@@ -91,18 +91,18 @@ def test_a_late_listener_gets_all(ros):
 
 
 @pytest.mark.skipif(not is_installed(PLANNING_SCENE), reason="moveit_msgs has no PlanningScene")
-def test_a_solution_is_a_diff_of_its_stamp_and_all_of_it_for_a_new_listener():
+def test_solution_is_published_as_a_diff_and_whole_to_new_listeners():
     scenes = Publisher()
     objects = CollisionObjects(node_of(planning_scene=scenes), TYPES)
     objects.publish(scene(1, FLOOR, TABLE, SHELF, objects=[CUP]))
     objects.publish(scene(2, FLOOR, TABLE, SHELF, objects=[CUP]))
     assert len(scenes.messages) == 1, "nothing has changed"
     objects.publish(scene(3, FLOOR, SHELF))
-    told = [
+    published = [
         (o.id, o.operation, o.header.stamp.nanosec)
         for o in scenes.messages[-1].world.collision_objects
     ]
-    assert told == [("tccm_object_3", REMOVE, 3), ("tccm_surface_4", REMOVE, 3)]
+    assert published == [("tccm_object_3", REMOVE, 3), ("tccm_surface_4", REMOVE, 3)]
     scenes.listeners = 2
     objects.publish(scene(4, FLOOR, SHELF))
     (shelf,) = scenes.messages[-1].world.collision_objects

@@ -70,8 +70,8 @@ def test_the_mask_of_the_keepout_filter_is_that_of_each_solution(ros):
     assert again[-1].data == mask.data
 
 
-def test_the_vector_object_server_is_told_of_moves_and_of_what_is_gone(ros):
-    told = ros.add(Node("surface_slam", context=ros.another_context()))
+def test_vector_object_server_receives_moves_and_removals(ros):
+    publisher = ros.add(Node("surface_slam", context=ros.another_context()))
     server = ros.add(Node("vector_object_server", context=ros.another_context()))
     added, removed = [], []
 
@@ -85,7 +85,7 @@ def test_the_vector_object_server_is_told_of_moves_and_of_what_is_gone(ros):
 
     server.create_service(services.AddShapes, "~/add_shapes", answer(added))
     server.create_service(services.RemoveShapes, "~/remove_shapes", answer(removed))
-    shapes = VectorShapes(told, RosidlMessages())
+    shapes = VectorShapes(publisher, RosidlMessages())
     ros.spin_until(lambda: shapes._add.service_is_ready() and shapes._remove.service_is_ready())
     shapes.send(scene(FLOOR, TABLE, SHELF))
     ros.spin_until(lambda: len(added) == 1)
@@ -108,7 +108,7 @@ def test_without_the_server_nothing_is_sent(ros):
     assert shapes._shown == {}
 
 
-def test_the_mask_follows_what_is_carried_away(ros):
+def test_mask_follows_removed_surfaces(ros):
     """The stool of the walkthrough is carried away after 12.3 s; its table stays."""
     tilt_node, node = tccm(ros), slam(ros)
     masks = Listener(ros).listen(OccupancyGrid, "/surface_slam/keepout_mask", latched=True)

@@ -89,6 +89,6 @@ def test_the_odometry_frame_is_itself_and_a_leading_slash_is_ignored():
         ((model(), odometry()), "torso", "nothing was heard of a joint"),
     ],
 )
-def test_what_is_not_known_is_said(records, frame, said):
+def test_unknown_frames_are_reported(records, frame, said):
     with pytest.raises(FrameError, match=said):
         known(*records).T_odom_frame(frame)

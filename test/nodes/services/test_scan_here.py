@@ -103,7 +103,7 @@ def test_a_view_is_taken_and_has_the_table_where_it_stands(world):
     assert "surfaces were measured" in result.message
 
 
-def test_the_answer_has_what_this_view_measured_and_nothing_else(world):
+def test_answer_has_measurements_of_this_view_alone(world):
     head, viewer = world()
     assert viewer.ask()[1].surfaces.surfaces
     status, result = viewer.ask(min_tilt=-0.8, max_tilt=0.0, max_velocity=0.5)
@@ -140,7 +140,7 @@ def test_a_base_that_does_not_stand_is_waited_for_and_no_longer(world):
     assert set(viewer.phases) == {WAITING}
 
 
-def test_a_robot_that_moves_meanwhile_is_said(world):
+def test_motion_during_the_scan_is_reported(world):
     head, viewer = world()
     head.moving_speed = 0.01
     status, result = viewer.ask()
@@ -148,7 +148,7 @@ def test_a_robot_that_moves_meanwhile_is_said(world):
     assert "the robot has moved while the view was taken" in result.message
 
 
-def test_a_controller_that_refuses_or_fails_is_said(world):
+def test_controller_that_refuses_or_fails_is_reported(world):
     head, viewer = world()
     head.refuses = True
     status, result = viewer.ask()
@@ -160,7 +160,7 @@ def test_a_controller_that_refuses_or_fails_is_said(world):
     assert "the joint is blocked (error_code -4, status 6)" in result.message
 
 
-def test_no_controller_is_said(world, monkeypatch):
+def test_missing_controller_is_reported(world, monkeypatch):
     _, viewer = world(controller="")
     monkeypatch.setattr("tccm_ros.nodes.services.joint_mover.ANSWER_S", 0.5)
     status, result = viewer.ask()
@@ -168,7 +168,7 @@ def test_no_controller_is_said(world, monkeypatch):
     assert "nobody offers the action 'head_controller/follow_joint_trajectory'" in result.message
 
 
-def test_goals_that_make_no_sense_are_said(world):
+def test_invalid_goals_are_reported(world):
     _, viewer = world()
     for fields, word in (
         ({"min_tilt": 1.0, "max_tilt": 0.5}, "min_tilt is 1, above max_tilt, 0.5"),
@@ -184,7 +184,7 @@ def test_goals_that_make_no_sense_are_said(world):
 @pytest.mark.parametrize(
     ("joint", "word"), [("", "set frames.tilt_joint"), ("neck", "joints heard: tilt")]
 )
-def test_a_joint_that_is_not_known_is_said(world, joint, word):
+def test_unknown_joint_is_reported(world, joint, word):
     _, viewer = world(frames__tilt_joint=joint)
     status, result = viewer.ask()
     assert status == ABORTED

@@ -29,7 +29,7 @@ def read():
     reader.close()
 
 
-def test_it_measures_what_a_replay_measures(read):
+def test_live_sign_measurements_equal_those_of_a_replay(read):
     reader, given = read
     pictures = [
         posed(wall_with(number), START + k * 10**9) for k, number in enumerate(("317", "5B"))
@@ -74,7 +74,7 @@ def test_a_process_that_dies_is_started_again(read):
     assert sum(reader.dropped.values()) == 1
 
 
-def test_what_was_read_before_the_map_began_anew_is_not_given(read):
+def test_signs_read_before_a_map_reset_are_dropped(read):
     reader, given = read
     reader.offer(posed(wall_with("317"), START))
     reader.begin()

@@ -30,17 +30,17 @@ def with_pictures(records, pixels, every=10):
             yield "camera/image_raw", image
 
 
-def told_offline(records):
+def offline_events(records):
     """Return what pictures tell the map of a replay: the same records, without nodes."""
-    pipeline, told = Pipeline(Config(), expects_odometry=True), []
+    pipeline, events = Pipeline(Config(), expects_odometry=True), []
     urdf = URDF.format(p="", kind="revolute")
     pipeline.add("robot_description", RobotDescription(urdf))
     take = pipeline.slam.add
-    pipeline.slam.add = lambda event: (told.append(event), take(event))[1]
+    pipeline.slam.add = lambda event: (events.append(event), take(event))[1]
     for topic, record in records:
         pipeline.add(topic, record)
     pipeline.finish()
-    return [event for event in told if type(event) in (SearchedPicture, SignMeasurement)]
+    return [event for event in events if type(event) in (SearchedPicture, SignMeasurement)]
 
 
 def content(event):
@@ -68,7 +68,7 @@ def test_signs_of_pictures_are_fed_to_the_solver_as_in_a_replay(ros, monkeypatch
     assert node.processor.counts["level scans"] > 10
     # What the solver makes of it is a function of the records: live equals offline from here on.
     live = [event for event in fed if type(event) in (SearchedPicture, SignMeasurement)]
-    offline = told_offline(with_pictures(recording(2), wall_with("317")))
+    offline = offline_events(with_pictures(recording(2), wall_with("317")))
     assert len(live) == 2 * len(signs)
     assert [content(event) for event in live] == [content(event) for event in offline]
 

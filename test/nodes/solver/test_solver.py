@@ -80,13 +80,13 @@ def solved(solver) -> Solved:
     return solver.newest
 
 
-def test_an_answer_that_cannot_be_used_is_told_and_the_next_one_is_taken(drive):
+def test_unusable_answer_is_reported_and_the_next_one_is_taken(drive):
     events, _ = drive
-    numbers, told, is_second = [], [], threading.Event()
+    numbers, errors, is_second = [], [], threading.Event()
 
     def take(answer):
         if isinstance(answer, Failed):
-            told.append(answer.error)
+            errors.append(answer.error)
         elif isinstance(answer, Solved):
             numbers.append(answer.number)
             if len(numbers) == 1:
@@ -101,7 +101,7 @@ def test_an_answer_that_cannot_be_used_is_told_and_the_next_one_is_taken(drive):
                 solver.add(event)
             assert solver.wait(solver.solve(TOPICS), PATIENCE_S)
         assert is_second.wait(PATIENCE_S)
-        assert told == ["ValueError: other fields"]
+        assert errors == ["ValueError: other fields"]
     finally:
         solver.close()
 
@@ -153,7 +153,7 @@ def test_it_saves_the_bytes_of_the_processor_also_after_it_was_killed(drive, sol
     assert files(tmp_path / "live") == files(tmp_path / "offline")
 
 
-def test_what_killed_it_too_often_is_said_and_the_newest_solution_stays(drive, solver, tmp_path):
+def test_repeated_deaths_are_reported_and_the_newest_solution_stays(drive, solver, tmp_path):
     events, _ = drive
     for event in events:
         solver.add(event)
@@ -176,9 +176,7 @@ def test_what_killed_it_too_often_is_said_and_the_newest_solution_stays(drive, s
     assert load_map(tmp_path / "map.mcap").views
 
 
-def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
-    drive, solver, tmp_path
-):
+def test_map_is_loaded_and_a_damaged_one_leaves_the_session_unchanged(drive, solver, tmp_path):
     events, slam = drive
     write_map(tmp_path, slam, slam.solve())
     for event in events:
@@ -220,7 +218,7 @@ def test_a_map_that_is_loaded_at_the_start_is_answered_by_its_own_session(drive,
         solver.close()
 
 
-def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(solver, tmp_path):
+def test_trajectory_beside_the_map_is_reported_and_equals_a_replay(solver, tmp_path):
     """The map is that of a ring of corridors; the robot drives 3 m in a room."""
     ring = SurfaceSlam(Config())
     for scan in plan.drive(plan.ring(), plan.route([(0, 0), (12, 0), (12, 5)])).scans:
@@ -234,9 +232,9 @@ def test_a_new_trajectory_beside_the_map_is_told_and_has_the_bytes_of_a_replay(s
         solver.add(scan)
     assert slam.wall_slam.is_unjoined
     found = solved(solver)
-    told = [a for a in solver.answers if isinstance(a, Localised)]
-    assert [(a.map is not None, "beside the map" in a.waits_for) for a in told][-1] == (True, True)
-    assert told[-1].map.is_unjoined
+    localised = [a for a in solver.answers if isinstance(a, Localised)][-1]
+    assert "beside the map" in localised.waits_for
+    assert localised.map.is_unjoined
     assert found.map.is_localised
     assert found.map.is_unjoined
     write_map(tmp_path / "offline", slam, slam.solve())
@@ -256,7 +254,7 @@ def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):
     assert not [a for a in solver.answers if not solver.is_of_session(a)]
 
 
-def test_what_is_final_is_solved_again_where_the_newest_solution_is_no_batch(drive, solver):
+def test_final_solution_is_a_batch_if_the_newest_one_is_not(drive, solver):
     for event in drive[0][:50]:
         solver.add(event)
     first = solved(solver)

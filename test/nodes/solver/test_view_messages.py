@@ -41,9 +41,7 @@ def test_a_node_asks_for_no_solution_between_them(ros, monkeypatch):
     assert len(asked) == 1
 
 
-def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_scans_go_on(
-    ros, monkeypatch
-):
+def test_late_views_of_a_stationary_robot_are_solved(ros, monkeypatch):
     monkeypatch.setattr("tccm_ros.nodes.solver.schedule.PATIENCE_S", 0.0)
     monkeypatch.setattr("tccm_ros.nodes.solver.schedule.PERIOD_S", 0.0)
     node, asked = slam(ros), []

@@ -39,7 +39,7 @@ def error_of(factor, pose, plane):
 
 
 @pytest.mark.parametrize("phi", PHIS)
-def test_the_error_of_a_wall_is_its_mahalanobis_distance_in_every_direction(phi):
+def test_error_of_a_wall_is_its_mahalanobis_distance_at_any_angle(phi):
     """Also dead ahead and at right angles, where GTSAM's tangent basis flips."""
     key = keyframe_key(0, yaw_offset_for(np.array([phi])))
     yc, v_phi, v_perp = 1.2, 0.02**2, 0.01**2

@@ -70,7 +70,7 @@ def histories(draw):
 
 @given(histories())
 @settings(max_examples=25, deadline=None)
-def test_it_is_the_batch_of_what_it_has(history):
+def test_incremental_solution_equals_the_batch_solution(history):
     """With all rounds that robust factors take: elsewhere the next solution goes on with them."""
     steps, seed = history
     random = np.random.default_rng(seed)
@@ -165,7 +165,7 @@ def plane_of(factors):
     return batch.plane(wall_key(0))
 
 
-def test_a_covariance_is_computed_again_when_its_variable_has_many_more_factors():
+def test_covariance_is_recomputed_after_many_new_factors():
     kept, _, random = small_graph()
     before = kept.solution().covariance(wall_key(0))
     kept.update(by_variables([wall_seen(0, 0, random) for _ in range(8)], "seen"), {})

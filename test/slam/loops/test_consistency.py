@@ -64,7 +64,7 @@ def test_graduated_non_convexity_drops_the_wrong_half_of_the_loop_closures(seed)
     assert np.hypot(*error[:, :2].T).max() < 0.1
 
 
-def test_a_proposal_that_is_uncertain_along_a_corridor_confirms_no_position():
+def test_proposal_uncertain_along_a_corridor_confirms_no_position():
     """It is consistent with others like it across the corridor; along it, any of them are."""
     truth, _, _, path = two_laps(drift=0.0)
     made, _ = loops(truth, 0.0)

@@ -87,7 +87,7 @@ def test_where_a_scan_fits_at_several_places_twice_as_much_is_needed():
     assert searches([(ambiguous, LOW), *sure]) == 1, "an ambiguous poor match tells nothing"
 
 
-def test_a_robot_that_sees_through_the_walls_of_a_similar_room_is_not_there():
+def test_place_whose_walls_the_robot_sees_through_is_refused():
     """The map's room has the same outline and a wall across; the robot would see through it."""
     outline, niche = plan.box(0.0, 0.0, 7.0, 4.5), plan.box(2.0, 0.0, 2.8, 0.6)
     across = np.array([[[4.6, 1.2], [4.6, 3.4]]])

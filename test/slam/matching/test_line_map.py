@@ -60,7 +60,7 @@ def test_a_point_is_left_out_where_an_earlier_one_on_its_side_is_near(seed):
 
 
 @given(SEEDS)
-def test_a_point_is_confirmed_by_what_another_scan_saw_of_its_surface(seed):
+def test_point_is_confirmed_by_another_scan_of_its_surface(seed):
     seen = random_points(seed)
     chosen = np.random.default_rng(seed).permutation(len(seen.points))[:80]
     points, normals, scan = (field[chosen] for field in seen)

@@ -57,7 +57,7 @@ def brute_force(grid, points, centre, half, yaw_steps, step):
 
 @pytest.mark.parametrize("centre", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.2), (2.0, 2.0, 1.0)])
 @pytest.mark.parametrize("with_rays", [False, True])
-def test_branch_and_bound_finds_what_an_exhaustive_search_finds(centre, with_rays):
+def test_branch_and_bound_equals_exhaustive_search(centre, with_rays):
     lines, _, _ = room_map()
     rays = (np.zeros_like(lines.points), lines.points) if with_rays else None
     grid = make_likelihood_grid(lines.points, rays=rays)
@@ -208,7 +208,7 @@ def test_the_points_of_a_single_scan_are_not_confirmed():
     assert not make_line_map(np.zeros((1, 3)), [scan]).confirmed.any()
 
 
-def test_samples_of_a_surface_that_is_seen_under_a_small_angle_get_its_normal():
+def test_samples_of_a_surface_at_a_grazing_angle_get_its_normal():
     """They move with the robot: as positions, they would say that it stands."""
     bearings = np.radians(np.arange(2.0, 60.0, 0.5))
     wall = np.stack([1.0 / np.tan(bearings), np.ones(len(bearings))], axis=1)
@@ -218,7 +218,7 @@ def test_samples_of_a_surface_that_is_seen_under_a_small_angle_get_its_normal():
     assert np.all(normals[:, 1] < -0.98)
 
 
-def test_a_small_object_is_a_position_and_an_edge_behind_another_is_left_out():
+def test_small_object_is_a_position_and_an_occluded_edge_is_left_out():
     step = np.radians(0.5)
     bearings = np.arange(-60, 61) * step
     ranges = 4.0 / np.cos(bearings)

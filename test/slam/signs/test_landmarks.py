@@ -22,11 +22,11 @@ ROUTE = two_laps()
 HALF_LAP = [(0, 0), (20, 0), (20, 4)]
 
 
-def slam_of(run, told=()):
+def slam_of(run, measurements=()):
     slam = WallSlam(Config())
     for scan in run.scans:
         slam.add_scan(scan)
-    for sign in told:
+    for sign in measurements:
         slam.add_sign(sign)
     return slam
 
@@ -43,13 +43,13 @@ def laps():
 
 
 @pytest.fixture(scope="module")
-def told(laps):
+def measurements(laps):
     return Pictures(PLATES, WALLS, misread=one_digit_in_ten).along(ROUTE, laps.stamps_ns, seed=1)
 
 
 @pytest.fixture(scope="module")
-def mapped(laps, told):
-    slam = slam_of(laps, told)
+def mapped(laps, measurements):
+    slam = slam_of(laps, measurements)
     return slam, slam.solve()
 
 
@@ -103,9 +103,9 @@ def test_signs_are_landmarks_of_the_graph(mapped):
         assert marks[sign.id].observations == len(sign.views)
 
 
-def test_the_order_of_arrival_does_not_change_signs(laps, told, mapped):
+def test_the_order_of_arrival_does_not_change_signs(laps, measurements, mapped):
     slam = WallSlam(Config())
-    for sign in told[::-1]:
+    for sign in measurements[::-1]:
         slam.add_sign(sign)
     for scan in laps.scans:
         slam.add_scan(scan)
@@ -115,7 +115,7 @@ def test_the_order_of_arrival_does_not_change_signs(laps, told, mapped):
         assert (a.id, a.number, len(a.views)) == (b.id, b.number, len(b.views))
 
 
-def test_without_walls_and_matching_signs_correct_odometry(laps, told):
+def test_without_walls_and_matching_signs_correct_odometry(laps, measurements):
     """Odometry turns by 12 mrad/m: it is metres off after two laps. Signs alone hold the map."""
     config = Config()
     config.matching.enabled = config.loops.enabled = config.walls.enabled = False
@@ -123,7 +123,7 @@ def test_without_walls_and_matching_signs_correct_odometry(laps, told):
     for scan in laps.scans:
         blind.add_scan(scan)
     assert blind.solve().signs == ()
-    for sign in told:
+    for sign in measurements:
         blind.add_sign(sign)
     assert all(sign.wall is None for sign in blind.solve().signs)
 
@@ -189,7 +189,7 @@ def test_a_number_that_is_carried_along_is_no_sign(half):
     assert len(signs) == 5
 
 
-def test_a_plate_straight_ahead_is_no_landmark_before_its_parallax_tells_where(half):
+def test_plate_straight_ahead_is_no_landmark_without_parallax(half):
     """The plate at the end of the corridor: the robot comes towards it, then turns away from it."""
     route, run = half
     ahead = Plate("300", (20.98, 0.0, 1.1), np.pi)
@@ -231,7 +231,7 @@ def test_a_renamed_plate_bends_nothing(laps):
     assert len(one.signs) == 10
 
 
-def test_a_wrong_association_in_a_saved_map_bends_nothing(laps, told, mapped):
+def test_a_wrong_association_in_a_saved_map_bends_nothing(laps, measurements, mapped):
     """Views of one sign have the id of another: association begins with rays, and finds it."""
     state = mapped[0].saved()
     wrong = {**state, "sign_id": state["sign_id"].copy()}

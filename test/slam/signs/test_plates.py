@@ -28,7 +28,7 @@ def test_size_and_tilt_are_those_on_the_wall(tilt):
     assert plate.tilt == pytest.approx(tilt)
 
 
-def test_a_view_along_the_wall_and_unknown_corners_tell_nothing():
+def test_view_along_the_wall_or_without_corners_gives_no_pose():
     corners = rays(0.2, 0.12)
     corners[0] = np.nan
     assert plate_on_wall(POSITION, NORMAL, ORIGINS, corners).size == pytest.approx([0.2, 0.12])
@@ -53,6 +53,6 @@ def test_a_view_along_the_wall_and_unknown_corners_tell_nothing():
         (1.5, 0.2, 1.57, "its lines are at 90 deg to the horizontal"),
     ],
 )
-def test_what_is_no_plate_has_a_reason(z, width, tilt, reason):
+def test_refused_plates_have_a_reason(z, width, tilt, reason):
     plate = PlateOnWall(np.array([width, 0.5 * width]), tilt)
     assert misplacement(np.array([2.0, 3.0, z]), plate) == reason

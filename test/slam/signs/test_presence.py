@@ -32,12 +32,12 @@ FIRST = slice(0, len(ROUTE) // 3)
 REST = slice(len(ROUTE) // 3, None)
 
 
-def signs_of(told, *, with_pictures=True):
+def signs_of(measurements, *, with_pictures=True):
     """Return the signs of a drive along the corridor, there, back and there again."""
     slam = WallSlam(Config())
     for pose, stamp in zip(ROUTE, STAMPS.tolist()):
         slam.add_odometry(stamp, spatial(pose))
-    for sign in told:
+    for sign in measurements:
         slam.add_sign(sign)
     if with_pictures:
         for picture in Pictures([], WALLS).searched(ROUTE, STAMPS):
@@ -61,9 +61,9 @@ def test_signs_that_are_there_stay_though_many_pictures_miss_them(found):
 
 def test_a_sign_that_was_taken_away_goes():
     rest = [p for p in CORRIDOR if p.number != "205"]
-    told = [*seen(CORRIDOR, FIRST), *seen(rest, REST, seed=2)]
-    assert signs_of(told) == places(rest)
-    assert signs_of(told, with_pictures=False) == places(CORRIDOR)
+    measurements = [*seen(CORRIDOR, FIRST), *seen(rest, REST, seed=2)]
+    assert signs_of(measurements) == places(rest)
+    assert signs_of(measurements, with_pictures=False) == places(CORRIDOR)
 
 
 def test_a_sign_that_moved_leaves_its_old_place():
@@ -77,15 +77,19 @@ def test_a_sign_that_is_read_again_after_it_was_hidden_stays():
     third = slice(2 * len(ROUTE) // 3, None)
     middle = slice(len(ROUTE) // 3, 2 * len(ROUTE) // 3)
     rest = [p for p in CORRIDOR if p.number != "205"]
-    told = [*seen(CORRIDOR, FIRST), *seen(rest, middle, seed=2), *seen(CORRIDOR, third, seed=3)]
-    assert signs_of(told) == places(CORRIDOR)
+    measurements = [
+        *seen(CORRIDOR, FIRST),
+        *seen(rest, middle, seed=2),
+        *seen(CORRIDOR, third, seed=3),
+    ]
+    assert signs_of(measurements) == places(CORRIDOR)
 
 
 def test_a_row_of_a_list_that_is_read_now_and_then_is_no_sign():
     row = Plate("55", (7.0, -0.98, 1.5), np.pi / 2)
-    told = [*seen(CORRIDOR), *seen([row], seed=3, found=1.0)[::4]]
-    assert signs_of(told, with_pictures=False) == places([*CORRIDOR, row])
-    assert signs_of(told) == places(CORRIDOR)
+    measurements = [*seen(CORRIDOR), *seen([row], seed=3, found=1.0)[::4]]
+    assert signs_of(measurements, with_pictures=False) == places([*CORRIDOR, row])
+    assert signs_of(measurements) == places(CORRIDOR)
 
 
 def looks(read, stamps_s=None, height_class=0):
@@ -109,7 +113,7 @@ def test_the_probability_of_a_reading_is_counted_over_the_other_signs():
     assert probability[1:].tolist() == [PRIOR_PROBABILITY] * len(HEIGHTS)
 
 
-def test_misses_after_the_last_reading_tell_that_a_sign_was_taken_away():
+def test_misses_after_the_last_reading_remove_a_sign():
     p = np.full(len(HEIGHTS) + 1, 0.5)
     enough = int(np.ceil(np.log(MAX_PRESENCE_RATIO) / np.log(0.5)))
     later = [0, 1, *range(100, 100 + enough)]

@@ -36,10 +36,10 @@ def drive(slam, path, plates, *, seed, start_ns=2 * 10**18, **options):
     building = buildings.Building(OFFICES.walls, OFFICES.glass, path)
     run = buildings.drive(building, ROBOT, seed=seed, start_ns=start_ns)
     poses = plan.route(path, step=ROBOT.step, yaw_step=ROBOT.yaw_step)
-    told = Pictures(plates, OFFICES.walls, **options).along(poses, run.stamps_ns, seed=seed)
+    measurements = Pictures(plates, OFFICES.walls, **options).along(poses, run.stamps_ns, seed=seed)
     for scan in run.scans:
-        while told and told[0].stamp_ns <= scan.scan.stamp_ns:
-            slam.add_sign(told.pop(0))
+        while measurements and measurements[0].stamp_ns <= scan.scan.stamp_ns:
+            slam.add_sign(measurements.pop(0))
         found = slam.add_scan(scan)
     first = plan.matrix((*OFFICES.route[0], 0.0))
     return found.pose, plan.planar(np.linalg.inv(first) @ plan.matrix(poses[-1]))
@@ -70,7 +70,7 @@ def test_with_signs_a_robot_finds_its_place_and_without_it_is_never_wrong(saved,
     assert not found or away < NEAR, "only where the end of the corridor tells"
 
 
-def test_the_sign_that_placed_a_robot_is_told(saved):
+def test_sign_that_localised_the_robot_is_reported(saved):
     """By its id in the saved map."""
     slam = WallSlam.from_saved(Config(), saved)
     assert slam.placed_by_sign == -1
@@ -115,9 +115,9 @@ def test_a_text_does_not_place_a_robot_where_the_walls_are_others(saved):
     walls, plates = plan.ring(), [Plate("105", (4.0, -0.98, 1.5), np.pi / 2)]
     slam, route = WallSlam.from_saved(Config(), saved), plan.route([(0, 0), (12, 0), (12, 5)])
     run = plan.drive(walls, route, seed=3, start_ns=2 * 10**18)
-    told = Pictures(plates, walls).along(route, run.stamps_ns, seed=3, period=0.2)
-    assert len(told) >= 3
-    for sign in told:
+    measurements = Pictures(plates, walls).along(route, run.stamps_ns, seed=3, period=0.2)
+    assert len(measurements) >= 3
+    for sign in measurements:
         slam.add_sign(sign)
     for scan in run.scans:
         slam.add_scan(scan)

@@ -56,14 +56,14 @@ def test_the_point_of_the_majority_is_found_among_rays_to_other_points():
     assert np.allclose(found.position, point, atol=0.03)
 
 
-def test_rays_without_parallax_tell_no_point():
+def test_rays_without_parallax_have_no_intersection():
     """A robot that comes straight towards a plate sees it under one angle."""
     towards = np.column_stack([np.linspace(0, 1.5, 8), np.zeros(8), np.ones(8)])
     rays = rays_to([[5.0, 0.2, 1.0]] * 8, towards, np.random.default_rng(2))
     assert consensus(rays, 2) is None
 
 
-def test_rays_that_never_meet_tell_no_point():
+def test_rays_that_never_meet_have_no_intersection():
     """A number on a card that somebody carries along with the robot."""
     origins = along(8)
     rays = rays_to(origins + np.array([1.0, 1.5, 0.3]), origins, np.random.default_rng(2))

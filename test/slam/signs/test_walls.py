@@ -14,7 +14,7 @@ WALLS = WallTable(NONE, NONE, NONE, PHI, RHO, EXTENT, np.zeros(3), np.arange(3))
 EYE = np.array([3.0, 0.0, 1.1])
 
 
-def test_a_sign_is_on_the_wall_that_is_near_and_faces_who_reads_it():
+def test_sign_is_on_the_near_wall_that_faces_the_reader():
     assert wall_of_sign(np.array([4.0, 0.97, 1.5]), EYE, WALLS) == 0
     assert wall_of_sign(np.array([4.0, -1.05, 1.5]), EYE, WALLS) == 1
     assert wall_of_sign(np.array([9.9, 0.2, 1.5]), EYE, WALLS) == 2
@@ -28,7 +28,7 @@ def test_a_sign_is_on_a_wall_up_to_a_little_beyond_its_end():
     assert wall_of_sign(np.array([8.5, 1.0, 1.5]), EYE, WALLS) == -1
 
 
-def test_a_point_behind_a_wall_is_a_reflection_for_those_who_face_it():
+def test_point_behind_a_wall_that_faces_the_reader_is_a_reflection():
     mirrored, eyes = np.array([4.0, 3.0, 1.5]), np.array([EYE, [4.0, 0.2, 1.1]])
     assert is_behind_wall(mirrored, eyes, WALLS)
     assert not is_behind_wall(np.array([4.0, 1.1, 1.5]), eyes, WALLS)

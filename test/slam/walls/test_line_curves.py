@@ -61,7 +61,7 @@ def curved_by_hand(beams, labels):
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.003, 0.01, 0.03]))
 @example(33513, 0.003)  # an arc of more pieces leaves less
-def test_which_pieces_are_curved_is_what_the_best_of_all_cuts_says(seed, sigma):
+def test_curved_pieces_are_those_of_the_best_cut(seed, sigma):
     """A run of straight and curved surfaces, joined, with noise, cut anywhere."""
     rng = np.random.default_rng(seed)
     bends = np.cumsum(np.repeat(rng.normal(0.0, 0.05, 4) * rng.integers(0, 2, 4), 30))

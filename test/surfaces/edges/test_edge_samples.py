@@ -83,7 +83,7 @@ def test_the_last_points_are_within_a_gap_of_a_side(sampler):
     assert within.mean() > 0.8
 
 
-def test_views_look_over_what_is_beside_a_table_and_not_over_what_is_far_away(sampler):
+def test_views_observe_space_beside_a_table_and_not_far_away(sampler):
     assert sampler.looks_over(Edge(np.array([2.0, 0.6]), np.array([1.2, 0.6])))
     assert not sampler.looks_over(Edge(np.array([-9.0, 0.6]), np.array([-9.8, 0.6])))
 
@@ -168,7 +168,7 @@ def test_each_piece_of_an_edge_has_its_outermost_point(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_half_of_what_is_beyond_an_edge_must_have_been_looked_over(seed):
+def test_edge_is_observed_if_half_of_the_space_beyond_was_seen(seed):
     """Places evenly along the edge, and beyond it; columns stand in a view at a pose of its own."""
     rng = np.random.default_rng(seed)
     edge, pose = Edge(*rng.uniform(-1.0, 1.0, (2, 2))), np.array([0.4, -0.7, 1.1])
@@ -212,7 +212,7 @@ def test_an_edge_was_seen_where_a_view_measured_up_to_it_and_looked_past(sampler
 
 
 @pytest.mark.filterwarnings("error")
-def test_an_edge_beside_which_the_surface_has_no_points_was_reached_nowhere(sampler):
+def test_edge_without_points_beside_it_has_no_reached_part(sampler):
     beside = Edge(np.array([6.95, 0.0]), np.array([6.3, 0.0]))
     assert sampler.reached_fraction(beside, 0.05) == 0.0
 

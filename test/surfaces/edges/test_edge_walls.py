@@ -66,7 +66,7 @@ def test_walls_on_two_lines_have_nothing_between(other):
     assert not hidden_walls(top, walls)
 
 
-def test_a_wall_between_fronts_of_other_furniture_does_not_bound_a_table_across_it():
+def test_wall_between_other_fronts_does_not_bound_a_table_across_it():
     table = Polygon([[0, -0.3], [1.0, -0.3], [1.0, 0.3], [0, 0.3]])
     fronts = np.array([[[-2.0, 0.0], [-0.05, 0.0]], [[1.05, 0.0], [2.4, 0.0]]])
     assert not hidden_walls(table, fronts)

@@ -57,7 +57,7 @@ def test_a_union_of_outlines_that_is_too_large_shrinks_to_the_true_top(name):
     assert found.radii == pytest.approx(truth.radii, abs=0.003)
 
 
-def test_half_of_a_top_tells_where_it_ends_within_its_covariance():
+def test_edge_fitted_to_half_a_round_top_is_within_its_covariance():
     """The other half is out of view: its edge is open, and its deviation larger."""
     truth = model(*TABLES["circle"])
     guess = model(SurfaceShape.CIRCLE, (1.01, 2.0), 0.0, (0.51, 0.51))
@@ -79,7 +79,7 @@ def test_a_top_of_which_no_edge_was_seen_stays():
     assert cov.shape == (3, 3)
 
 
-def test_a_fit_that_is_extrapolated_beyond_where_edges_are_looked_for_is_not_taken():
+def test_round_fit_extrapolated_beyond_the_search_range_is_refused():
     """The ends of a sliver have no tangents of their own: its middle would move one of them far."""
     guess = model(SurfaceShape.ELLIPSE, (0.0, 0.0), 0.0, (0.65, 0.07))
     truth = model(SurfaceShape.ELLIPSE, (0.6, 0.0), 0.0, (1.3, 0.09))

@@ -53,7 +53,7 @@ def test_a_seen_edge_has_a_deviation_and_another_has_none(table):
     assert sum(edge.state is EdgeState.SEEN for edge in table.edges) >= 3
 
 
-def test_what_was_seen_is_kept_beside_the_model(table):
+def test_observed_outline_is_kept_beside_the_model(table):
     seen = Polygon(table.boundary_seen[:, :2])
     assert table.area_seen == pytest.approx(seen.area, rel=1e-6)
     assert 0.9 * table.area < table.area_seen < table.area

@@ -72,7 +72,7 @@ def test_it_stays_in_a_saved_map_and_in_the_next_session(slam, tmp_path):
     assert (table_of(found).id, table_of(found).label) == (table, "bed")
 
 
-def test_a_session_that_is_not_found_can_correct_the_map_that_it_goes_on_with(slam, tmp_path):
+def test_session_without_localisation_can_correct_the_loaded_map(slam, tmp_path):
     solution = slam.solve()
     table = table_of(solution).id
     save_map(tmp_path / "map.mcap", slam.saved(solution), solution)
@@ -84,7 +84,7 @@ def test_a_session_that_is_not_found_can_correct_the_map_that_it_goes_on_with(sl
     assert corrected_labels([s.view for s in later.saved(unfound).views]) == {table: "seat"}
 
 
-def test_a_file_beside_the_map_replaces_what_the_map_holds(slam, tmp_path):
+def test_label_file_replaces_labels_of_the_map(slam, tmp_path):
     table = correct(slam, slam.solve(), "bed")
     solution = slam.solve()
     path, beside = tmp_path / "map.mcap", tmp_path / "labels.json"
@@ -149,7 +149,7 @@ def test_the_first_corrected_id_counts_and_the_floor_stays_the_floor():
 
 
 @pytest.mark.parametrize("text", ["", "floor", "Table", "throne"])
-def test_what_is_no_label_is_refused(text):
+def test_invalid_label_is_refused(text):
     with pytest.raises(MapError, match="expected one of table, counter, shelf"):
         label_to_give(text)
 

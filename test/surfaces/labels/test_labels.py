@@ -206,7 +206,7 @@ def test_there_is_an_example_for_each_rule():
 
 
 @pytest.mark.parametrize("height", [0.68, 0.76, 0.84])
-def test_a_sideboard_is_neither_table_nor_counter_and_a_desk_and_a_worktop_stay(height):
+def test_sideboard_is_no_table_or_counter_but_desk_and_worktop_are(height):
     """At a wall the depth tells: sideboards are 0.3 to 0.5 m deep."""
     assert only([(box(0, 0, 1.4, 0.43), height)], walls=WALL) == ["other"]
     assert only([DESK], walls=WALL) == ["table"]

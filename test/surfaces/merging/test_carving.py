@@ -56,7 +56,7 @@ def assert_same(a, b):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None)
-def test_what_is_remembered_does_not_show(seed):
+def test_cached_carving_equals_fresh_carving(seed):
     """Views come one after the other; poses move by less and by more than a step; one is gone."""
     rng = np.random.default_rng(seed)
     carver = Carver(CONFIG)
@@ -90,7 +90,7 @@ def test_only_pairs_with_a_new_or_moved_view_are_looked_at():
     assert carver.compared == 0
 
 
-def test_what_a_pose_gave_is_known_when_it_comes_back():
+def test_results_of_a_repeated_pose_are_cached():
     rng = np.random.default_rng(3)
     views, T = [random_view(rng, k + 1) for k in range(3)], random_poses(rng, 3)
     moved = T.copy()
@@ -118,7 +118,7 @@ def test_callers_with_different_views_use_one_carver():
     assert carver.compared > 0
 
 
-def test_a_changed_parameter_forgets_what_is_remembered():
+def test_changed_parameter_clears_the_cache():
     rng = np.random.default_rng(2)
     views, T = [random_view(rng, k + 1) for k in range(3)], random_poses(rng, 3)
     config = Config()
@@ -207,7 +207,7 @@ def test_angles_of_poses_are_those_that_make_them(seed):
 
 
 @given(st.integers(50, 400), st.floats(0.0, 1.0), st.floats(0.0, 0.05))
-def test_what_is_left_of_a_patch_is_more_than_strays(count, before, left):
+def test_rest_of_a_carved_patch_is_more_than_stray_points(count, before, left):
     """A few points are gone with the rest; who takes nothing leaves everything."""
     rng = np.random.default_rng(count)
     keep = rng.random(count) >= before

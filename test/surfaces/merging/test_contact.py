@@ -118,7 +118,7 @@ def test_points_at_exactly_the_distance_meet():
     assert connected(np.split(far, 2), distance).tolist() == [0, 1]
 
 
-def test_pairs_are_those_whose_boxes_are_within_the_distance_along_all_axes():
+def test_near_pairs_have_boxes_within_the_distance_along_all_axes():
     rng = np.random.default_rng(3)
     low = rng.uniform(0.0, 1.0, (40, 3))
     some = [np.stack([a, a + size]) for a, size in zip(low, rng.uniform(0.0, 0.3, (40, 3)))]

@@ -62,7 +62,7 @@ def test_a_gap_that_was_looked_through_before_the_board_came_is_joined():
     assert overlap(found, SIDEBOARD) >= 0.85
 
 
-def test_what_was_not_seen_since_the_other_came_is_not_joined():
+def test_surfaces_unseen_since_the_other_appeared_are_not_joined():
     """One half is hidden when the other comes: it may be there no more."""
     gap = Screen(1.2, -0.14, 1.2, 0.14, 1.8)
     first = Room([HALVES[0]], [gap])
@@ -169,7 +169,7 @@ def level_piece(x, height, view):
         (0.0185, 1, False),
     ],
 )
-def test_heights_of_two_views_differ_by_what_their_poses_leave_open(step, view, is_one):
+def test_heights_of_two_views_differ_within_their_pose_covariance(step, view, is_one):
     poses = np.array([np.eye(4)] * 2)
     cov_z_roll_pitch = np.array([np.diag([0.004**2, 0.0, 0.0])] * 2)
     is_coplanar = _coplanar(poses, cov_z_roll_pitch, Config())

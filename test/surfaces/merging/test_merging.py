@@ -104,7 +104,7 @@ def assert_same_patches(found, expected):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None)
-def test_what_is_remembered_of_patches_does_not_show(seed):
+def test_cached_merging_equals_fresh_merging(seed):
     rng = np.random.default_rng(seed)
     views, remainders = [view_of_patches(rng, k + 1) for k in range(3)], Remainders(CONFIG)
     masks = [random_masks(rng, views) for _ in range(2)]

@@ -60,7 +60,7 @@ def test_the_covariance_of_a_fit_is_that_of_many_fits():
     assert (ratio < 3.0).all()
 
 
-def test_errors_that_neighbours_have_in_common_make_a_fit_no_better_with_more_points():
+def test_covariance_with_common_errors_does_not_fall_with_more_points():
     """A patch that is bent by 5 mm: ten times the points leave its covariance as it is."""
     sigmas = []
     for count in (400, 4000):

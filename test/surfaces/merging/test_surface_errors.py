@@ -49,7 +49,7 @@ def test_views_halve_their_own_errors_and_not_those_of_their_sensor():
     assert found[0, 0] == pytest.approx(0.002**2 + 0.0013**2 + by_views, rel=1e-3)
 
 
-def test_what_a_view_has_wrong_of_two_surfaces_alike_makes_no_step():
+def test_common_error_of_two_surfaces_makes_no_step():
     T, cov = np.tile(np.eye(4), (2, 1, 1)), np.tile(POSE, (2, 1, 1))
     a = errors_of([patch(1.0, 0.0)], [0], T, cov)
     same, other = (errors_of([patch(1.4, 0.0)], [v], T, cov) for v in (0, 1))

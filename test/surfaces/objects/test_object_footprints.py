@@ -43,7 +43,7 @@ def test_sides_that_two_views_measured_are_one_footprint():
     assert joined(front, back).equals(whole), "in front, but no beam passed there"
 
 
-def test_older_outlines_leave_where_the_view_looked_through_and_stay_behind_the_object():
+def test_older_outlines_are_carved_where_seen_through_and_kept_behind():
     front = rectangle(2.0, 2.1, -0.1, 0.1)
     beside, behind = rectangle(2.0, 2.1, 0.1, 0.4), rectangle(2.1, 2.4, -0.1, 0.1)
     every = [(x, y) for x in np.arange(1.75, 2.7, 0.1) for y in np.arange(-0.45, 0.6, 0.1)]
@@ -77,7 +77,7 @@ def test_the_near_side_of_noisy_points_is_at_the_true_side(sensor):
     assert abs(np.mean(after)) < 0.3 * sigma
 
 
-def test_a_footprint_thinner_than_the_noise_stays_and_one_of_an_unknown_sensor_is_unchanged():
+def test_footprint_thinner_than_noise_or_of_unknown_sensor_is_kept():
     thin = rectangle(2.0, 2.004, -0.1, 0.1)
     found = Polygon(without_noise(thin, HEIGHT, view_of(), np.eye(4), CONFIG))
     assert found.bounds == pytest.approx((2.002, -0.1, 2.004, 0.1), abs=1e-4)
@@ -100,7 +100,7 @@ def top_after(second_top, free=()):
     return track.high
 
 
-def test_a_top_that_a_view_did_not_see_stays_and_one_that_it_looked_through_does_not():
+def test_unseen_top_stays_and_one_seen_through_does_not():
     above = [
         (x, y, 0.75, 1.5) for x in np.arange(1.85, 2.2, 0.1) for y in np.arange(-0.15, 0.2, 0.1)
     ]

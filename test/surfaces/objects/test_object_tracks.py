@@ -54,7 +54,7 @@ def test_an_object_keeps_its_id_from_wherever_it_is_seen():
     assert np.sin(2 * (track.shape.yaw - BOX[6])) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_saved_view_keeps_footprints_and_one_of_an_older_version_has_boxes():
+def test_saved_view_keeps_footprints_and_older_versions_have_boxes():
     (seen,) = view(10, [BOX])[0].objects
     arrays = pack_views([view(10, [BOX])[0], view(20, [])[0]])
     older = {k: v for k, v in arrays.items() if "footprint" not in k and k != "object_z"}
@@ -69,7 +69,7 @@ def test_a_saved_view_keeps_footprints_and_one_of_an_older_version_has_boxes():
         unpack_views(arrays)
 
 
-def test_what_no_view_looked_through_stays_and_what_some_did_leaves():
+def test_objects_stay_unless_a_view_looked_through_them():
     looks = [view(10, [BOX]), view(20, [BOX])]
     assert len(tracks(*looks, view(30, []), view(40, []))) == 1
     empty = [view(s, [], seen_through=[BOX]) for s in (30, 40)]
@@ -79,12 +79,12 @@ def test_what_no_view_looked_through_stays_and_what_some_did_leaves():
     assert [t.views for t in again] == [3], "misses in a row count"
 
 
-def test_what_a_single_view_measured_leaves_with_the_next_that_looks_through_it():
+def test_object_of_a_single_view_leaves_when_seen_through():
     assert tracks(view(10, [BOX]), view(20, [], seen_through=[BOX])) == ()
 
 
 @pytest.mark.parametrize(("views", "passed", "stays"), [(1, 1, 1), (1, 2, 0), (2, 3, 1), (2, 4, 0)])
-def test_what_views_look_over_and_do_not_measure_is_no_object(views, passed, stays):
+def test_objects_that_more_views_look_over_are_noise(views, passed, stays):
     """Two views, for each that measured it, looked just above it: noise on a surface, not a box."""
     seen = [view(10 + k, [BOX]) for k in range(views)]
     over = [view(20 + k, [], seen_through=[BOX], above=0.9) for k in range(passed)]
@@ -94,7 +94,7 @@ def test_what_views_look_over_and_do_not_measure_is_no_object(views, passed, sta
     assert len(tracks(*seen, *far)) == 1, "they looked higher"
 
 
-def test_views_that_looked_over_the_place_before_count_and_those_that_saw_it_empty_do_not():
+def test_earlier_views_over_the_place_count_unless_it_was_empty():
     """Noise on a surface that the last view measured for the first time; a box that has come."""
     over = [view(10 + k, [], seen_through=[BOX], above=0.9) for k in range(2)]
     assert tracks(*over, view(30, [BOX])) == ()
@@ -102,7 +102,7 @@ def test_views_that_looked_over_the_place_before_count_and_those_that_saw_it_emp
     assert len(tracks(*empty, view(30, [BOX]))) == 1
 
 
-def test_a_view_of_another_session_with_the_stamp_of_one_that_measured_it_counts():
+def test_view_of_another_session_with_the_same_stamp_counts():
     """Two simulated drives may both start at t = 0."""
     seen = view(10, [BOX])
     over = [view(10 + k, [], seen_through=[BOX], above=0.9) for k in range(2)]

@@ -27,7 +27,7 @@ def furniture(solution):
     return [s for s in solution.surfaces if s.label != "floor" and s.area > 0.1]
 
 
-def test_the_objects_are_those_of_the_truth_and_what_left_is_gone(solution):
+def test_objects_equal_the_truth_without_removed_ones(solution):
     truth = json.loads((BAG / "truth.json").read_text())["objects"]
     expected = sorted(tuple(np.round(entry["center"], 6)) for entry in truth)
     found = sorted(item.center.tolist() for item in solution.objects)

@@ -45,7 +45,7 @@ def test_open_columns_are_free_over_a_fraction_of_the_band(seed):
 
 
 @given(SEEDS)
-def test_the_frontier_is_what_is_first_behind_open_columns(seed):
+def test_frontier_is_the_first_cell_behind_open_columns(seed):
     """Along the ray from the base through the middle of an open column, one column further."""
     rng = np.random.default_rng(seed)
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-9, 9), np.arange(-9, 9)))

@@ -85,7 +85,7 @@ def test_images_end_at_their_points_and_scan_lines_further_out():
 
 @given(st.integers(0, 10**6), st.floats(0.0, 0.5))
 @settings(max_examples=60, deadline=None)
-def test_the_area_grows_by_what_is_allowed_and_loses_nothing(seed, spacing):
+def test_area_grows_within_the_limit_and_loses_nothing(seed, spacing):
     rng = np.random.default_rng(seed)
     hull = shapely.MultiPoint(rng.uniform(-0.25, 0.25, (8, 2))).convex_hull
     grown = shapely.union_all(expected_area(MultiPolygon([hull]), spacing))

@@ -339,7 +339,7 @@ def test_expected_numbers_are_written_in_the_tests():
 
 
 @pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=lambda p: p.stem)
-def test_names_of_tests_have_at_most_70_characters(path: Path):
+def test_names_of_tests_are_70_characters_or_shorter(path: Path):
     """A name has subject, condition and result; a docstring has the rest."""
     nodes = ast.walk(ast.parse(path.read_text()))
     names = {n.name for n in nodes if isinstance(n, ast.FunctionDef)}

@@ -354,7 +354,7 @@ def test_retreat_goes_straight_back_and_stops_before_obstacles():
     assert base.contacts == 0
 
 
-def test_retreat_stops_before_a_table_seen_before_the_turn():
+def test_retreat_stops_before_a_table_seen_before_the_rotation():
     base = SimulatedBase(
         simple_flat(None, (0.0, 0.0, 0.0), (-1.3, 0.0, 0.0)), np.random.default_rng(0)
     )

@@ -94,7 +94,7 @@ def test_without_the_clearing_source_the_mark_of_the_table_stays():
     assert is_closed(table_cells(states(["obstacles"])[-1]))
 
 
-def test_marking_and_clearing_share_a_topic_and_rays_exceed_marks():
+def test_marking_and_clearing_have_one_topic_and_rays_exceed_marks():
     marking, clearing = written_sources().values()
     assert marking["topic"] == clearing["topic"] == "/tccm/obstacles"
     assert (marking["marking"], marking["clearing"]) == (True, False)

@@ -80,7 +80,7 @@ def test_an_image_is_the_same_in_both_families_of_messages(types):
         assert back.image_size == (160, 120)
 
 
-def test_compressed_depths_in_m_lose_at_most_half_a_step():
+def test_compressed_depths_in_m_are_within_half_a_step():
     depth = np.array([[0.5, 1.0, 3.0, 9.0], [np.nan, np.inf, 0.0, -1.0]], np.float32)
     back = compressed_depth_from_message(
         compressed_depth_message(TYPESTORE, DepthImage(STAMP, "optical", depth))

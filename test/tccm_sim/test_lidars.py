@@ -26,7 +26,7 @@ def test_points_lie_on_the_measured_cylinder_in_time_order():
     assert elevations == pytest.approx(np.tile(np.arange(-15.0, 16.0, 2.0), (900, 1)), abs=1e-3)
 
 
-def test_all_rings_share_a_bearing_and_turn_clockwise_once_a_period():
+def test_all_rings_have_one_bearing_and_rotate_clockwise_in_a_period():
     points, since_ns = measured(np.full(QUIET.laser.beams * RINGS, 2.0))
     times = since_ns.reshape(-1, RINGS) * 1e-9
     bearings = np.arctan2(points[:, 1], points[:, 0]).reshape(-1, RINGS)

@@ -40,7 +40,7 @@ def test_geometry_decides_between_signs_of_one_text():
     assert count(sighting(0.0), far, relative=uncertain) == 1
 
 
-def test_signs_more_than_half_a_metre_apart_are_never_associated():
+def test_signs_beyond_half_a_metre_are_never_associated():
     for distance, signs in ((MAX_DISTANCE - 0.01, 1), (MAX_DISTANCE + 0.01, 2)):
         pair = sighting(0.0), sighting(distance, keyframe=9)
         assert count(*pair, relative=uncertain) == signs

@@ -1,14 +1,30 @@
-"""Hours of simulated driving through the processors as the nodes use them, as fast as they allow.
+"""Hours of driving: through the processors, or in real time through both nodes as processes.
 
-    python bench/soak.py [--hours 2] [--tilt] [--report 600]
+    python bench/soak.py level [--hours 2] [--report 600]
+    python bench/soak.py tilt [--hours 2] [--report 600]
+    python bench/soak.py bag BAG [--rate 1] [--remap NAME:=TOPIC]... [--no-replay] [--one]
+    setsid sh -c 'echo -15 > /proc/self/autogroup; exec python bench/soak.py day DIR'
+        [--minutes 120] [--first 1] [--long 5]
 
-Prints, for each stretch of simulated time, resident memory, the graph's size, the 99 % and the
-longest step (processor time), the time of a solution as the SLAM node makes it while driving, and
-how long another thread stood still meanwhile: gtsam holds the interpreter, and the intake of
-messages is such a thread.
+`level` drives the level laser round one room, as fast as the processors allow. For each stretch of
+simulated time it prints resident memory, the graph's size, the 99 % and the longest step (processor
+time), the time of a solution as the SLAM node makes it while driving, and how long another thread
+stood still meanwhile: gtsam holds the interpreter, and the intake of messages is such a thread.
+`tilt` is the TCCM node's processor instead, with its messages: one lap of the tilting laser is
+simulated and sent again and again, each time with later stamps.
 
-With `--tilt` it is the TCCM node's processor instead, with its messages: one lap of
-the tilting laser is simulated and sent again and again, each time with later stamps.
+`bag` plays a bag into tccm_node and slam_node, and prints the longest pause of `/pose`, the counts
+of both nodes, the time of two saves on the way and of one at the end, the memory of the nodes and
+of the processes that they started (PSS: memory common to several is divided among them), and
+whether the saved files are those of a replay.
+
+`day` drives through flats at random (`soak_flats.py`, made while the one before is driven), with
+people, stops and a fault in the middle. Between two flats both nodes are reset by their service;
+each sixth flat has the stamps of the first again instead, which the nodes must notice themselves.
+The command above keeps other work on the machine from disturbing the nodes, where the scheduler
+groups processes by session. DIR then has `summary.md` (a row for each flat, and warnings of the
+nodes), `log.jsonl` (memory every 5 s, pauses of `/pose` over 0.1 s, saves, counts), the output of
+the nodes, and for each flat its bag, truth and map.
 """
 
 from __future__ import annotations
@@ -17,11 +33,11 @@ import argparse
 import os
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from soak_flats import later
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
@@ -76,12 +92,47 @@ def memory_mb() -> float:
 
 
 def main() -> None:
+    """Run a mode."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--hours", type=float, default=2.0)
-    parser.add_argument("--tilt", action="store_true", help="the TCCM node instead")
-    parser.add_argument("--report", type=float, default=600.0, help="stretch, simulated s")
+    modes = parser.add_subparsers(dest="mode", required=True)
+    for mode, laser in (("level", "level"), ("tilt", "tilting")):
+        processors = modes.add_parser(mode, help=f"processors of the {laser} laser")
+        processors.add_argument("--hours", type=float, default=2.0)
+        processors.add_argument("--report", type=float, default=600.0, help="stretch, simulated s")
+    bag = modes.add_parser("bag", help="both nodes with a bag")
+    bag.add_argument("bag", type=Path)
+    bag.add_argument("--rate", type=float, default=1.0)
+    bag.add_argument("--remap", action="append", default=[], metavar="NAME:=TOPIC")
+    bag.add_argument("--one", action="store_true", help="both nodes in one process: all_in_one")
+    bag.add_argument("--no-replay", action="store_true", help="compare no files")
+    day = modes.add_parser("day", help="both nodes with flats at random and faults")
+    day.add_argument("out", type=Path)
+    day.add_argument("--minutes", type=float, default=120.0)
+    day.add_argument("--first", type=int, default=1, help="seed of the first flat")
+    day.add_argument("--long", type=int, default=5, help="laps of the second flat")
     arguments = parser.parse_args()
-    (soak_tccm if arguments.tilt else soak_slam)(arguments.hours, arguments.report)
+    if arguments.mode in ("level", "tilt"):
+        soak = soak_tccm if arguments.mode == "tilt" else soak_slam
+        soak(arguments.hours, arguments.report)
+    else:
+        soak_live(arguments)
+
+
+def soak_live(arguments: argparse.Namespace) -> None:
+    """Drive in real time through the nodes."""
+    import rclpy
+    from soak_nodes import Day, soak_bag
+
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", "98")
+    rclpy.init()
+    if arguments.mode == "bag":
+        options = {"one_process": arguments.one, "compare": not arguments.no_replay}
+        soak_bag(arguments.bag, arguments.rate, arguments.remap, **options)
+    else:
+        arguments.out.mkdir(parents=True)
+        Day(arguments.out, arguments.first, arguments.long).run(arguments.minutes)
+    rclpy.try_shutdown()
 
 
 def soak_slam(hours: float, stretch_s: float) -> None:
@@ -150,15 +201,6 @@ def tilting_lap() -> tuple[list[tuple[str, Any]], int]:
     ]
     stamps = [record.stamp_ns for role, record in records if role == "joint_states"]
     return records, max(stamps) - min(stamps) + JOINT_STEP_NS
-
-
-def later(record: Any, shift_ns: int) -> Any:
-    """Return a record with a later stamp; the robot description has none."""
-    return (
-        replace(record, stamp_ns=record.stamp_ns + shift_ns)
-        if hasattr(record, "stamp_ns")
-        else record
-    )
 
 
 def report(slam: SurfaceSlam, hour: float, steps: list[float]) -> None:

@@ -1,4 +1,4 @@
-"""Bags of flats at random for `soak_day.py`: later and later stamps, people, and what goes wrong.
+"""Bags of flats at random for `soak.py day`: later and later stamps, people, and what goes wrong.
 
     python bench/soak_flats.py DIR --seed 3 --fault "level laser silent" --later 600 --laps 2
 

@@ -26,7 +26,7 @@ PATIENCE_S = 1.2
 """A save waits so long for the solution with all that has come; then it takes the newest."""
 
 MAX_PATIENCE_S = 10.0
-"""Maximum time that a save waits. ``bench/soak_nodes.py``: on a machine with seven times more work
+"""Maximum time that a save waits. ``bench/soak.py bag``: on a machine with seven times more work
 than cores, where a solution took 230 s, a save waited for 470 s without this."""
 
 LOOK_AT_END_S = 0.1

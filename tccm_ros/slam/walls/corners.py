@@ -33,7 +33,7 @@ THROUGH_SIGMA = 0.01
 EXACT_SIGMA = 0.001
 """Standard deviation (m) of the distance of a wall from its endpoint, so that both have one
 position: a thirtieth of `POINT_SIGMA`. With a hundredth, Levenberg-Marquardt does not converge in a
-flat (``bench/mspace_corners.py``)."""
+flat (docs/design/experiments/wall_slam.md)."""
 
 
 class Corner(NamedTuple):

@@ -40,7 +40,7 @@ def furnished(person=None):
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_nothing_moves_in_a_flat_that_stands_still(motion):
+def test_static_flat_has_no_moving_points(motion):
     steps, _ = moving_points(furnished(), motion)
     assert not sum(len(points) for _, points in steps)
 

@@ -188,7 +188,7 @@ def test_compressed_bags_of_one_name_are_read_together(tmp_path, reference):
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_of_a_topic_of_two_types_that_of_the_role_is_read(tmp_path, together):
+def test_topic_of_two_types_is_read_with_the_type_of_its_role(tmp_path, together):
     folders = [tmp_path / "one", tmp_path / ("one" if together else "two")]
     rows = [[("/scan", STRING, START, TYPES.make(STRING))],
             [("/scan", SCAN, START + 1, TYPES.make(SCAN))]]  # fmt: skip

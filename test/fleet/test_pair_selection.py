@@ -41,7 +41,7 @@ def test_all_right_pairs_make_one_component_in_the_frame_of_the_first():
 
 
 @given(st.sampled_from(list(itertools.combinations(range(5), 2))), st.integers(1, 50))
-def test_one_wrong_pair_bends_nothing_however_many_keyframes_it_has(wrong, loops):
+def test_one_wrong_pair_has_no_effect_for_any_number_of_keyframes(wrong, loops):
     pairs = {p: right(*p) for p in itertools.combinations(range(5), 2)}
     error = np.array([1.0, -2.0, 0.3])
     pairs[wrong] = match(pairs[wrong].p_one_other + error, loops)
@@ -59,7 +59,7 @@ def test_unconnected_map_is_its_own_component():
         check_poses(component)
 
 
-def test_no_pairs_leave_every_map_by_itself():
+def test_maps_without_pairs_stay_separate():
     components, contradicting = select_pairs(3, {})
     assert [list(c.p_root_map) for c in components] == [[0], [1], [2]]
     assert contradicting == set()

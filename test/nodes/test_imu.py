@@ -24,6 +24,6 @@ def test_the_bias_is_learnt_while_the_robot_stands(ros):
     assert abs(gyro.bias - BIAS) < 1e-6
 
 
-def test_both_nodes_listen_to_it(ros):
+def test_both_nodes_use_the_imu(ros):
     assert "/imu" in topics_of(slam(ros))
     assert "/imu" in topics_of(tccm(ros))

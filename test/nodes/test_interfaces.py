@@ -11,7 +11,7 @@ from tccm_ros.nodes.interfaces import has_interfaces, missing_interfaces, servic
 
 
 @pytest.mark.parametrize("module", ["tccm_interfaces.msg", "tccm_interfaces.srv"])
-def test_without_one_half_of_the_package_there_is_none(monkeypatch, module):
+def test_incomplete_interface_package_counts_as_missing(monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
     assert not has_interfaces()
 

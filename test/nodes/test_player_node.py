@@ -200,7 +200,7 @@ def test_a_player_that_is_paused_says_so(ros, bag):
     assert not any(text.startswith("plays") for text in log)
 
 
-def test_it_plays_once_no_subscriber_has_come_or_gone_for_a_while(ros, bag):
+def test_player_starts_once_the_subscribers_are_stable(ros, bag):
     playing = player(ros, bag, rate=50.0, wait_for_subscribers=PATIENCE_S, topics=["/joint_states"])
     before = time.monotonic()
     _, got = listener(ros)

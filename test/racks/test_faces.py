@@ -83,7 +83,7 @@ def test_a_bar_is_found_although_nothing_above_it_is_in_view():
     assert face.passed > 0.9
 
 
-def test_nothing_below_a_bar_is_in_view_so_it_is_none():
+def test_bar_without_returns_below_is_ignored():
     ends = np.where((GRID[:, 1] > 0.31) & (GRID[:, 1] < 0.36), 2.0, 2.4)
     ends[GRID[:, 1] < 0.31] = np.inf
     assert seen(ends).bar == np.inf

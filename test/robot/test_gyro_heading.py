@@ -54,7 +54,7 @@ def headings(found):
 
 
 @pytest.mark.parametrize("rpy", [FLAT, ROLLED])
-def test_it_is_the_integral_of_the_rate_without_the_bias(rpy):
+def test_heading_is_the_integral_of_the_unbiased_rate(rpy):
     """0.6 s of noise of 2 mrad/s at 100 Hz, and a bias known to 2 mrad/s over root 300, for 6 s."""
     times, found, _ = headings(records(rpy))
     known = np.isfinite(found)
@@ -66,7 +66,7 @@ def test_it_is_the_integral_of_the_rate_without_the_bias(rpy):
     assert np.abs(found[known] - found[known][0] - (turned - turned[0])).max() < 0.004
 
 
-def test_without_the_bias_it_would_be_far_off():
+def test_heading_without_bias_correction_drifts():
     times, _, one = headings(records())
     assert one.gyro.bias == pytest.approx(BIAS[2], abs=0.0005)
     assert np.abs(BIAS[2] * (times[-1] - STAND_S)) > 0.1

@@ -87,7 +87,7 @@ def test_poses_that_contradict_the_rest_for_a_while_count_little():
     assert errors(drive(jumping)).max() < 0.02
 
 
-def test_where_it_begins_late_odometry_leads_back_to_the_start():
+def test_late_external_poses_are_extended_by_odometry_to_the_start():
     late = drive(lambda k: truth(k) if k >= 100 else None)
     assert errors(late).max() < 0.05
     assert not late.waits_for_external_pose
@@ -111,7 +111,7 @@ def test_live_pose_is_the_last_external_pose():
     assert live.pose == pytest.approx(truth(STEPS - 1), abs=0.01)
 
 
-def test_without_a_word_the_robot_is_nowhere():
+def test_robot_without_external_pose_is_not_localised():
     assert drive(lambda k: None).waits_for_external_pose
     assert not WallSlam(read_config(None, [])).waits_for_external_pose
 

@@ -48,7 +48,7 @@ def yaw_errors(run, scans):
 SQUARE = plan.route([(0, 0), (4, 0), (4, 4), (0, 4), (0, 0)])
 
 
-def test_where_nothing_is_seen_the_heading_is_the_gyroscope_s():
+def test_heading_without_returns_is_that_of_the_gyroscope():
     run = plan.drive(NOTHING, SQUARE, drift=0.03)
     by_wheels = yaw_errors(run, run.scans)
     by_gyro = yaw_errors(run, with_headings(run))

@@ -54,7 +54,7 @@ def mapped(run):
     return slam, slam.solve(), lost_s, found
 
 
-def test_it_is_noticed_within_three_seconds_and_found_again(run, mapped):
+def test_kidnapped_robot_is_lost_within_three_seconds_and_found_again(run, mapped):
     _, solution, lost_s, found = mapped
     assert 0.0 < lost_s < 3.0
     assert found is not None
@@ -351,7 +351,7 @@ def test_a_new_trajectory_begins_after_ten_seconds_of_standing(ring_alone):
     assert 100 <= np.argmax(is_unjoined) <= 105
 
 
-def test_it_is_joined_where_it_meets_the_map(ring_alone):
+def test_separate_trajectory_is_joined_where_it_meets_the_map(ring_alone):
     slam = WallSlam.from_saved(Config(), ring_alone)
     _, has_place, is_unjoined = drive_on(slam, FROM_THE_ROOM).T
     assert not has_place[: len(INSIDE)].any()

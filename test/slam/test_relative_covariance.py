@@ -28,7 +28,7 @@ def solved():
     return PoseGraph(factors, dict(zip(keys, poses))).optimise(), keys, np.array(poses)
 
 
-def test_it_is_the_covariance_of_where_samples_put_a_point(solved):
+def test_relative_covariance_equals_that_of_sampled_points(solved):
     """4,000 samples of the steps between two keyframes: 10 % of a variance is five sigmas."""
     solution, keys, poses = solved
     random, point = np.random.default_rng(0), np.array([2.0, 2.5])

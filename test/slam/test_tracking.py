@@ -19,7 +19,7 @@ def run():
     return plan.drive(WALLS, plan.route([(0, 0), (12, 0), (12, 5)]), seed=4)
 
 
-def test_it_matches_as_the_processor_does_and_a_solution_corrects_it(run):
+def test_tracking_matches_as_the_processor_and_takes_solutions(run):
     """Without loop closures the processor's pose of a scan is the front end's."""
     config = Config()
     config.loops.enabled = False
@@ -51,7 +51,7 @@ def test_tracking_keeps_only_the_data_for_the_next_match(run):
     assert front.keyframes[-1].session == 2
 
 
-def test_without_scans_it_follows_odometry_and_a_jump_begins_anew():
+def test_tracking_without_scans_follows_odometry_and_jumps_reset_it():
     tracker = Tracker(Config())
     for k in range(3):
         T = np.eye(4)

@@ -51,7 +51,7 @@ def test_a_long_object_is_turned_so_that_it_fits():
     assert best.clearance == pytest.approx(0.1, abs=1e-3)
 
 
-def test_where_it_does_not_fit_there_is_no_placement():
+def test_object_that_does_not_fit_has_no_placement():
     assert find_placements([table(box(0, 0, 0.6, 0.13))], MUG) == []
     assert find_placements([table(Polygon())], MUG) == []
 

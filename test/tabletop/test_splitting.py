@@ -24,7 +24,7 @@ def parts_of(height, x=(0.0, 0.4), y=(0.0, 0.2), yaw=0.3, spacing=CELL):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 1.2])
 @pytest.mark.parametrize("spacing", [0.02, 0.04])
-def test_two_boxes_side_by_side_are_two(yaw, spacing):
+def test_adjacent_boxes_are_two_objects(yaw, spacing):
     parts = parts_of(lambda x, _: 0.1 if x < 0.199 else 0.2, yaw=yaw, spacing=spacing)
     assert len(parts) == 2
     low, high = sorted(parts, key=lambda part: part[:, 0].mean())

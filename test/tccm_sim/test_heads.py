@@ -135,7 +135,7 @@ def test_unknown_robot_is_an_error_with_the_nearest_name():
         robot("fecth")
 
 
-def test_both_sensors_at_once():
+def test_head_with_camera_and_laser_records_both():
     options = Options(depth_camera=True)
     simulation = Simulation(build_world("flat", options), 0, options)
     assert simulation.rig.tilt is not None

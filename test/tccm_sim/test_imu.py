@@ -54,7 +54,7 @@ def test_without_the_option_there_is_no_imu():
     assert not len(samples("turning", TURNING.model_copy(update={"imu": False}))[0])
 
 
-def test_at_rest_it_points_up_in_the_frame_of_the_base():
+def test_acceleration_at_rest_points_up_in_the_base_frame():
     """Roll lifts the left side (y), pitch lowers the front (x): REP-103."""
     T = np.tile(np.eye(4), (5, 1, 1))
     T[:, :3, :3] = Rotation.from_euler("xyz", [0.1, 0.2, 1.0]).as_matrix()

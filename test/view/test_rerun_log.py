@@ -147,7 +147,7 @@ def test_a_saved_map_is_written_without_its_recording(replayed, tmp_path, monkey
         np.testing.assert_allclose(stamps, [surface["first_seen"]], atol=1e-6)
 
 
-def test_nothing_half_written_stays(tmp_path):
+def test_incomplete_recordings_are_removed(tmp_path):
     with pytest.raises(RuntimeError), rerun_file(tmp_path / "a.rrd", Config()):
         raise RuntimeError
     assert not list(tmp_path.iterdir())

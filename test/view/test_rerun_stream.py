@@ -100,7 +100,7 @@ def test_a_server_that_comes_late_gets_the_map_then_the_changes(tmp_path, sent):
     assert rows(store, "/events", "TextLog:text")[1] == [["appeared: table 3"]]
 
 
-def test_without_a_server_nothing_waits(sent):
+def test_log_without_a_server_does_not_block(sent):
     stream = RerunStream(f"rerun+http://127.0.0.1:{free_port()}/proxy")
     for k in range(1000):
         show(stream, k, MAP, [0.0, 0.0, 0.001 * k])

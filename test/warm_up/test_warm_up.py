@@ -44,7 +44,7 @@ print(*sorted(compiled() - before), sep="\\n")
 BAGS = [Path(__file__).resolve().parents[2] / "bags" / name for name in ("walkthrough", "flat")]
 
 
-def test_nothing_is_compiled_after_it():
+def test_nothing_is_compiled_after_the_warm_up():
     command = [sys.executable, "-c", SCRIPT, *map(str, BAGS)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -85,7 +85,7 @@ print(*sorted(compiled() - before), sep="\\n")
 """
 
 
-def test_nothing_is_loaded_while_tracking():
+def test_no_kernel_is_loaded_while_tracking():
     command = [sys.executable, "-c", TRACKING, *map(str, BAGS)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

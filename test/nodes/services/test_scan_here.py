@@ -198,7 +198,7 @@ def test_the_joint_reverses_at_the_first_end_or_stands_there(now, first):
     assert movement_ends(now, 0.0, 1.0) == (first, 1.0 - first)
 
 
-def test_without_control_msgs_the_action_is_not_offered_and_a_line_says_so(ros, monkeypatch):
+def test_missing_control_msgs_is_reported_and_the_action_not_offered(ros, monkeypatch):
     monkeypatch.setitem(sys.modules, "control_msgs", None)
     log = Listener(ros, "log").listen(Log, "/rosout", latched=True, depth=1000)
     node = slam(ros)

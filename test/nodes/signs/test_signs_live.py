@@ -73,7 +73,7 @@ def test_signs_of_pictures_are_fed_to_the_solver_as_in_a_replay(ros, monkeypatch
     assert [content(event) for event in live] == [content(event) for event in offline]
 
 
-def test_without_the_extra_pictures_are_not_asked_for_and_it_says_so(ros, monkeypatch):
+def test_missing_extra_is_reported_and_no_pictures_are_subscribed(ros, monkeypatch):
     monkeypatch.setattr(slam_node, "missing_extra", lambda: "rapidocr-onnxruntime is missing")
     node, robot = slam(ros), ros.robot()
     assert not node.inputs.has("/camera/image_raw")

@@ -48,7 +48,7 @@ def run(script: str, status: int = 0) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_it_has_the_memory_of_its_node_and_is_started_anew_when_it_dies():
+def test_forked_process_inherits_memory_and_is_restarted_after_death():
     shared_kb, restarts = run(SOLVES.format(is_forked=True, patience=PATIENCE_S))
     assert int(shared_kb) > 30_000
     assert restarts == "1 True"
@@ -60,6 +60,6 @@ def test_a_process_that_is_not_forked_has_its_own():
     assert restarts == "1 True"
 
 
-def test_it_ends_with_its_node_also_if_nobody_asks_it_to_solve():
+def test_idle_solver_process_ends_with_its_node():
     assert run(ENDS.format(end="")) == ["made"]
     assert run(ENDS.format(end="import os; os.kill(os.getpid(), 9)"), status=-9) == ["made"]

@@ -13,7 +13,7 @@ def schedule():
     return SolveSchedule(100.0)
 
 
-def test_nothing_new_is_no_reason_to_solve(schedule):
+def test_no_solution_without_new_records(schedule):
     schedule.note(Odometry(1, "odom", "base", np.eye(4)), 100.0)
     assert not schedule.is_due(110.0)
     assert not schedule.is_final_due(110.0, is_batch=True)

@@ -135,7 +135,7 @@ def files(folder) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_it_saves_the_bytes_of_the_processor_also_after_it_was_killed(drive, solver, tmp_path):
+def test_saved_map_equals_that_of_the_processor_also_after_a_kill(drive, solver, tmp_path):
     events, slam = drive
     write_map(tmp_path / "offline", slam, slam.solve())
     half = len(events) // 2

@@ -142,7 +142,7 @@ def test_signs_are_found_on_odometry_alone(half):
         assert error @ np.linalg.solve(sign.covariance, error) < chi2.ppf(0.999, 3)
 
 
-def test_two_signs_with_one_text_are_two(half):
+def test_two_signs_with_one_text_stay_separate(half):
     plates = [replace(p, number="EXIT" if p.number in ("203", "207") else p.number) for p in PLATES]
     signs = slam_of(half[1], pictures_of(half, plates)).solve().signs
     exits = sorted(s.position[0] for s in signs if s.number == "EXIT")
@@ -150,7 +150,7 @@ def test_two_signs_with_one_text_are_two(half):
     assert len(signs) == 5
 
 
-def test_two_signs_with_one_text_side_by_side_are_two(half):
+def test_adjacent_signs_with_one_text_stay_separate(half):
     """A metre from each other: in one picture together."""
     plates = [Plate("7", (9.0, -0.98, 1.5), np.pi / 2), Plate("7", (10.0, -0.98, 1.5), np.pi / 2)]
     signs = slam_of(half[1], pictures_of(half, plates)).solve().signs

@@ -62,7 +62,7 @@ def located(saved, path, plates, **options):
 
 
 @pytest.mark.parametrize("where", DRIVES)
-def test_with_signs_a_robot_finds_its_place_and_without_it_is_never_wrong(saved, where):
+def test_robot_is_localised_by_signs_and_never_wrongly_without(saved, where):
     found, away = located(saved, DRIVES[where], PLATES, seed=7)
     assert found
     assert away < NEAR

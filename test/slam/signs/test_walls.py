@@ -43,7 +43,7 @@ def test_a_point_beside_the_end_of_a_wall_is_no_reflection():
     assert not is_behind_wall(beyond, np.array([[9.0, 0.0, 1.1]]), WALLS)
 
 
-def test_without_walls_there_is_neither():
+def test_signs_without_walls_have_no_wall_and_no_reflection():
     nothing = np.zeros(0)
     empty = WallTable(NONE, NONE, NONE, nothing, nothing, np.zeros((0, 2)), nothing, NONE)
     assert wall_of_sign(EYE, EYE, empty) == -1

@@ -209,7 +209,7 @@ def test_walls_as_noisy_as_their_covariances_say_are_kept():
     assert kept.sum() > 0.9 * was.sum()
 
 
-def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):
+def test_unit_variance_uses_all_walls_of_any_number(seen):
     """Walls change their numbers, so that each is the first once."""
     poses, lines = seen
     table = associate_walls(poses, lines, Config())

@@ -135,7 +135,7 @@ def turned_in_hall(walls_enabled, seed):
     return error, error**2 / solution.cov_keyframes[-1][2, 2]
 
 
-def test_in_a_round_hall_walls_do_not_say_that_the_robot_has_not_turned():
+def test_walls_of_a_round_hall_do_not_observe_the_yaw():
     """Of a rotation about the middle nothing is seen: the error is that without walls."""
     with_walls, without = (
         np.array([turned_in_hall(enabled, seed) for seed in range(8)]) for enabled in (True, False)

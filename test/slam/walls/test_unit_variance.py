@@ -46,7 +46,7 @@ def without_prior(found, redundancy):
 
 @pytest.mark.parametrize("sigma", [0.2, 1.0])
 @pytest.mark.parametrize("walls", [1, 2, 4])
-def test_it_is_the_variance_of_independent_residuals(sigma, walls):
+def test_unit_variance_is_that_of_independent_residuals(sigma, walls):
     """Also of one wall or two, which do not measure all of a pose; 3 sigmas of 800 squares."""
     random = np.random.default_rng(0)
     away = sigma * random.multivariate_normal([0, 0], COV, (KEYFRAMES, walls, 2))
@@ -69,7 +69,7 @@ def test_loop_closures_count_with_their_redundancy():
     assert without_prior(found, 30) == pytest.approx(2.0)
 
 
-def test_without_redundancy_it_is_one():
+def test_unit_variance_without_redundancy_is_one():
     assert unit_variance(Known(), [], 0.0, 0) == 1.0
     once = np.zeros((1, 4, 1, 2))
     assert unit_variance(Known(), observations_of(once), 0.0, 0) == 1.0

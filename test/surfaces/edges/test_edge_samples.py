@@ -124,7 +124,7 @@ def test_scan_lines_that_cross_an_edge_end_within_a_beam_of_it(angle, seed):
     assert ((at > SPACING) & (at < 1.0 - SPACING)).all()
 
 
-def test_where_a_view_ends_the_distance_of_its_samples_says_nothing():
+def test_sample_distances_at_the_end_of_a_view_are_ignored():
     """Columns beyond the edge were looked into along its first half alone."""
     flat = np.linspace(0.02, 0.98, 60)
     xs = np.linspace(0.9, 0.999, 6)

@@ -62,7 +62,7 @@ def test_observed_outline_is_kept_beside_the_model(table):
 
 @pytest.mark.parametrize("unseen", [EdgeState.CUT, EdgeState.HIDDEN])
 @pytest.mark.parametrize("seen", [0, 1])
-def test_one_seen_edge_makes_a_model_and_none_does_not(monkeypatch, unseen, seen):
+def test_model_needs_one_observed_edge(monkeypatch, unseen, seen):
     states = itertools.chain([EdgeState.SEEN] * seen, itertools.repeat(unseen))
     monkeypatch.setattr(shapes, "_state", lambda *_: next(states))
     (found,) = above_floor(build([(Room([TABLE]), HERE, 10)]))

@@ -62,7 +62,7 @@ def test_a_corrected_label_holds_until_it_is_withdrawn(slam):
     assert again.corrected_labels == {}
 
 
-def test_it_stays_in_a_saved_map_and_in_the_next_session(slam, tmp_path):
+def test_corrected_label_stays_in_saved_maps_and_sessions(slam, tmp_path):
     table = correct(slam, slam.solve(), "bed")
     solution = slam.solve()
     save_map(tmp_path / "map.mcap", slam.saved(solution), solution)
@@ -116,7 +116,7 @@ def test_label_file_replaces_labels_of_the_map(slam, tmp_path):
 
 
 @given(data=st.data())
-def test_it_means_the_same_surface_after_late_views_and_removed_ones(views, data):
+def test_corrected_label_follows_its_surface_over_late_and_removed_views(views, data):
     """The ids shift where a view comes late; the correction shifts with them."""
     count = sum(len(view.patches) for view in views)
     labels = data.draw(st.dictionaries(st.integers(0, count - 1), st.sampled_from(GIVEN)))

@@ -101,7 +101,7 @@ def test_lines_may_be_padded():
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "reason"),
     [
         ({"encoding": "bayer_rggb8"}, "colour filter.*image_proc's debayer"),
         ({"encoding": "yuv422"}, "'yuv422', expected rgb8, bgr8, mono8"),
@@ -110,11 +110,11 @@ def test_lines_may_be_padded():
         ({"width": 0}, "0 x 5"),
     ],
 )
-def test_unreadable_images_have_a_message(changes, message):
+def test_unreadable_images_have_a_message(changes, reason):
     message = camera_image_message(TYPESTORE, plain(np.zeros((5, 4, 3), np.uint8)))
     for name, value in changes.items():
         setattr(message, name, value)
-    with pytest.raises(MessageError, match=message):
+    with pytest.raises(MessageError, match=reason):
         camera_image_from_message(message)
 
 

@@ -20,8 +20,11 @@ from tccm_ros.nodes.clients.map_records import (
     MapSpot,
     MapSurface,
     MapWall,
-    SavedMap,
+    SavedMapInfo,
 )
+
+SavedMap = SavedMapInfo
+"""Previous name of `SavedMapInfo`."""
 
 __all__ = [
     "BoxState",
@@ -39,5 +42,6 @@ __all__ = [
     "MapWall",
     "RequestError",
     "SavedMap",
+    "SavedMapInfo",
     "SurfaceMapClient",
 ]

@@ -44,7 +44,7 @@ from tccm_ros.nodes.clients.map_records import (
     MapSpot,
     MapSurface,
     MapWall,
-    SavedMap,
+    SavedMapInfo,
 )
 from tccm_ros.nodes.clients.requests import ask, filled, stamped_point
 from tccm_ros.nodes.qos import EVENTS_DEPTH, latched_qos
@@ -389,7 +389,7 @@ class SurfaceMapClient:
     # --- saved maps ---
 
     def save_named_map(self, name: str, *, overwrite: bool = False) -> Future:
-        """Save the map under a name; the future resolves to a `SavedMap`.
+        """Save the map under a name; the future resolves to a `SavedMapInfo`.
 
         Parameters
         ----------
@@ -399,17 +399,17 @@ class SurfaceMapClient:
             Whether an existing map of this name may be replaced.
         """
         request = SaveMap.Request(name=name, overwrite=overwrite)
-        return self._ask_map(SaveMap, request, lambda answer: SavedMap.of(answer.map))
+        return self._ask_map(SaveMap, request, lambda answer: SavedMapInfo.of(answer.map))
 
     def load_named_map(self, name: str) -> Future:
-        """Load a saved map and continue it; the future resolves to a `SavedMap`."""
+        """Load a saved map and continue it; the future resolves to a `SavedMapInfo`."""
         request = LoadMap.Request(name=name)
-        return self._ask_map(LoadMap, request, lambda answer: SavedMap.of(answer.map))
+        return self._ask_map(LoadMap, request, lambda answer: SavedMapInfo.of(answer.map))
 
     def list_maps(self) -> Future:
-        """List the saved maps; the future resolves to a list of `SavedMap`, sorted by name."""
+        """List the saved maps; the future resolves to a list of `SavedMapInfo`, sorted by name."""
         return self._ask_map(
-            ListMaps, ListMaps.Request(), lambda answer: [*map(SavedMap.of, answer.maps)]
+            ListMaps, ListMaps.Request(), lambda answer: [*map(SavedMapInfo.of, answer.maps)]
         )
 
     def _ask_map(self, kind: type, request: Any, read: Callable[[Any], object]) -> Future:

@@ -420,7 +420,7 @@ class BoxState(_Record):
 
 
 @dataclass(frozen=True, slots=True)
-class SavedMap(_Record):
+class SavedMapInfo(_Record):
     """A map that was saved under a name.
 
     Attributes

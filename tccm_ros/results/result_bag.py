@@ -14,9 +14,8 @@ cycle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, NamedTuple
@@ -81,6 +80,10 @@ GROWING_TOPICS = ("surfaces",)
 the file would otherwise grow with the square of the recording's length."""
 
 
+TypedMessage = tuple[str, str, Any]
+"""Topic, type and message."""
+
+
 class _StoredMessage(NamedTuple):
     """A message in the temporary file."""
 
@@ -133,8 +136,8 @@ class CycleMessageStore:
         except OSError as error:
             raise OutputError(f"result.mcap: cannot be written ({one_line(error)})") from None
 
-    def of(self, cycle: int, *, is_last: bool) -> Iterator[tuple[str, str, Any]]:
-        """Yield topic, type and message of each message of a tilt cycle.
+    def of(self, cycle: int, *, is_last: bool) -> Iterator[TypedMessage]:
+        """Yield the messages of a tilt cycle.
 
         Parameters
         ----------
@@ -154,12 +157,12 @@ class CycleMessageStore:
                 yield topic, message.msgtype, message.build()
 
 
-class _TimedWrite(NamedTuple):
-    """A write at a time; writes at equal times are ordered by rank."""
+class _TimedMessages(NamedTuple):
+    """Messages of a time, made when they are written; those of equal times are ordered by rank."""
 
     stamp_ns: int
     rank: int
-    write: Callable[[], None]
+    messages: Iterator[TypedMessage]
 
 
 class ResultBag:
@@ -215,31 +218,32 @@ class ResultBag:
         grid
             Grid of the level scans, if any.
         """
-        self._grid = grid
-        due = [*self._cycle_writes(cycles, solution), *self._solution_writes(cycles, solution)]
-        due += self._event_writes(cycles, events)
-        for item in sorted(due, key=lambda item: item[:2]):
-            item.write()
+        ends = {cycle.stamp_ns: cycle.end_ns for cycle in cycles}
+        due = [*self._of_cycles(cycles, solution), *self._of_solution(solution, ends, grid)]
+        for seen_ns, change in events:
+            due.append(_TimedMessages(ends.get(seen_ns, seen_ns), 4, self._event(change)))
+        for stamp_ns, _, messages in sorted(due, key=lambda item: item[:2]):
+            for topic, msgtype, message in messages:
+                self._bag.write(topic, msgtype, stamp_ns, message)
 
     # --- cycles ---
 
-    def _cycle_writes(
+    def _of_cycles(
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
-    ) -> Iterator[_TimedWrite]:
+    ) -> Iterator[_TimedMessages]:
         for cycle in cycles:
             T_map_base = solution.graph.T_map_base_at(cycle.stamp_ns)[0]
-            is_last = cycle is cycles[-1]
             if cycle.scans:  # without scans, the base has no pose at the cycle
-                due = partial(self._write_frames, cycle, T_map_base, solution)
-                yield _TimedWrite(cycle.end_ns, 0, due)
-            yield _TimedWrite(cycle.end_ns, 1, partial(self._write_cycle, cycle, is_last))
+                frames = self._frames(cycle, T_map_base, solution)
+                yield _TimedMessages(cycle.end_ns, 0, frames)
+            yield _TimedMessages(cycle.end_ns, 1, self._cycle(cycle, cycle is cycles[-1]))
 
-    def _write_frames(
+    def _frames(
         self, cycle: CycleResult, T_map_base: Float64, solution: SurfaceSolution
-    ) -> None:
-        """Write the poses of the odometry frame and the base at the stamp of the tilt cycle.
+    ) -> Iterator[TypedMessage]:
+        """Yield the poses of the odometry frame and the base at the stamp of the tilt cycle.
 
-        With `tf.surfaces`, also write the frames of the surfaces seen by then.
+        With `tf.surfaces`, also the frames of the surfaces seen by then.
         """
         stamp_ns, types = cycle.stamp_ns, self._bag.types
         T_map_odom = T_map_base @ inverse(cycle.T_odom_base)
@@ -252,22 +256,19 @@ class ResultBag:
             seen = [s for s in solution.surfaces if s.first_seen_ns <= stamp_ns]
             prefix = self._config.frames.prefix
             samples += frames_of_surfaces(seen, stamp_ns, self._map_frame, prefix)
-        self._bag.write(TF_TOPIC, TF, cycle.end_ns, transforms_message(types, samples))
-        self._bag.write(MAP_ODOM_TOPIC, MAP_ODOM, cycle.end_ns, transform_message(types, odom))
+        yield TF_TOPIC, TF, transforms_message(types, samples)
+        yield MAP_ODOM_TOPIC, MAP_ODOM, transform_message(types, odom)
 
-    def _write_cycle(self, cycle: CycleResult, is_last: bool) -> None:
+    def _cycle(self, cycle: CycleResult, is_last: bool) -> Iterator[TypedMessage]:
         for topic, msgtype, message in self._messages.of(cycle.cycle, is_last=is_last):
-            self._bag.write(TCCM + topic, msgtype, cycle.end_ns, message)
-
-    def _write_messages(self, stamp_ns: int, messages: Iterable[TopicMessage]) -> None:
-        for topic, msgtype, build in messages:
-            self._bag.write(SLAM + topic, msgtype, stamp_ns, build())
+            yield TCCM + topic, msgtype, message
 
     # --- the solution ---
 
-    def _solution_writes(
-        self, cycles: Sequence[CycleResult], solution: SurfaceSolution
-    ) -> Iterator[_TimedWrite]:
+    def _of_solution(
+        self, solution: SurfaceSolution, ends: Mapping[int, int], grid: OccupancyGrid | None
+    ) -> Iterator[_TimedMessages]:
+        """Yield the messages of a solution; `ends` are those of tilt cycles by stamp, ns."""
         stamps = solution.trajectory_ns
         keyframes = solution.graph.keyframes
         key_stamps = np.array([k.stamp_ns for k in keyframes], np.int64)
@@ -277,60 +278,44 @@ class ResultBag:
         covs = [rotate_covariance(cov, float(k.pose[2])) for k, cov in known]
         covs = covs or [np.zeros((3, 3))]
         for index, stamp_ns in enumerate(stamps.tolist()):
-            due = partial(self._write_pose, stamp_ns, T_map_base[index], covs[nearest[index]])
-            yield _TimedWrite(stamp_ns, 2, due)
-        ends = _ends(cycles)
+            pose = self._pose(stamp_ns, T_map_base[index], covs[nearest[index]])
+            yield _TimedMessages(stamp_ns, 2, pose)
         for seen_ns in sorted({surface.first_seen_ns for surface in solution.surfaces}):
-            at_ns = ends.get(seen_ns, seen_ns)
-            yield _TimedWrite(at_ns, 3, partial(self._write_surfaces, solution, seen_ns, at_ns))
-        newest = [*stamps[-1:].tolist(), *(cycle.end_ns for cycle in cycles[-1:])]
+            growing = self._growing(solution, seen_ns)
+            yield _TimedMessages(ends.get(seen_ns, seen_ns), 3, growing)
+        newest = [*stamps[-1:].tolist(), *ends.values()]
         if newest:
-            yield _TimedWrite(max(newest), 5, partial(self._write_solution, solution, max(newest)))
+            yield _TimedMessages(max(newest), 5, self._final(solution, grid, max(newest)))
 
-    def _event_writes(
-        self, cycles: Sequence[CycleResult], events: Iterable[tuple[int, Change]]
-    ) -> Iterator[_TimedWrite]:
-        ends = _ends(cycles)
-        for seen_ns, change in events:
-            at_ns = ends.get(seen_ns, seen_ns)
-            yield _TimedWrite(at_ns, 4, partial(self._write_event, at_ns, change))
+    def _event(self, change: Change) -> Iterator[TypedMessage]:
+        yield EVENTS_TOPIC, SURFACE_EVENT, change_message(self._bag.types, self._map_frame, change)
 
-    def _write_event(self, stamp_ns: int, change: Change) -> None:
-        message = change_message(self._bag.types, self._map_frame, change)
-        self._bag.write(EVENTS_TOPIC, SURFACE_EVENT, stamp_ns, message)
+    def _pose(self, stamp_ns: int, T_map_base: Float64, cov: Float64) -> Iterator[TypedMessage]:
+        header = self._bag.types, stamp_ns, self._map_frame
+        yield POSE_TOPIC, POSE, pose_covariance_message(*header, T_map_base, cov)
 
-    def _write_pose(self, stamp_ns: int, T_map_base: Float64, cov: Float64) -> None:
-        message = pose_covariance_message(
-            self._bag.types, stamp_ns, self._map_frame, T_map_base, cov
-        )
-        self._bag.write(POSE_TOPIC, POSE, stamp_ns, message)
-
-    def _write_surfaces(self, solution: SurfaceSolution, seen_ns: int, stamp_ns: int) -> None:
-        """Write the surfaces first seen by a time."""
+    def _growing(self, solution: SurfaceSolution, seen_ns: int) -> Iterator[TypedMessage]:
+        """Yield the `GROWING_TOPICS` with the surfaces first seen by a time."""
         seen = _seen_by(solution, seen_ns)
-        messages = self._solution_builder.of(seen, seen_ns)
-        self._write_messages(stamp_ns, (m for m in messages if m.topic in GROWING_TOPICS))
+        for topic, msgtype, build in self._solution_builder.of(seen, seen_ns):
+            if topic in GROWING_TOPICS:
+                yield SLAM + topic, msgtype, build()
 
-    def _write_solution(self, solution: SurfaceSolution, stamp_ns: int) -> None:
-        self._write_messages(stamp_ns, self._solution_builder.of(solution, stamp_ns))
-        message = localisation_message(self._bag.types, stamp_ns, self._map_frame, solution)
-        self._bag.write(LOCALISATION_TOPIC, LOCALISATION, stamp_ns, message)
-        self._write_grid(stamp_ns)
+    def _final(
+        self, solution: SurfaceSolution, grid: OccupancyGrid | None, stamp_ns: int
+    ) -> Iterator[TypedMessage]:
+        """Yield the messages of the complete solution."""
+        header = self._bag.types, stamp_ns, self._map_frame
+        for topic, msgtype, build in self._solution_builder.of(solution, stamp_ns):
+            yield SLAM + topic, msgtype, build()
+        yield LOCALISATION_TOPIC, LOCALISATION, localisation_message(*header, solution)
+        if grid is not None:
+            yield GRID_TOPIC, GRID, grid_message(*header, grid)
         shapes = scene_shapes(
             solution.surfaces, solution.objects, solution.compartments, solution.unseen
         )
-        for message in collision_messages(self._bag.types, stamp_ns, self._map_frame, shapes):
-            self._bag.write(COLLISION_TOPIC, COLLISION_OBJECT, stamp_ns, message)
-
-    def _write_grid(self, stamp_ns: int) -> None:
-        if self._grid is not None:
-            message = grid_message(self._bag.types, stamp_ns, self._map_frame, self._grid)
-            self._bag.write(GRID_TOPIC, GRID, stamp_ns, message)
-
-
-def _ends(cycles: Sequence[CycleResult]) -> dict[int, int]:
-    """Return the end of each tilt cycle by the stamp of its view, ns."""
-    return {cycle.stamp_ns: cycle.end_ns for cycle in cycles}
+        for message in collision_messages(*header, shapes):
+            yield COLLISION_TOPIC, COLLISION_OBJECT, message
 
 
 def _seen_by(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:

@@ -30,8 +30,9 @@ from tccm_ros.results.numbers import json_text
 from tccm_ros.results.planning import scene_text
 from tccm_ros.results.ply import surface_ply
 from tccm_ros.results.trajectory import Trajectory
+from tccm_ros.scene.planning_shapes import scene_shapes
 from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
-from tccm_ros.tabletop.placements import PlacementRequest
+from tccm_ros.tabletop.placements import Placement, PlacementRequest
 
 PLACED_HEIGHT_M = 0.2
 """Object height for the placements in objects.json, m. Chosen: a bottle, lower than the spacing of
@@ -97,9 +98,9 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
 def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes]:
     """Return the contents of the files of `write_solution` by name."""
     map_frame, graph, stages = config.frames.map_name, solution.graph, solution.stages
-    placements = stages.run("placements", lambda: ranked_placements(solution))
-    if placements is None:
-        placements = PlacementsEntry.of(_placement_request(solution), [])
+    request = PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
+    found = stages.run("placements", lambda: ranked_placements(solution, request)) or []
+    placements = PlacementsEntry.of(request, found)
     models = {
         "surfaces.json": SurfacesFile.of(
             solution.surfaces, solution.floor_z, map_frame, solution.rooms
@@ -121,30 +122,29 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
             feature_collection(solution.surfaces, graph.walls, map_frame)
         ),
         "surfaces.scene": lambda: scene_text(
-            solution.surfaces, solution.objects, solution.compartments, solution.unseen
+            scene_shapes(
+                solution.surfaces, solution.objects, solution.compartments, solution.unseen
+            )
         ).encode(),
     }
     made = {name: stages.run(name, export) for name, export in exports.items()}
     return _encoded(models) | files | {k: data for k, data in made.items() if data is not None}
 
 
-def ranked_placements(solution: SurfaceSolution) -> PlacementsEntry:
+def ranked_placements(solution: SurfaceSolution, request: PlacementRequest) -> list[Placement]:
     """Return the positions where an object can be put down, as ``~/find_placements`` does.
 
     Parameters
     ----------
     solution
-        Solution; its `place_size` is the footprint of the object.
+        Solution with the surfaces, and the objects on them.
+    request
+        The object.
     """
     queries = SurfaceQueries(
         solution.surfaces, solution.objects, solution.floor_z, solution.compartments
     )
-    request = _placement_request(solution)
-    return PlacementsEntry.of(request, queries.find_placements(SurfaceFilter(), request))
-
-
-def _placement_request(solution: SurfaceSolution) -> PlacementRequest:
-    return PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
+    return queries.find_placements(SurfaceFilter(), request)
 
 
 def _encoded(models: Mapping[str, Any]) -> dict[str, bytes]:

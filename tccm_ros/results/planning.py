@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from tccm_ros.geometry import quaternion
-from tccm_ros.racks.compartment import Compartment
-from tccm_ros.racks.unseen_space import UnseenSpace
-from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
-from tccm_ros.scene.planning_shapes import Box, scene_shapes
-from tccm_ros.surfaces.objects.scene_objects import SceneObject
+from tccm_ros.scene.planning_shapes import Box, Mesh
 
 TITLE = "tccm_ros"
 """Name of the scene."""
 
 
-def scene_text(
-    surfaces: Iterable[Surface],
-    objects: Iterable[SceneObject] = (),
-    compartments: Sequence[Compartment] = (),
-    unseen: Iterable[UnseenSpace] = (),
-) -> str:
-    """Return surfaces, objects and racks (`scene_shapes`) as a MoveIt planning scene (``.scene``).
+def scene_text(shapes: Mapping[str, Box | Mesh]) -> str:
+    """Return shapes (`scene_shapes`) as a MoveIt planning scene (``.scene``).
 
     The format is the older of two, which all versions of MoveIt read: for each object its shapes,
     for each shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
     lines = [TITLE]
-    for name, shape in scene_shapes(surfaces, objects, compartments, unseen).items():
+    for name, shape in shapes.items():
         lines += [f"* {name}", "1"]
         T = np.eye(4)
         if isinstance(shape, Box):

@@ -13,6 +13,7 @@ from tccm_ros.results.planning import scene_text
 from tccm_ros.scene.planning_shapes import (
     Box,
     Mesh,
+    scene_shapes,
     surface_box,
     surface_mesh,
     surface_shape,
@@ -83,7 +84,7 @@ def read_scene(text):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_collision_object_contains_the_surface_and_nothing_above_it(shape, yaw_deg, slope):
     one = surface(affinity.rotate(SHAPES[shape], yaw_deg), slope)
-    title, (read,) = read_scene(scene_text([one]))
+    title, (read,) = read_scene(scene_text(scene_shapes([one], [])))
     assert (title, read.name) == ("tccm_ros", "tccm_surface_3")
     if read.kind == "box":
         corners = np.array(np.meshgrid(*([(-0.5, 0.5)] * 3))).reshape(3, -1).T * read.size
@@ -100,7 +101,7 @@ def test_the_collision_object_contains_the_surface_and_nothing_above_it(shape, y
 @pytest.mark.parametrize("shape", ["bent", "holed"])
 def test_a_mesh_leaves_the_space_free_that_a_box_would_block(shape):
     one = surface(SHAPES[shape])
-    _, (read,) = read_scene(scene_text([one]))
+    _, (read,) = read_scene(scene_text(scene_shapes([one], [])))
     assert read.kind == "mesh"
     a, b, c = (read.vertices[read.triangles[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
@@ -120,15 +121,17 @@ def test_a_surface_that_fills_its_box_is_a_box():
 def test_a_round_object_is_a_cylinder_of_its_radius_and_height():
     can = SceneObject(7, 3, np.array([0.5, 0.4, 0.8]), np.array([0.08, 0.08, 0.12]), 0.3)
     for is_round, solid in ((True, ("cylinder", [0.04, 0.12])), (False, ("box", [*can.size]))):
-        _, (read,) = read_scene(scene_text([], [replace(can, is_round=is_round)]))
+        _, (read,) = read_scene(scene_text(scene_shapes([], [replace(can, is_round=is_round)])))
         assert (read.kind, read.size.tolist()) == solid
         assert read.T[:3, 3] == pytest.approx(can.center)
 
 
 def test_the_floor_is_left_out_and_an_empty_map_is_an_empty_scene():
     floor = surface(box(-3, -3, 3, 3), height=0.0, label="floor", number=0)
-    assert scene_text([floor]) == scene_text([]) == "tccm_ros\n.\n"
-    _, found = read_scene(scene_text([floor, surface(L_SHAPE), replace(surface(L_SHAPE), id=9)]))
+    assert scene_text(scene_shapes([floor], [])) == scene_text({}) == "tccm_ros\n.\n"
+    _, found = read_scene(
+        scene_text(scene_shapes([floor, surface(L_SHAPE), replace(surface(L_SHAPE), id=9)], []))
+    )
     assert [read.name for read in found] == ["tccm_surface_3", "tccm_surface_9"]
 
 

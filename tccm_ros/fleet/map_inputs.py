@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError, MapError, one_line
 from tccm_ros.fleet.layout import FleetFolder
-from tccm_ros.fleet.tables import read_signs
 from tccm_ros.geometry import spatial
 from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.transformation import transform_outline
-from tccm_ros.results.folder_reader import read_json
+from tccm_ros.records import Surface
+from tccm_ros.results.folder_reader import read_json, read_or_empty
 from tccm_ros.results.map_file import load_map
-from tccm_ros.results.models import SurfacesFile, plan_polygon
+from tccm_ros.results.models import SignEntry, SignsFile, SurfaceEntry, SurfacesFile, plan_polygon
 from tccm_ros.slam.saved_walls import SavedWalls, unpack_walls
 
 MAP = "map.mcap"
@@ -60,22 +60,6 @@ class SurfaceFootprint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NumberedSign:
-    """A door sign in its map.
-
-    Attributes
-    ----------
-    number
-        Room number as read.
-    position
-        float64 (3,), m.
-    """
-
-    number: str
-    position: Float64
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class MapInput:
     """A map to merge.
 
@@ -103,7 +87,7 @@ class MapInput:
     saved: SavedMap
     walls: SavedWalls
     surfaces: tuple[SurfaceFootprint, ...]
-    signs: tuple[NumberedSign, ...] = ()
+    signs: tuple[SignEntry, ...] = ()
 
 
 def find_maps(sources: Iterable[Path]) -> list[Path]:
@@ -169,29 +153,26 @@ def read_map(path: Path, config: Config) -> MapInput:
     saved = load_map(path)
     if not saved.keyframe_count:
         raise MapError(f"{path}: made without a level laser: it has no keyframes to merge it by")
-    beside = path.parent / "surfaces.json"
-    signs: tuple[NumberedSign, ...] = ()
+    beside = path.with_name("surfaces.json")
+    signs: tuple[SignEntry, ...] = ()
     if path.name == MAP and beside.exists():
-        surfaces = footprints_of(read_json(beside, SurfacesFile))
-        signs = tuple(
-            NumberedSign(sign.number, sign.position)
-            for sign in read_signs(path.parent)
-            if sign.number
-        )
+        file = read_json(beside, SurfacesFile)
+        surfaces = footprints_of(file.surfaces, file.floor_z)
+        known = read_or_empty(path.with_name("signs.json"), SignsFile).signs
+        signs = tuple(sign for sign in known if sign.number)
     else:
         mapped = SurfaceSlam.from_saved(config, saved).solve().mapped
-        surfaces = footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
+        surfaces = footprints_of(mapped.surfaces, mapped.floor_z)
     name = str(path.parent if path.name == MAP else path)
     walls = unpack_walls(saved.walls)
-    return MapInput(name, path, checksum_of(path), saved, walls, tuple(surfaces), signs)
+    return MapInput(name, path, checksum_of(path), saved, walls, surfaces, signs)
 
 
-def footprints_of(file: SurfacesFile) -> Sequence[SurfaceFootprint]:
-    """Return the outlines of a map's surfaces."""
-    floor_z = file.floor_z or 0.0
-    return [
-        SurfaceFootprint(
-            surface.id, plan_polygon(surface), surface.height - floor_z, surface.is_floor
-        )
-        for surface in file.surfaces
-    ]
+def footprints_of(
+    surfaces: Iterable[Surface | SurfaceEntry], floor_z: float | None
+) -> tuple[SurfaceFootprint, ...]:
+    """Return the outlines of a map's surfaces, with their heights above the floor."""
+    return tuple(
+        SurfaceFootprint(s.id, plan_polygon(s), s.height - (floor_z or 0.0), s.label == "floor")
+        for s in surfaces
+    )

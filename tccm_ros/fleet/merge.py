@@ -29,7 +29,6 @@ from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.map_file import save_map
-from tccm_ros.results.models import SurfacesFile
 from tccm_ros.results.numbers import write_json
 
 
@@ -185,7 +184,7 @@ def _entry(
     patches = [sum(len(s.view.patches) for s in inputs[k].saved.views) for k in members]
     offsets = {inputs[k].checksum: start for k, start in zip(members, starts(patches))}
     mapped = solution.mapped
-    found = footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
+    found = footprints_of(mapped.surfaces, mapped.floor_z)
     owners = owners_of_patches(solution.surfaces)
     maps = [
         MergedMapEntry(

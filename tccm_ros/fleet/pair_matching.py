@@ -12,11 +12,11 @@ from enum import StrEnum
 import numpy as np
 import shapely
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Covariance3, Float64, Vector
 from tccm_ros.config import Config
-from tccm_ros.fleet.map_inputs import MapInput, NumberedSign, SurfaceFootprint
+from tccm_ros.fleet.map_inputs import MapInput, SurfaceFootprint
 from tccm_ros.geometry import transform2
-from tccm_ros.results.models import Covariance3, Vector
+from tccm_ros.results.models import SignEntry
 from tccm_ros.slam.map_matching import match_walls, median_pose
 
 MIN_OVERLAP = 0.5
@@ -152,7 +152,7 @@ def _agreeing(
 
 
 def compare_signs(
-    one: Sequence[NumberedSign], other: Sequence[NumberedSign], p_one_other: Float64
+    one: Sequence[SignEntry], other: Sequence[SignEntry], p_one_other: Float64
 ) -> tuple[int, int]:
     """Return the numbers of door signs that read the same and differently in both maps.
 

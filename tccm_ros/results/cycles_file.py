@@ -203,16 +203,8 @@ def save_cycles(path: Path | str, parts: CycleParts) -> None:
     OutputError
         If the file cannot be written.
     """
-    names = [
-        name for name in CycleParts.__dataclass_fields__ if name not in ("cell_size", "window")
-    ]
-    arrays = {
-        "format": np.int64(FORMAT),
-        "cell_size": np.float64(parts.cell_size),
-        "window": np.int64(parts.window),
-        **{name: getattr(parts, name) for name in names},
-    }
-    write_output(path, array_archive(arrays))
+    arrays = {name: np.asarray(getattr(parts, name)) for name in CycleParts.__dataclass_fields__}
+    write_output(path, array_archive({"format": np.asarray(FORMAT)} | arrays))
 
 
 def load_cycles(path: Path | str) -> CycleParts:

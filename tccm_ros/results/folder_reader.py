@@ -143,8 +143,7 @@ def load_results(folder: Path | str) -> Results:
         raise MapError(f"{folder}: no such folder; expected what 'tccm replay --out' wrote")
     surfaces = read_json(folder / "surfaces.json", SurfacesFile)
     walls = read_json(folder / "walls.json", WallsFile)
-    objects = _read_optional(folder / "objects.json", ObjectsFile) or ObjectsFile()
-    planes = _read_optional(folder / "planes.json", PlanesFile) or PlanesFile()
+    objects = read_or_empty(folder / "objects.json", ObjectsFile)
     cuboids, cycles = folder / "cuboids.npz", folder / "cycles.npz"
     true = _read_optional(folder / "truth.json", TruthFile)
     return Results(
@@ -153,13 +152,13 @@ def load_results(folder: Path | str) -> Results:
         surfaces.surfaces,
         walls.walls,
         _trajectory(folder / "trajectory.tum"),
-        (_read_optional(folder / "signs.json", SignsFile) or SignsFile()).signs,
+        read_or_empty(folder / "signs.json", SignsFile).signs,
         surfaces.rooms,
-        _read_optional(folder / "graph.json", GraphFile) or GraphFile(),
+        read_or_empty(folder / "graph.json", GraphFile),
         objects.objects,
         objects.free,
-        (_read_optional(folder / "racks.json", RacksFile) or RacksFile()).compartments,
-        planes.cycles,
+        read_or_empty(folder / "racks.json", RacksFile).compartments,
+        read_or_empty(folder / "planes.json", PlanesFile).cycles,
         load_cuboids(cuboids) if cuboids.exists() else None,
         load_cycles(cycles) if cycles.exists() else None,
         _read_optional(folder / "summary.json", SummaryFile),
@@ -187,6 +186,17 @@ def read_json(path: Path, model: type[FileType]) -> FileType:
         raise MapError(f"{path}: damaged: {key or 'file'}: {first['msg'].lower()}") from None
     except OSError as error:
         raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
+
+
+def read_or_empty(path: Path, model: type[FileType]) -> FileType:
+    """Read one JSON file as its model; without the file, return an empty model.
+
+    Raises
+    ------
+    MapError
+        If the file is damaged.
+    """
+    return read_json(path, model) if path.exists() else model()
 
 
 def read_json_or_none(path: Path, model: type[FileType]) -> FileType | None:

@@ -1004,7 +1004,7 @@ class TruthFile:
     rooms: tuple[TruthRoom, ...] = ()
 
 
-def plan_polygon(surface: SurfaceEntry | TruthSurface) -> shapely.Geometry:
+def plan_polygon(surface: Surface | SurfaceEntry | TruthSurface) -> shapely.Geometry:
     """Return the outline of a surface from above, with its holes, made valid."""
     if len(surface.boundary) < 3:
         return shapely.Polygon()

@@ -1,6 +1,6 @@
 """Furniture tells two floors with the same walls from each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,12 +8,13 @@ import pytest
 import shapely
 
 from tccm_ros.config import Config
-from tccm_ros.fleet.map_inputs import NumberedSign, SurfaceFootprint
+from tccm_ros.fleet.map_inputs import SurfaceFootprint
 from tccm_ros.fleet.pair_matching import (
     compare_furniture,
     compare_signs,
 )
 from tccm_ros.geometry import inverse2, transform2
+from tccm_ros.results.models import SignEntry
 from tccm_ros.slam import map_matching
 
 FLOOR = SurfaceFootprint(0, shapely.box(-4, -3, 4, 3), 0.0, True)
@@ -64,14 +65,20 @@ def test_space_unseen_by_the_other_map_is_not_compared():
 def moved_signs(T, signs):
     inverse = inverse2(np.array(T, float))
     return [
-        NumberedSign(
-            s.number, np.array([*transform2(inverse, s.position[None, :2])[0], s.position[2]])
+        replace(
+            s, position=np.array([*transform2(inverse, s.position[None, :2])[0], s.position[2]])
         )
         for s in signs
     ]
 
 
-SIGNS = tuple(NumberedSign(f"10{k}", np.array([2.0 * k, 3.0, 1.5])) for k in range(4))
+SIGNS = tuple(
+    SignEntry(
+        k, f"10{k}", f"10{k}", 1.0, np.array([2.0 * k, 3.0, 1.5]), np.array([0.0, -1.0, 0.0]),
+        np.eye(3), None, (),
+    )
+    for k in range(4)
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("T", [(0, 0, 0), (3.0, -2.0, 1.2)])
@@ -80,14 +87,14 @@ def test_signs_of_one_floor_read_the_same(T):
 
 
 def test_signs_of_another_floor_read_otherwise():
-    other = [NumberedSign(s.number.replace("1", "2", 1), s.position) for s in SIGNS]
+    other = [replace(s, number=s.number.replace("1", "2", 1)) for s in SIGNS]
     assert compare_signs(SIGNS, other, np.zeros(3)) == (0, 4)
 
 
 def test_signs_of_one_map_alone_are_ignored():
     assert compare_signs(SIGNS[:2], SIGNS[2:], np.zeros(3)) == (0, 0)
     assert compare_signs(SIGNS, (), np.zeros(3)) == (0, 0)
-    above = [NumberedSign(s.number, s.position + np.array([0, 0, 3.0])) for s in SIGNS]
+    above = [replace(s, position=s.position + np.array([0, 0, 3.0])) for s in SIGNS]
     assert compare_signs(SIGNS, above, np.zeros(3)) == (0, 0)
 
 

@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 from tccm_ros.calibrate.estimate import Estimate
 from tccm_ros.calibrate.observability import UNITS, columns
 from tccm_ros.errors import BagError
+from tccm_ros.results.numbers import plain
 
 MIN_PROBABILITY = 1e-4
 """Minimum probability of a disagreement between recordings of one rig (chosen)."""
@@ -97,10 +98,7 @@ class Agreement:
         """Return all values as plain numbers."""
         return [
             {
-                "name": one.name,
-                "bags": list(one.bags),
-                "values": [round(value, 6) for value in one.values],
-                "sigmas": [round(sigma, 6) for sigma in one.sigmas],
+                **plain(one),
                 "chi_square": round(one.chi_square, 3),
                 "probability": float(f"{one.probability:.3g}"),
             }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +53,8 @@ class TrajectoryScore:
 
     errors: Mapping[str, Errors]
     missing: int
-    positions: Float64
-    truth: Float64
+    positions: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
+    truth: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
     stamp_unit: str = "s"
 
     def to_json(self) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def _score_trajectory(found: Trajectory, truth: Trajectory) -> TrajectoryScore:
     T_true, known = poses_at(truth.stamps_ns, truth.T_map_base, found.stamps_ns)
     poses, T_true = found.T_map_base[known], T_true[known]
     if len(poses) < 2:
-        return _empty_score(len(known))
+        return TrajectoryScore({}, len(known))
     errors = {
         "absolute, aligned": absolute_errors(poses, T_true),
         "absolute, as it is": absolute_errors(poses, T_true, aligned=False),
@@ -200,8 +200,7 @@ def _score_relations(found: Trajectory, truth: Relations) -> TrajectoryScore:
         "relations (Kuemmerle)": relation_errors(T_from, T_to, deltas),
         "relations (Cartographer)": relation_errors(T_from, T_to, deltas, Order.CARTOGRAPHER),
     }
-    empty = np.zeros((0, 2))
-    return TrajectoryScore(errors, int((~known).sum()), empty, empty)
+    return TrajectoryScore(errors, int((~known).sum()))
 
 
 def _score_reference(found: Trajectory, truth: Reference, index: dict[int, int]) -> TrajectoryScore:
@@ -211,7 +210,7 @@ def _score_reference(found: Trajectory, truth: Reference, index: dict[int, int])
     poses, known = poses_at(found.stamps_ns, found.T_map_base, asked)
     poses, T_true = poses[known], truth.poses[known]
     if len(poses) < 2:
-        return _empty_score(len(known))
+        return TrajectoryScore({}, len(known))
     errors = {"absolute, aligned": absolute_errors(poses, T_true)}
     rows = np.arange(len(poses) - 1)
     pairs = {
@@ -230,7 +229,3 @@ def _with_positions(
 ) -> TrajectoryScore:
     T = align(poses[:, :3, 3], truth[:, :3, 3])
     return TrajectoryScore(errors, missing, (T @ poses)[:, :2, 3], truth[:, :2, 3])
-
-
-def _empty_score(missing: int) -> TrajectoryScore:
-    return TrajectoryScore({}, missing, np.zeros((0, 2)), np.zeros((0, 2)))

@@ -23,6 +23,7 @@ from tccm_ros.results.models import (
     TruthSurface,
     plan_polygon,
 )
+from tccm_ros.results.numbers import plain
 
 MIN_OVERLAP = 0.5
 MAX_HEIGHT_ERROR = 0.02
@@ -86,18 +87,8 @@ class SurfaceScore:
 
     def to_json(self) -> dict[str, Any]:
         """Return the score as plain data."""
-        rows = [
-            {
-                "label": m.label,
-                "height": m.height,
-                "area": m.area,
-                "found": m.found,
-                "overlap": round(m.overlap, 4),
-                "height_error": None if np.isnan(m.height_error) else round(m.height_error, 6),
-            }
-            for m in self.matches
-        ]
-        return {"found": self.found, "of": len(rows), "surfaces": rows, "false": list(self.false)}
+        content = {"found": self.found, "of": len(self.matches)}
+        return plain(content | {"surfaces": self.matches, "false": self.false})
 
     def text(self) -> str:
         """Return the score as a Markdown table."""

@@ -75,6 +75,11 @@ def json_text(value: Any) -> str:
     return _json(value, 0) + "\n"
 
 
+def plain(value: Any) -> Any:
+    """Return a value as `json_text` writes it: plain data, rounded."""
+    return json.loads(json_text(value))
+
+
 def write_json(path: Path | str, value: Any) -> None:
     """Write a value as a JSON file; errors as of `output_file`."""
     write_output(path, json_text(value))

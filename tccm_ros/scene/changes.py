@@ -255,18 +255,13 @@ def _of_surfaces(
     before: dict[int, KnownSurface],
     after: dict[int, KnownSurface],
 ) -> Change:
-    old = before[ids_before[0]] if ids_before else None
-    new = after[ids_after[0]]
+    """Return a change of surfaces in two scenes, with the poses of the first ones."""
+    old, new = before[ids_before[0]], after[ids_after[0]]
     return Change(
-        kind,
-        new.surface.first_seen_ns if old is None else new.last_view_ns,
-        ids_before,
-        ids_after,
-        new.surface.label,
-        T_before=None if old is None else surface_pose(old.surface)[0],
-        T_after=surface_pose(new.surface)[0],
-        last_seen_ns=0 if old is None else old.last_view_ns,
-    )
+        kind, new.last_view_ns, ids_before, ids_after, new.surface.label,
+        T_before=surface_pose(old.surface)[0], T_after=surface_pose(new.surface)[0],
+        last_seen_ns=old.last_view_ns,
+    )  # fmt: skip
 
 
 def _has_moved(before: KnownSurface, after: KnownSurface) -> bool:

@@ -497,7 +497,7 @@ def _live_robot(node: str, approach_node: str) -> AbstractContextManager[tuple[A
 
     if missing_interfaces():
         raise MissingExtraError(f"the live map: {missing_interfaces()}")
-    from tccm_ros.nodes.clients.live_map_source import live_robot
+    from tccm_ros.nodes.clients.running_robot import live_robot
 
     # A signal ends the server as the end of its input does: a drive in progress is cancelled.
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -6,7 +6,7 @@ It needs `tccm_interfaces`, and its owner must spin the node passed to it. The i
 
 from tccm_ros.errors import RequestError
 from tccm_ros.nodes.clients.map_client import SurfaceMapClient
-from tccm_ros.nodes.clients.map_records import (
+from tccm_ros.ros.map_records import (
     BoxState,
     Found,
     MapApproach,

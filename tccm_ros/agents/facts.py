@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from tccm_ros.arrays import Float64
+from tccm_ros.geometry import planar
+from tccm_ros.report.entities import rounded, seconds
+from tccm_ros.ros.map_records import MapEvent, MapObject, MapPlacement, MapSurface
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,15 @@ class SurfaceFacts:
     first_seen_s: float
     last_seen_s: float
 
+    @classmethod
+    def of(cls, surface: MapSurface) -> SurfaceFacts:
+        """Return the facts of a surface of a map."""
+        height, length, width, area = rounded([surface.height, *surface.size, surface.area])
+        signs, center = list(surface.near_signs), rounded(surface.T_map_surface[:3, 3])
+        names = surface.label, surface.room, signs
+        seen = seconds(surface.first_seen_ns), seconds(surface.last_seen_ns)
+        return cls(surface.id, *names, height, length, width, area, center, *seen)
+
 
 @dataclass(frozen=True, slots=True)
 class ObjectFacts:
@@ -69,6 +80,13 @@ class ObjectFacts:
     size_m: list[float]
     first_seen_s: float
     last_seen_s: float
+
+    @classmethod
+    def of(cls, item: MapObject) -> ObjectFacts:
+        """Return the facts of an object of a map."""
+        center, size = rounded(item.T_map_object[:3, 3]), rounded(item.size)
+        seen = seconds(item.first_seen_ns), seconds(item.last_seen_ns)
+        return cls(item.id, item.label, item.surface_id, center, size, *seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +120,14 @@ class PlacementFacts:
     clearance_m: float
     base_poses: list[BasePoseFacts]
 
+    @classmethod
+    def of(cls, placement: MapPlacement) -> PlacementFacts:
+        """Return the facts of a placement."""
+        T = placement.T_map_object
+        yaw, clearance = rounded([planar(T)[2], placement.clearance])
+        bases = [BasePoseFacts(*rounded(pose)) for pose in planar(placement.T_map_bases)]
+        return cls(placement.surface_id, rounded(T[:3, 3]), yaw, clearance, bases)
+
 
 @dataclass(frozen=True, slots=True)
 class ChangeFacts:
@@ -125,6 +151,12 @@ class ChangeFacts:
     surface_ids: list[int]
     object_id: int
     label: str
+
+    @classmethod
+    def of(cls, event: MapEvent) -> ChangeFacts:
+        """Return the facts of a change."""
+        ids = list(event.ids_after or event.ids_before)
+        return cls(event.kind, seconds(event.stamp_ns), ids, event.object_id, event.label)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,21 +226,39 @@ class Motion(Protocol):
 
 
 class MapSource(Protocol):
-    """A map to query: a saved one, or that of a running node."""
+    """A map to query: a saved one, or that of a running node.
 
-    def stamp_s(self) -> float:
-        """Return the stamp of the map, s."""
+    Attributes
+    ----------
+    changes_note
+        A sentence about the changes that `changes` contains.
+    """
 
-    def surfaces(self) -> Sequence[SurfaceFacts]:
-        """Return the surfaces except the floor, by id."""
+    changes_note: str
 
-    def objects(self) -> Sequence[ObjectFacts]:
-        """Return the objects on surfaces."""
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the map, ns.
 
+        Raises
+        ------
+        MapError
+            Before the first map.
+        """
+
+    @property
+    def surfaces(self) -> Sequence[MapSurface]:
+        """The surfaces, by id."""
+
+    @property
+    def objects(self) -> Sequence[MapObject]:
+        """The objects on surfaces."""
+
+    @property
     def rooms(self) -> Sequence[str]:
-        """Return the names of the named rooms."""
+        """The names of the named rooms, sorted."""
 
-    def placements(self, query: PlacementQuery) -> tuple[list[PlacementFacts], str]:
+    def placements(self, query: PlacementQuery) -> tuple[Sequence[MapPlacement], str]:
         """Return placements, the best first, and a sentence about their number or absence.
 
         Raises
@@ -217,31 +267,5 @@ class MapSource(Protocol):
             If the request cannot be answered.
         """
 
-    def changes(self) -> tuple[list[ChangeFacts], str]:
-        """Return the changes that are known, the newest first, and which are not, in a sentence."""
-
-
-def appearances(
-    surfaces: Sequence[SurfaceFacts], objects: Sequence[ObjectFacts]
-) -> list[ChangeFacts]:
-    """Return when surfaces and objects were first seen."""
-    came = [ChangeFacts("appeared", s.first_seen_s, [s.id], -1, s.label) for s in surfaces]
-    return came + [
-        ChangeFacts("object_appeared", o.first_seen_s, [o.surface_id], o.id, o.label)
-        for o in objects
-    ]
-
-
-def newest_first(changes: Sequence[ChangeFacts]) -> list[ChangeFacts]:
-    """Return changes ordered by stamp, the newest first."""
-    return sorted(changes, key=lambda change: -change.stamp_s)
-
-
-def rounded(values: Float64) -> list[float]:
-    """Return lengths or angles to 0.001."""
-    return [round(float(value), 3) for value in values]
-
-
-def seconds(stamp_ns: int) -> float:
-    """Return a stamp in s, to 1 ms."""
-    return round(stamp_ns * 1e-9, 3)
+    def changes(self) -> Sequence[MapEvent]:
+        """Return the known changes; surfaces and objects of the map may be left out."""

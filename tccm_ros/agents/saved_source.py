@@ -5,34 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tccm_ros.agents.facts import (
-    BasePoseFacts,
-    ChangeFacts,
-    ObjectFacts,
-    PlacementFacts,
-    PlacementQuery,
-    SurfaceFacts,
-    appearances,
-    newest_first,
-    rounded,
-    seconds,
-)
-from tccm_ros.arrays import Float64
+import numpy as np
+
+from tccm_ros.agents.facts import PlacementQuery
+from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
-from tccm_ros.errors import MessageError
+from tccm_ros.geometry import spatial
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.records import Surface
 from tccm_ros.results.map_file import load_map
-from tccm_ros.scene.base_poses import FreeFloor
+from tccm_ros.ros.map_records import MapEvent, MapObject, MapPlacement, MapSurface
+from tccm_ros.ros.surface_messages import SURFACE_MAP, typed_map_message
+from tccm_ros.scene.base_poses import BasePose, FreeFloor
 from tccm_ros.scene.queries import SurfaceFilter, SurfaceQueries
-from tccm_ros.scene.scene import surface_pose
-from tccm_ros.tabletop.placements import PlacementRequest
+from tccm_ros.scene.scene import placement_pose, surface_pose
+from tccm_ros.tabletop.placements import Placement, PlacementRequest
 
 MAX_BASE_POSES = 3
 """Maximum number of base poses per placement, the default of FindPlacements."""
-
-MAX_PLACEMENTS = 100
-"""Maximum number of placements tried for base poses, as in slam_node's services."""
 
 
 class SavedMapSource:
@@ -44,6 +33,8 @@ class SavedMapSource:
         Solution of the map.
     """
 
+    changes_note = "a saved map does not record removals; compare two maps with tccm compare"
+
     def __init__(self, solution: SurfaceSolution):
         self._solution = solution
         self._queries = SurfaceQueries(
@@ -51,6 +42,14 @@ class SavedMapSource:
         )
         grid = solution.grid
         self._floor = None if grid is None else FreeFloor(grid, solution.surfaces)
+        seen_ns = (surface.last_seen_ns for surface in solution.surfaces)
+        self.stamp_ns = max(solution.stamp_ns, *seen_ns, 0)
+        types = TypestoreMessages()
+        made = typed_map_message(types, self.stamp_ns, "map", solution, "")
+        message = types.deserialize(SURFACE_MAP, bytes(types.serialize(SURFACE_MAP, made)))
+        self.surfaces: Sequence[MapSurface] = [*map(MapSurface.of, message.surfaces)]
+        self.objects: Sequence[MapObject] = [*map(MapObject.of, message.objects)]
+        self.rooms = sorted(room.name for room in solution.rooms if room.name)
 
     @classmethod
     def load(cls, path: Path | str, config: Config | None = None) -> SavedMapSource:
@@ -65,37 +64,7 @@ class SavedMapSource:
         saved = load_map(path / "map.mcap" if path.is_dir() else path)
         return cls(SurfaceSlam.from_saved(config or Config(), saved).solve())
 
-    def stamp_s(self) -> float:
-        """Return the stamp of the newest view that the map contains, s."""
-        seen = (surface.last_seen_ns for surface in self._solution.surfaces)
-        return seconds(max(self._solution.stamp_ns, *seen, 0))
-
-    def surfaces(self) -> Sequence[SurfaceFacts]:
-        """Return the surfaces except the floor, by id."""
-        ground = self._solution.floor_z or 0.0
-        known = (s for s in self._solution.surfaces if s.label != "floor")
-        return [_surface(surface, ground) for surface in known]
-
-    def objects(self) -> Sequence[ObjectFacts]:
-        """Return the objects on surfaces."""
-        return [
-            ObjectFacts(
-                item.id,
-                item.class_id,
-                item.surface,
-                rounded(item.center),
-                rounded(item.size),
-                seconds(item.first_seen_ns),
-                seconds(item.last_seen_ns),
-            )
-            for item in self._solution.objects
-        ]
-
-    def rooms(self) -> Sequence[str]:
-        """Return the names of the named rooms."""
-        return sorted(room.name for room in self._solution.rooms if room.name)
-
-    def placements(self, query: PlacementQuery) -> tuple[list[PlacementFacts], str]:
+    def placements(self, query: PlacementQuery) -> tuple[list[MapPlacement], str]:
         """Return placements, the best first, and a sentence.
 
         Raises
@@ -103,55 +72,32 @@ class SavedMapSource:
         MessageError
             If base poses are requested and the map has no free floor.
         """
-        with_base = query.reach_m > 0.0
-        if with_base and self._floor is None:
-            raise MessageError("where the base can stand is not known: there is no level laser")
         wanted = SurfaceFilter(ids=frozenset(query.surface_ids))
-        count = MAX_PLACEMENTS if with_base else query.limit
-        request = PlacementRequest(*query.size_m, query.clearance_m, count)
+        request = PlacementRequest(*query.size_m, query.clearance_m, query.limit)
+        if query.reach_m > 0.0:
+            reach = query.reach_m, query.robot_radius_m
+            found = self._queries.find_reachable(
+                wanted, request, self._floor, *reach, MAX_BASE_POSES
+            )
+        else:
+            found = [(p, []) for p in self._queries.find_placements(wanted, request)]
+        reached = " in reach of a free place on the floor" if query.reach_m > 0.0 else ""
+        note = f"{len(found)} placements{reached} on {len(query.surface_ids)} surfaces"
+        return [_placement(placement, bases) for placement, bases in found], note
+
+    def changes(self) -> list[MapEvent]:
+        """Return which surfaces were moved."""
         found = []
-        for placement in self._queries.find_placements(wanted, request):
-            bases = self._bases(placement.position, query) if with_base else []
-            if bases or not with_base:
-                position, yaw = rounded(placement.position), round(placement.yaw, 3)
-                clearance = round(placement.clearance, 3)
-                found.append(PlacementFacts(placement.surface, position, yaw, clearance, bases))
-            if len(found) == query.limit:
-                break
-        reached = " in reach of a free place on the floor" if with_base else ""
-        return found, f"{len(found)} placements{reached} on {len(query.surface_ids)} surfaces"
-
-    def _bases(self, position: Float64, query: PlacementQuery) -> list[BasePoseFacts]:
-        assert self._floor is not None
-        poses = self._floor.base_poses(
-            position, query.reach_m, query.robot_radius_m, MAX_BASE_POSES
-        )
-        return [BasePoseFacts(round(p.x, 3), round(p.y, 3), round(p.yaw, 3)) for p in poses]
-
-    def changes(self) -> tuple[list[ChangeFacts], str]:
-        """Return which surfaces and objects appeared or were moved, the newest first."""
-        found = appearances(self.surfaces(), self.objects())
-        found += [
-            ChangeFacts("moved", seconds(surface.placed_ns), [surface.id], -1, surface.label)
-            for surface in self._solution.surfaces
-            if surface.label != "floor" and surface.previous_pose is not None
-        ]
-        note = "a saved map does not record removals; compare two maps with tccm compare"
-        return newest_first(found), note
+        for s in self._solution.surfaces:
+            if s.label != "floor" and s.previous_pose is not None:
+                poses = surface_pose(s.previous_pose)[0], surface_pose(s)[0]
+                found.append(MapEvent("moved", (s.id,), (s.id,), -1, s.label, *poses, s.placed_ns))
+        return found
 
 
-def _surface(surface: Surface, ground: float) -> SurfaceFacts:
-    T, (length, width) = surface_pose(surface)
-    return SurfaceFacts(
-        surface.id,
-        surface.label,
-        surface.room,
-        list(surface.near),
-        round(surface.height - ground, 3),
-        round(float(length), 3),
-        round(float(width), 3),
-        round(surface.area, 3),
-        rounded(T[:3, 3]),
-        seconds(surface.first_seen_ns),
-        seconds(surface.last_seen_ns),
+def _placement(placement: Placement, bases: Sequence[BasePose]) -> MapPlacement:
+    poses = np.array([(base.x, base.y, base.yaw) for base in bases]).reshape(-1, 3)
+    T = placement_pose(placement)
+    return MapPlacement(
+        placement.surface, T, placement.clearance, placement.free_height, spatial(poses)
     )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial, wraps
-from inspect import iscoroutinefunction
-from typing import Annotated, Any, TypeVar
+from functools import partial
+from typing import Annotated, TypeVar
 
 from anyio import CancelScope, get_cancelled_exc_class, to_thread
 from mcp.server.mcpserver import MCPServer
@@ -30,6 +28,8 @@ from tccm_ros.agents.facts import (
     SurfaceFacts,
 )
 from tccm_ros.errors import TccmError, one_line
+from tccm_ros.report.entities import seconds
+from tccm_ros.scene.queries import word_parts
 
 INSTRUCTIONS = """\
 A map of the horizontal surfaces (tables, counters, shelves, ...) around a mobile manipulator.
@@ -152,8 +152,8 @@ class MapTools:
 
     def overview(self) -> Overview:
         """List the rooms, and how many surfaces of each label each has ('' is no known room)."""
-        surfaces = self._source.surfaces()
-        rooms: dict[str, Counter[str]] = {name: Counter() for name in self._source.rooms()}
+        surfaces = known_surfaces(self._source)
+        rooms: dict[str, Counter[str]] = {name: Counter() for name in self._source.rooms}
         for surface in surfaces:
             rooms.setdefault(surface.room, Counter())[surface.label] += 1
         counts = {name: dict(sorted(labels.items())) for name, labels in sorted(rooms.items())}
@@ -161,7 +161,7 @@ class MapTools:
             map=map_stamp(self._source),
             rooms=counts,
             surfaces=len(surfaces),
-            objects=len(self._source.objects()),
+            objects=len(self._source.objects),
         )
 
     def find_surfaces(
@@ -189,14 +189,14 @@ class MapTools:
 
     def objects_on(self, surface_id: Identity, limit: Limit = MAX_ITEMS) -> Objects:
         """List the objects on a surface."""
-        self._surface(surface_id)
-        found = [item for item in self._source.objects() if item.surface_id == surface_id]
+        check_surface(self._source, surface_id)
+        found = [item for item in self._objects() if item.surface_id == surface_id]
         return Objects(map=map_stamp(self._source), found=len(found), objects=found[:limit])
 
     def find_objects(self, words: Words, limit: Limit = 5) -> Objects:
         """Find where objects of a class (cup, bottle, ...) were seen last, the newest first."""
-        known = self._source.objects()
-        parts = _parts(words)
+        known = self._objects()
+        parts = word_parts(words)
         found = [o for o in known if o.label and all(part in o.label.casefold() for part in parts)]
         found.sort(key=lambda item: -item.last_seen_s)
         named = sum(bool(item.label) for item in known)
@@ -216,13 +216,15 @@ class MapTools:
         limit: Limit = 3,
     ) -> Placements:
         """Find where an object of this size can be put down, on a surface or on all that match."""
-        ids = tuple(surface.id for surface in self._wanted(words, surface_id))
+        if surface_id >= 0:
+            check_surface(self._source, surface_id)
+        ids = [surface_id] if surface_id >= 0 else [s.id for s in self._matching(words)]
         if not ids:
             return Placements(
                 map=map_stamp(self._source), placements=[], note=f"no surface matches {words!r}"
             )
         size = (length_m, width_m, height_m)
-        return self._placements(PlacementQuery(size, ids, clearance_m, limit))
+        return self._placements(PlacementQuery(size, tuple(ids), clearance_m, limit))
 
     def how_to_approach(
         self,
@@ -235,8 +237,9 @@ class MapTools:
 
         The robot is not moved.
         """
-        ids = (self._surface(surface_id).id,)
-        return self._placements(PlacementQuery(PROBE_M, ids, 0.0, limit, reach_m, robot_radius_m))
+        check_surface(self._source, surface_id)
+        reach = reach_m, robot_radius_m
+        return self._placements(PlacementQuery(PROBE_M, (surface_id,), 0.0, limit, *reach))
 
     def changes_since(
         self,
@@ -247,42 +250,43 @@ class MapTools:
         limit: Limit = 10,
     ) -> Changes:
         """List the changes after a stamp: surfaces and objects that appeared, moved or left."""
-        known, note = self._source.changes()
-        found = [change for change in known if change.stamp_s > stamp_s]
+        found = [change for change in self._changes() if change.stamp_s > stamp_s]
+        found.sort(key=lambda change: -change.stamp_s)
+        note = self._source.changes_note
         return Changes(
             map=map_stamp(self._source), found=len(found), changes=found[:limit], note=note
         )
 
     # --- helpers ---
 
-    def _matching(self, words: str) -> list[SurfaceFacts]:
-        parts = _parts(words)
-        texts: dict[int, str] = {}
-        for item in self._source.objects():
-            texts[item.surface_id] = f"{texts.get(item.surface_id, '')} {item.label}"
-        return [
-            s
-            for s in self._source.surfaces()
-            if all(
-                part in " ".join([s.label, s.room, *s.near_signs, texts.get(s.id, "")]).casefold()
-                for part in parts
-            )
+    def _objects(self) -> list[ObjectFacts]:
+        return [ObjectFacts.of(item) for item in self._source.objects]
+
+    def _changes(self) -> list[ChangeFacts]:
+        """Return when surfaces and objects were first seen, and the other known changes."""
+        found = [
+            ChangeFacts("appeared", s.first_seen_s, [s.id], -1, s.label)
+            for s in known_surfaces(self._source)
+        ] + [
+            ChangeFacts("object_appeared", o.first_seen_s, [o.surface_id], o.id, o.label)
+            for o in self._objects()
         ]
+        known = {(change.kind, *change.surface_ids, change.object_id) for change in found}
+        others = map(ChangeFacts.of, self._source.changes())
+        return found + [c for c in others if (c.kind, *c.surface_ids, c.object_id) not in known]
 
-    def _wanted(self, words: str, surface_id: int) -> list[SurfaceFacts]:
-        if surface_id >= 0:
-            return [self._surface(surface_id)]
-        return self._matching(words)
-
-    def _surface(self, surface_id: int) -> SurfaceFacts:
-        for surface in self._source.surfaces():
-            if surface.id == surface_id:
-                return surface
-        raise _unknown(surface_id)
+    def _matching(self, words: str) -> list[SurfaceFacts]:
+        surfaces, parts = known_surfaces(self._source), word_parts(words)
+        texts = {s.id: [s.label, s.room, *s.near_signs] for s in surfaces}
+        for item in self._source.objects:
+            texts.get(item.surface_id, []).append(item.label)
+        found = {k: " ".join(text).casefold() for k, text in texts.items()}
+        return [s for s in surfaces if all(part in found[s.id] for part in parts)]
 
     def _placements(self, query: PlacementQuery) -> Placements:
         found, note = self._source.placements(query)
-        return Placements(map=map_stamp(self._source), placements=found, note=note)
+        facts = [PlacementFacts.of(placement) for placement in found]
+        return Placements(map=map_stamp(self._source), placements=facts, note=note)
 
 
 class MotionTools:
@@ -314,10 +318,11 @@ class MotionTools:
         """
         if (surface_id >= 0) == bool(spot):
             raise ToolError("give a surface_id or a spot")
-        if not spot and all(s.id != surface_id for s in self._source.surfaces()):
-            raise _unknown(surface_id)
-        facts = await self._drive(partial(self._motion.approach, surface_id, spot, gap_m))
-        return Approached(map=map_stamp(self._source), approach=facts)
+        if not spot:
+            check_surface(self._source, surface_id)
+        with tool_errors():
+            facts = await self._drive(partial(self._motion.approach, surface_id, spot, gap_m))
+            return Approached(map=map_stamp(self._source), approach=facts)
 
     async def retreat(
         self,
@@ -330,8 +335,9 @@ class MotionTools:
 
         The robot moves. The call returns once it stands.
         """
-        driven = await self._drive(partial(self._motion.retreat, distance_m))
-        return Retreated(map=map_stamp(self._source), distance_m=driven)
+        with tool_errors():
+            driven = await self._drive(partial(self._motion.retreat, distance_m))
+            return Retreated(map=map_stamp(self._source), distance_m=driven)
 
     async def _drive(self, move: Callable[[], Driven]) -> Driven:
         """Return the result of a drive; the base stops if the call is cancelled."""
@@ -370,52 +376,36 @@ def make_server(source: MapSource, motion: Motion | None = None) -> MCPServer:
         tools.how_to_approach,
         tools.changes_since,
     ):
-        server.tool(annotations=read_only, structured_output=True)(_with_tool_errors(tool))
+        server.tool(annotations=read_only, structured_output=True)(tool_errors()(tool))
     if motion is not None:
         moves = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)
         drives = MotionTools(source, motion)
         for drive in (drives.approach, drives.retreat):
-            server.tool(annotations=moves, structured_output=True)(_with_tool_errors(drive))
+            server.tool(annotations=moves, structured_output=True)(drive)
     return server
 
 
 def map_stamp(source: MapSource) -> MapStamp:
     """Return the stamp of a source's map."""
-    stamp_s = source.stamp_s()
+    stamp_s = seconds(source.stamp_ns)
     return MapStamp(stamp_s, datetime.fromtimestamp(stamp_s, UTC).isoformat(timespec="seconds"))
 
 
-def _unknown(surface_id: int) -> ToolError:
-    return ToolError(f"there is no surface {surface_id}; find_surfaces lists the ids")
+def known_surfaces(source: MapSource) -> list[SurfaceFacts]:
+    """Return the facts of a map's surfaces except the floor, by id."""
+    return [SurfaceFacts.of(surface) for surface in source.surfaces if surface.label != "floor"]
 
 
-def _with_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a tool whose errors are one sentence for the agent."""
-
-    @contextmanager
-    def reasons() -> Iterator[None]:
-        try:
-            yield
-        except TccmError as error:
-            raise ToolError(one_line(error)) from None
-
-    if iscoroutinefunction(tool):
-
-        @wraps(tool)
-        async def answer_later(*args: Any, **kwargs: Any) -> Any:
-            with reasons():
-                return await tool(*args, **kwargs)
-
-        return answer_later
-
-    @wraps(tool)
-    def answer(*args: Any, **kwargs: Any) -> Any:
-        with reasons():
-            return tool(*args, **kwargs)
-
-    return answer
+def check_surface(source: MapSource, surface_id: int) -> None:
+    """Raise ToolError unless the map has a surface of this id other than the floor."""
+    if all(surface.id != surface_id for surface in known_surfaces(source)):
+        raise ToolError(f"there is no surface {surface_id}; find_surfaces lists the ids")
 
 
-def _parts(text: str) -> list[str]:
-    """Return the alphanumeric parts of a text: C7-118 matches C7 118."""
-    return re.findall(r"[^\W_]+", text.casefold())
+@contextmanager
+def tool_errors() -> Iterator[None]:
+    """Turn the package's errors into tool errors of one sentence for the agent."""
+    try:
+        yield
+    except TccmError as error:
+        raise ToolError(one_line(error)) from None

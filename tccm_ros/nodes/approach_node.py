@@ -49,7 +49,6 @@ from tccm_ros.nodes.approach.goals import (
 )
 from tccm_ros.nodes.approach.names import NoSurfaceError, SpotNames, filter_of, place_on
 from tccm_ros.nodes.approach.nav2_navigator import Nav2Navigator
-from tccm_ros.nodes.clients.map_records import MapSurface
 from tccm_ros.nodes.clients.requests import stamped_point
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.intake.refusals import Refusals
@@ -59,6 +58,7 @@ from tccm_ros.nodes.qos import latched_qos
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.run import run
 from tccm_ros.records.building import frame_name
+from tccm_ros.ros.map_records import MapSurface
 from tccm_ros.ros.types import header_message, pose_message
 from tccm_ros.slam.occupancy import OccupancyGrid
 

@@ -161,9 +161,9 @@ class ViewNode(Node):
             self._update(lambda state: state.entities.update(path=path))
 
     def _take_pose(self, message: Any) -> None:
-        from tccm_ros.nodes.clients.live_entities import planar
+        from tccm_ros.nodes.clients.live_entities import xy_yaw
 
-        pose, stamp_ns = planar(message.pose.pose), stamp_ns_from_message(message.header.stamp)
+        pose, stamp_ns = xy_yaw(message.pose.pose), stamp_ns_from_message(message.header.stamp)
 
         def change(state: LiveState) -> None:
             state.pose, state.stamp_ns = pose, max(state.stamp_ns, stamp_ns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,11 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Float64
 from tccm_ros.racks.compartment import OpenPart
 from tccm_ros.racks.outline import box_edges, part_edges
+from tccm_ros.records import Wall
+from tccm_ros.ros.map_records import MapSign, MapWall
+
+if TYPE_CHECKING:  # the live page does not import the models of files
+    from tccm_ros.results.models import SignEntry
 
 
 def rounded(values: ArrayLike, digits: int = 3) -> list[float]:
@@ -18,13 +23,19 @@ def rounded(values: ArrayLike, digits: int = 3) -> list[float]:
     return [round(float(value), digits) for value in np.asarray(values).ravel()]
 
 
-def wall_entity(number: int, ends: Float64, observations: int, digits: int = 3) -> dict[str, Any]:
-    """Return a wall between two points float64 (2, 2), m, with its number of measurements."""
+def seconds(stamp_ns: int) -> float:
+    """Return a stamp in s, rounded to ms."""
+    return round(stamp_ns * 1e-9, 3)
+
+
+def wall_entity(wall: Wall | MapWall, digits: int = 3) -> dict[str, Any]:
+    """Return a wall as a line with its number of measurements."""
+    ends = wall.endpoints[:, :2]
     return {
-        "id": number,
+        "id": wall.id,
         "ends": [rounded(end, digits) for end in ends],
         "length": round(float(np.hypot(*(ends[1] - ends[0]))), digits),
-        "observations": observations,
+        "observations": wall.observations,
     }
 
 
@@ -63,12 +74,10 @@ def object_entity(
     }
 
 
-def sign_entity(
-    number: int, text: str, position: ArrayLike, normal: ArrayLike, digits: int = 3
-) -> dict[str, Any]:
-    """Return a door sign at a position (3,), m, with the normal (3,) of its wall."""
-    at, normal = rounded(position, digits), rounded(normal, digits)
-    return {"id": number, "text": text, "at": at, "normal": normal}
+def sign_entity(sign: SignEntry | MapSign, digits: int = 3) -> dict[str, Any]:
+    """Return a door sign with its position, and the normal of its wall."""
+    at, normal = rounded(sign.position, digits), rounded(sign.normal, digits)
+    return {"id": sign.id, "text": sign.text, "at": at, "normal": normal}
 
 
 def compartment_entity(

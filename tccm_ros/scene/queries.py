@@ -10,11 +10,13 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
+from tccm_ros.errors import MessageError
 from tccm_ros.racks.compartment import Compartment
 from tccm_ros.racks.insertions import (
     Access,
@@ -25,6 +27,7 @@ from tccm_ros.racks.insertions import (
     without_overlaps,
 )
 from tccm_ros.records import Surface
+from tccm_ros.scene.base_poses import BasePose, FreeFloor
 from tccm_ros.surfaces.objects.scene_objects import SceneObject, outline_of
 from tccm_ros.tabletop.placements import (
     ApproachDirection,
@@ -34,6 +37,9 @@ from tccm_ros.tabletop.placements import (
     PlacementSurface,
     find_placements,
 )
+
+MAX_PLACEMENTS = 100
+"""Maximum number of placements of a query. Chosen: more take seconds."""
 
 MIN_OVERHANG_HEIGHT_M = 0.05
 """Minimum height of an overhanging surface above another one, m; chosen: lower ones are beside it,
@@ -203,6 +209,39 @@ class SurfaceQueries:
             request = replace(request, height=request.height + request.hand_height)
         return find_placements([self._to_put_on[k] for k in chosen], request)
 
+    def find_reachable(
+        self,
+        wanted: SurfaceFilter,
+        request: PlacementRequest,
+        floor: FreeFloor | None,
+        max_range: float,
+        robot_radius: float,
+        max_bases: int,
+    ) -> list[tuple[Placement, list[BasePose]]]:
+        """Return the placements within range of a free base pose, with these poses.
+
+        Parameters
+        ----------
+        wanted, request
+            As for `find_placements`; of all placements, `MAX_PLACEMENTS` are tried.
+        floor
+            Free floor for the base; None if it is unknown.
+        max_range, robot_radius, max_bases
+            Of the arm, m, and as for `FreeFloor.base_poses`.
+
+        Raises
+        ------
+        MessageError
+            If the free floor is unknown.
+        """
+        if floor is None:
+            raise MessageError("where the base can stand is not known: there is no level laser")
+        every = self.find_placements(wanted, replace(request, max_count=MAX_PLACEMENTS))
+        with_bases = (
+            (p, floor.base_poses(p.position, max_range, robot_radius, max_bases)) for p in every
+        )
+        return list(islice((found for found in with_bases if found[1]), request.max_count))
+
     def _through_fronts(self, boards: Sequence[int], request: PlacementRequest) -> list[Placement]:
         """Return placements in the compartments over the given boards, the best first."""
         hand, x, y = Hand(request.hand_width, request.hand_height), request.size_x, request.size_y
@@ -357,7 +396,7 @@ def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) ->
             return False
     elif surface.label == "floor" and not wanted.ids:
         return False
-    sign = _parts(wanted.near_sign)
+    sign = word_parts(wanted.near_sign)
     return (
         surface.confidence >= wanted.min_confidence
         and wanted.min_height <= height <= wanted.max_height
@@ -365,10 +404,10 @@ def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) ->
         and (
             not sign or any(all(part in near.casefold() for part in sign) for near in surface.near)
         )
-        and all(part in text for word in wanted.words for part in _parts(word))
+        and all(part in text for word in wanted.words for part in word_parts(word))
     )
 
 
-def _parts(text: str) -> list[str]:
-    """Return the alphanumeric parts of a text: C7-118 is found as C7 118."""
+def word_parts(text: str) -> list[str]:
+    """Return the alphanumeric parts of a text in lower case: C7-118 is found as C7 118."""
     return re.findall(r"[^\W_]+", text.casefold())

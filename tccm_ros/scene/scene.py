@@ -18,6 +18,7 @@ from tccm_ros.scene.base_poses import FreeFloor
 from tccm_ros.surfaces.objects.object_tracks import NO_OBJECTS, TrackedObjects
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
+from tccm_ros.tabletop.placements import Placement
 
 
 class KnownSurface(NamedTuple):
@@ -132,3 +133,9 @@ def object_pose(item: SceneObject) -> Float64:
     """Return the pose (4, 4) of an object's box in map; x along its longer horizontal side."""
     x, y, z = item.center
     return spatial(np.array([x, y, item.yaw]), z)
+
+
+def placement_pose(placement: Placement) -> Float64:
+    """Return the pose (4, 4) of the middle of a placed object's bottom face in map."""
+    x, y, z = placement.position
+    return spatial(np.array([x, y, placement.yaw]), z)

@@ -3,23 +3,27 @@
 import threading
 
 import anyio
+import numpy as np
 import pytest
 
 mcp = pytest.importorskip("mcp", reason="mcp (the extra 'agents') is missing")
 
-from tccm_ros.agents.facts import ApproachFacts, SurfaceFacts  # noqa: E402
+from tccm_ros.agents.facts import ApproachFacts  # noqa: E402
 from tccm_ros.agents.server import make_server  # noqa: E402
 from tccm_ros.errors import RequestError  # noqa: E402
+from tccm_ros.ros.map_records import MapSurface  # noqa: E402
 
 
 class Room:
     """A map with one table."""
 
-    def stamp_s(self):
-        return 5.0
-
-    def surfaces(self):
-        return [SurfaceFacts(3, "table", "", [], 0.7, 1.2, 0.8, 0.96, [0.0, 0.0, 0.7], 1.0, 5.0)]
+    stamp_ns = 5_000_000_000
+    surfaces = (
+        MapSurface(
+            3, "table", "", np.eye(4), np.array([1.2, 0.8]), 0.7, 0.96, np.zeros((0, 3)), (),
+            1_000_000_000, stamp_ns,
+        ),
+    )  # fmt: skip
 
 
 class Base:

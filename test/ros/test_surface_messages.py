@@ -142,7 +142,7 @@ def test_found_object_names_obstacles_of_the_hand(name):
 
 
 def test_clients_read_compartments_and_found_objects_as_plain_objects():
-    from tccm_ros.nodes.clients.map_records import MapCompartment, MapFoundObject
+    from tccm_ros.ros.map_records import MapCompartment, MapFoundObject
 
     types = family("rosidl")
     read = MapCompartment.of(compartment_message(types, space()))

@@ -19,7 +19,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, TccmError
 from tccm_ros.geometry import compose2, inverse2, planar, spatial, transform, transform2
-from tccm_ros.nodes.clients.map_records import MapLocalisation
 from tccm_ros.nodes.intake.inputs import Inputs
 from tccm_ros.nodes.intake.intake import Intake
 from tccm_ros.nodes.intake.record_subscriptions import RecordSubscriptions
@@ -29,6 +28,7 @@ from tccm_ros.nodes.ros_types import has_tf2_msgs
 from tccm_ros.records import PosedScan, SurfaceCloud
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.robot.robot import Robot
+from tccm_ros.ros.map_records import MapLocalisation
 from tccm_ros.ros.output_messages import OBSTACLE_STEP_M
 from tccm_ros.ros.pointcloud import POINT_ROW, cloud_rows
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, bearings, scan_stream

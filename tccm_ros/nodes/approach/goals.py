@@ -17,7 +17,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import MotionError
 from tccm_ros.geometry import planar
-from tccm_ros.nodes.clients.map_records import MapSurface
+from tccm_ros.ros.map_records import MapSurface
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 MAX_GAP_M, MAX_DISTANCE_M, MAX_BACK_M = 1.0, 3.0, 2.0

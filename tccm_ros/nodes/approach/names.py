@@ -18,9 +18,9 @@ from tccm_ros.approach.standing import standing_poses
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MotionError, RequestError, suggest
 from tccm_ros.geometry import inverse2, planar, spatial, transform2
-from tccm_ros.nodes.clients.map_records import MapSurface
 from tccm_ros.nodes.clients.requests import stamped_point
 from tccm_ros.nodes.interfaces import offer_service
+from tccm_ros.ros.map_records import MapSurface
 from tccm_ros.ros.types import MessageTypes, pose_message
 
 MAX_BASE_POSES = 10

@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.nodes.clients.map_records import (
+from tccm_ros.report.entities import (
+    compartment_entity,
+    object_entity,
+    rounded,
+    seconds,
+    sign_entity,
+    wall_entity,
+)
+from tccm_ros.ros.map_records import (
     MapCompartment,
     MapEvent,
     MapObject,
     MapSign,
     MapSurface,
     MapWall,
-)
-from tccm_ros.report.entities import (
-    compartment_entity,
-    object_entity,
-    rounded,
-    sign_entity,
-    wall_entity,
 )
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.view.live_state import MARGIN_M, Entities, free_entity, surface_entity
@@ -34,13 +35,9 @@ def entities_of(message: Any) -> Entities:
     walls = [MapWall.of(m) for m in message.walls]
     labels = {s.id: f"{s.label} (surface {s.id})" for s in surfaces}
     found: Entities = {f"surface/{s.id}": _surface(s) for s in surfaces}
-    for item in map(MapObject.of, message.objects):
-        found[f"object/{item.id}"] = _object(item, labels)
-    for wall in walls:
-        seen = wall.message.observations
-        found[f"wall/{wall.id}"] = wall_entity(wall.id, wall.endpoints[:, :2], seen)
-    for sign in map(MapSign.of, message.signs):
-        found[f"sign/{sign.id}"] = sign_entity(sign.id, sign.text, sign.position, sign.normal)
+    found |= {f"object/{o.id}": _object(o, labels) for o in map(MapObject.of, message.objects)}
+    found |= {f"wall/{wall.id}": wall_entity(wall) for wall in walls}
+    found |= {f"sign/{sign.id}": sign_entity(sign) for sign in map(MapSign.of, message.signs)}
     for area in message.free_areas:
         rings = [_ring(ring) for ring in area.outlines if len(ring.points) > 2]
         if rings:
@@ -63,8 +60,8 @@ def _surface(surface: MapSurface) -> dict[str, Any]:
         "views": len(m.view_stamps),
         "points": m.points,
         "std": None if math.isnan(m.height_std) else round(m.height_std, 5),
-        "first": seconds(m.first_seen),
-        "last": seconds(m.last_seen),
+        "first": seconds(surface.first_seen_ns),
+        "last": seconds(surface.last_seen_ns),
     }
     T, holes = surface.T_map_surface, [_ring(hole) for hole in m.holes]
     return surface_entity(facts, surface.boundary, holes, T[:3, 2], T[:3, 3].tolist())
@@ -94,7 +91,7 @@ def _world(
     points = np.concatenate([np.zeros((1, 2)), *shown])
     return {
         "ground": 0.0 if math.isnan(message.floor_z) else round(message.floor_z, 3),
-        "start": min((seconds(s.first_seen) for s in message.surfaces), default=0.0),
+        "start": min((seconds(s.first_seen_ns) for s in surfaces), default=0.0),
         # Rounded to whole metres, so that small growth of the map does not change the extent.
         "extent": [
             np.floor(points.min(axis=0) - MARGIN_M).tolist(),
@@ -113,16 +110,11 @@ def event_text(event: MapEvent) -> str:
     return f"{kind}: {event.label} {shown}"
 
 
-def planar(pose: Any) -> list[float]:
+def xy_yaw(pose: Any) -> list[float]:
     """Return (x, y, yaw) of a geometry_msgs/Pose, rounded to mm and mrad."""
     q = pose.orientation
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     return rounded([pose.position.x, pose.position.y, yaw])
-
-
-def seconds(stamp: Any) -> float:
-    """Return a builtin_interfaces/Time, s."""
-    return round(float(stamp.sec) + 1e-9 * stamp.nanosec, 3)
 
 
 def _ring(message: Any) -> Float64:

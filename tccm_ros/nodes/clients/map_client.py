@@ -6,6 +6,7 @@ It needs `tccm_interfaces`, and its owner must spin the node passed to it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,11 @@ from tccm_interfaces.srv import (
 )
 
 from tccm_ros.nodes.clients.approach_client import ApproachClient
-from tccm_ros.nodes.clients.map_records import (
+from tccm_ros.nodes.clients.requests import ask, filled, stamped_point
+from tccm_ros.nodes.qos import EVENTS_DEPTH, latched_qos
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.records.building import stamp_ns_from_message
+from tccm_ros.ros.map_records import (
     BoxState,
     Found,
     MapApproach,
@@ -46,10 +51,6 @@ from tccm_ros.nodes.clients.map_records import (
     MapWall,
     SavedMapInfo,
 )
-from tccm_ros.nodes.clients.requests import ask, filled, stamped_point
-from tccm_ros.nodes.qos import EVENTS_DEPTH, latched_qos
-from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros.types import pose_message
 
 MAP_SERVICES = {
@@ -177,11 +178,7 @@ class SurfaceMapClient:
             If the filter is not a SurfaceFilter.
         """
         request = FindSurfaces.Request(filter=_checked(filter), max_count=max_count)
-        return self._ask_map(
-            FindSurfaces,
-            request,
-            lambda answer: Found(map(MapSurface.of, answer.surfaces.surfaces), answer.message),
-        )
+        return self._ask_map(FindSurfaces, request, _found(MapSurface, "surfaces.surfaces"))
 
     def find_placements(
         self, size: Sequence[float], filter: SurfaceFilter | None = None, **conditions: Any
@@ -207,11 +204,7 @@ class SurfaceMapClient:
         x, y, z = _lengths(size)
         lengths = {"size_x": x, "size_y": y, "height": z}
         request = filled(FindPlacements.Request(filter=_checked(filter)), **lengths, **conditions)
-        return self._ask_map(
-            FindPlacements,
-            request,
-            lambda answer: Found(map(MapPlacement.of, answer.placements), answer.message),
-        )
+        return self._ask_map(FindPlacements, request, _found(MapPlacement, "placements"))
 
     def find_objects(self, labels: Sequence[str] = (), **conditions: Any) -> Future:
         """Find objects; the future resolves to `Found` of `MapFoundObject`.
@@ -231,11 +224,7 @@ class SurfaceMapClient:
             If `labels` is a string, or the name of a condition is invalid.
         """
         request = filled(FindObjects.Request(), labels=labels, **conditions)
-        return self._ask_map(
-            FindObjects,
-            request,
-            lambda answer: Found(map(MapFoundObject.of, answer.objects), answer.message),
-        )
+        return self._ask_map(FindObjects, request, _found(MapFoundObject, "objects"))
 
     def check_box(self, T_frame_box: ArrayLike, size: Sequence[float], frame: str) -> Future:
         """Check whether a box is free; the future resolves to a `BoxState`.
@@ -437,6 +426,11 @@ class SurfaceMapClient:
         event = MapEvent.of(message)
         for callback in self._on_event:
             callback(event)
+
+
+def _found(kind: Any, field: str) -> Callable[[Any], Found[Any]]:
+    """Return the conversion of responses whose field is a list of messages of a kind of record."""
+    return lambda answer: Found(map(kind.of, attrgetter(field)(answer)), answer.message)
 
 
 def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:

@@ -31,8 +31,13 @@ from tccm_ros.ros.surface_messages import (
 )
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 from tccm_ros.scene.base_poses import BasePose
-from tccm_ros.scene.queries import ObjectFilter, SurfaceFilter, SurfaceQueries
-from tccm_ros.scene.scene import Scene
+from tccm_ros.scene.queries import (
+    MAX_PLACEMENTS,
+    ObjectFilter,
+    SurfaceFilter,
+    SurfaceQueries,
+)
+from tccm_ros.scene.scene import Scene, placement_pose
 from tccm_ros.surfaces.labels.corrected_labels import label_to_give
 from tccm_ros.surfaces.objects.scene_objects import SceneObject
 from tccm_ros.tabletop.placements import ApproachDirection, Placement, PlacementRequest
@@ -42,9 +47,6 @@ BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)
 
 APPROACHES = (ApproachDirection.ANY, ApproachDirection.ABOVE, ApproachDirection.FRONT)
 """By the number that FindPlacements has for each."""
-
-MAX_PLACEMENTS = 100
-"""Maximum number of placements in a response. Chosen: more take seconds."""
 
 MAX_SIZE_M = 10.0
 """Maximum edge length of an object, arm range and robot radius, m. Chosen."""
@@ -329,7 +331,10 @@ class SurfaceServices:
             request.hand_height,
         )
         if request.base == BASE_FIND:
-            found = self._with_base_poses(current, wanted, search, request)
+            bases = min(request.max_base_poses or 1, MAX_BASE_POSES)
+            found = current.queries.find_reachable(
+                wanted, search, current.scene.free_floor, request.reach, request.robot_radius, bases
+            )
         else:
             found = [(p, []) for p in current.queries.find_placements(wanted, search)]
         response.placements = [self._placement(current, p, bases) for p, bases in found]
@@ -337,35 +342,13 @@ class SurfaceServices:
             return self._why_none(current, wanted, request)
         return "1 placement" if len(found) == 1 else f"{len(found)} placements"
 
-    def _with_base_poses(
-        self, current: SceneQueries, wanted: SurfaceFilter, search: PlacementRequest, request: Any
-    ) -> list[tuple[Placement, list[BasePose]]]:
-        """Return the placements within range of a free base pose, with these poses."""
-        floor = current.scene.free_floor
-        if floor is None:
-            raise MessageError("where the base can stand is not known: there is no level laser")
-        every = replace(search, max_count=MAX_PLACEMENTS)
-        found: list[tuple[Placement, list[BasePose]]] = []
-        max_bases = min(request.max_base_poses or 1, MAX_BASE_POSES)
-        for placement in current.queries.find_placements(wanted, every):
-            poses = floor.base_poses(
-                placement.position, request.reach, request.robot_radius, max_bases
-            )
-            if poses:
-                found.append((placement, poses))
-            if len(found) == search.max_count:
-                break
-        return found
-
     def _placement(
         self, current: SceneQueries, placement: Placement, bases: Sequence[BasePose]
     ) -> Any:
-        x, y, z = placement.position
-        T = spatial(np.array([x, y, placement.yaw]), z)
         return self._types.make(
             PACKAGE + "Placement",
             header=self._header(current),
-            pose=pose_message(self._types, T),
+            pose=pose_message(self._types, placement_pose(placement)),
             surface_id=placement.surface,
             clearance=float(placement.clearance),
             free_height=float(placement.free_height),

@@ -17,7 +17,7 @@ from tccm_ros.agents.server import make_server  # noqa: E402
 
 @pytest.fixture
 def server(ros, monkeypatch):
-    from tccm_ros.nodes.clients.live_map_source import live_robot
+    from tccm_ros.nodes.clients.running_robot import live_robot
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(ros.domain))
     with live_robot("surface_slam") as (source, _):

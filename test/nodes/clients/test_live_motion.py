@@ -30,7 +30,7 @@ def robot(ros):
 
 @pytest.fixture
 def server(ros, robot, monkeypatch):
-    from tccm_ros.nodes.clients.live_map_source import live_robot
+    from tccm_ros.nodes.clients.running_robot import live_robot
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(ros.domain))
     with live_robot("surface_slam", "approach") as (source, motion):

@@ -1,19 +1,18 @@
-"""Plain Python records of the surface map, converted from messages of tccm_interfaces."""
+"""Plain Python records of the surface map, read from messages of tccm_interfaces.
+
+The messages may be rosidl's, or those of the rosbags typestore.
+"""
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from operator import attrgetter
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Vector3
-from tccm_interfaces.msg import Compartment, FoundObject, Localisation, SurfaceEvent
-from tccm_interfaces.srv import CheckBox
 
 from tccm_ros.arrays import Float64
 from tccm_ros.racks.compartment import OpenPart
@@ -45,30 +44,41 @@ def _known_pose(pose: Any) -> Float64 | None:
     return None if math.isnan(pose.position.x) else pose_from_message(pose)
 
 
-def _names(kind: Any, names: str, prefix: str = "") -> Callable[[int], str]:
-    """Return the function from values of a message's constants to their names in lower case."""
-    known = {getattr(kind, prefix + name): name.lower() for name in names.split()}
-    return lambda value: known.get(value, "unknown")
+def _plain(value: Any) -> Any:
+    """Return a pose, stamp, point or sequence of a message as a plain value, others as they are."""
+    if hasattr(value, "orientation"):
+        return pose_from_message(value)
+    if hasattr(value, "nanosec"):
+        return stamp_ns_from_message(value)
+    if hasattr(value, "z"):
+        return _vector(value)
+    return tuple(value) if isinstance(value, list | array | np.ndarray) else value
 
 
-EVENT_KIND = _names(SurfaceEvent, "APPEARED MOVED MERGED SPLIT GONE OBJECT_APPEARED OBJECT_LEFT")
-LOCALISATION_STATE = _names(Localisation, "UNKNOWN TRACKING SEARCHING LOST")
-FACE_STATE = _names(Compartment, "UNKNOWN MEASURED OPEN", "FACE_")
-ACCESS_STATE = _names(FoundObject, "UNKNOWN FREE BLOCKED", "ACCESS_")
-BOX_STATE = _names(CheckBox.Response, "UNKNOWN FREE OCCUPIED")
-
-CONVERSIONS: Mapping[type, Callable[[Any], Any]] = {
-    Pose: pose_from_message,
-    Point: _vector,
-    Vector3: _vector,
-    Time: stamp_ns_from_message,
-    list: tuple,
-    array: tuple,
-}
-"""Conversion of a message's field by its type; all others are kept as they are."""
+def _name_in(names: Sequence[str]) -> Callable[[int], str]:
+    """Return the function from values of a message's constants to their names."""
+    return lambda value: names[value] if value < len(names) else "unknown"
 
 
-def _from(path: str, convert: Callable[[Any], Any] | None = None) -> dict[str, Any]:
+EVENT_KINDS = (
+    "unknown", "appeared", "moved", "merged", "split", "gone", "object_appeared", "object_left",
+)  # fmt: skip
+"""Names of the constants of tccm_interfaces/SurfaceEvent, by value."""
+
+LOCALISATION_STATES = ("unknown", "tracking", "searching", "lost")
+"""Names of the states of tccm_interfaces/Localisation."""
+
+FACE_STATES = ("unknown", "measured", "open")
+"""Names of ``FACE_...`` of tccm_interfaces/Compartment."""
+
+ACCESS_STATES = ("unknown", "free", "blocked")
+"""Names of ``ACCESS_...`` of tccm_interfaces/FoundObject."""
+
+BOX_STATES = ("unknown", "free", "occupied")
+"""Names of the states of tccm_interfaces/CheckBox."""
+
+
+def _from(path: str, convert: Callable[[Any], Any] = _plain) -> dict[str, Any]:
     """Return the metadata of a record's field that differs from the message's field.
 
     Parameters
@@ -76,29 +86,32 @@ def _from(path: str, convert: Callable[[Any], Any] | None = None) -> dict[str, A
     path
         Field of the message, with dots into its parts; empty for the whole message.
     convert
-        Conversion of its value; by default that of `CONVERSIONS`.
+        Conversion of its value; `_plain` by default.
     """
     return {"path": path, "convert": convert}
 
 
-WHOLE = _from("")
+@dataclass(frozen=True, slots=True, eq=False)
+class MapRecord:
+    """Base of the records: fields of a message of the same names, unless their metadata differ.
 
+    Attributes
+    ----------
+    message
+        The complete message; None if the record was not read from one.
+    """
 
-class _Record:
-    """Base of the records: their fields are those of a message, unless their metadata differ."""
-
-    __slots__ = ()
+    message: Any = field(default=None, kw_only=True, repr=False, compare=False)
 
     @classmethod
     def of(cls, message: Any) -> Self:
         """Return the record of a message."""
         values = {}
-        for known in fields(cls):  # type: ignore[arg-type]  # each subclass is a dataclass
-            path = known.metadata.get("path", known.name)
-            value = attrgetter(path)(message) if path else message
-            convert = known.metadata.get("convert") or CONVERSIONS.get(type(value))
-            values[known.name] = value if convert is None else convert(value)
-        return cls(**values)
+        for known in fields(cls)[1:]:
+            source = known.metadata or _from(known.name)
+            value = attrgetter(source["path"])(message) if source["path"] else message
+            values[known.name] = source["convert"](value)
+        return cls(**values, message=message)
 
 
 Item = TypeVar("Item")
@@ -119,8 +132,8 @@ class Found(list[Item]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSurface(_Record):
-    """A surface of the map.
+class MapSurface(MapRecord):
+    """A surface of the map: tccm_interfaces/Surface.
 
     Attributes
     ----------
@@ -138,8 +151,8 @@ class MapSurface(_Record):
         float64 (N, 3), in map, counter-clockwise from above.
     near_signs
         Texts of the signs near it.
-    message
-        The complete message: tccm_interfaces/Surface.
+    first_seen_ns, last_seen_ns
+        Stamps of the first and the last view that measured it, ns.
     """
 
     id: int
@@ -151,12 +164,13 @@ class MapSurface(_Record):
     area: float
     boundary: Float64 = field(metadata=_from("boundary.points", _points))
     near_signs: tuple[str, ...]
-    message: Any = field(metadata=WHOLE)
+    first_seen_ns: int = field(metadata=_from("first_seen"))
+    last_seen_ns: int = field(metadata=_from("last_seen"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapObject(_Record):
-    """An object on a surface.
+class MapObject(MapRecord):
+    """An object on a surface: tccm_interfaces/SurfaceObject.
 
     Attributes
     ----------
@@ -168,8 +182,8 @@ class MapObject(_Record):
         float64 (4, 4), centre of its box.
     size
         float64 (3,), edge lengths of the box, m.
-    message
-        The whole message: tccm_interfaces/SurfaceObject.
+    first_seen_ns, last_seen_ns
+        Stamps of the first and the last view that measured it, ns.
     """
 
     id: int
@@ -178,12 +192,13 @@ class MapObject(_Record):
     confidence: float
     T_map_object: Float64 = field(metadata=_from("pose"))
     size: Float64
-    message: Any = field(metadata=WHOLE)
+    first_seen_ns: int = field(metadata=_from("first_seen"))
+    last_seen_ns: int = field(metadata=_from("last_seen"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapFoundObject(_Record):
-    """An object, and from where a hand can take it.
+class MapFoundObject(MapRecord):
+    """An object, and from where a hand can take it: tccm_interfaces/FoundObject.
 
     Attributes
     ----------
@@ -192,19 +207,16 @@ class MapFoundObject(_Record):
     above, front
         ``free``, ``blocked`` or ``unknown``: from above, and straight through the front of its
         compartment.
-    message
-        The whole message, with the obstacles: tccm_interfaces/FoundObject.
     """
 
     item: MapObject = field(metadata=_from("object", MapObject.of))
-    above: str = field(metadata=_from("above", ACCESS_STATE))
-    front: str = field(metadata=_from("front", ACCESS_STATE))
-    message: Any = field(metadata=WHOLE)
+    above: str = field(metadata=_from("above", _name_in(ACCESS_STATES)))
+    front: str = field(metadata=_from("front", _name_in(ACCESS_STATES)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapCompartment(_Record):
-    """The space over a board of a rack.
+class MapCompartment(MapRecord):
+    """The space over a board of a rack: tccm_interfaces/Compartment.
 
     Attributes
     ----------
@@ -218,8 +230,6 @@ class MapCompartment(_Record):
         ``measured``, ``open`` or ``unknown``.
     open_parts
         Boxes around doors and drawers that stand open before its front.
-    message
-        All that is known: tccm_interfaces/Compartment.
     """
 
     rack_id: int
@@ -228,17 +238,16 @@ class MapCompartment(_Record):
     width: float
     depth: float
     height: float
-    left: str = field(metadata=_from("left", FACE_STATE))
-    right: str = field(metadata=_from("right", FACE_STATE))
-    back: str = field(metadata=_from("back", FACE_STATE))
-    ceiling: str = field(metadata=_from("ceiling", FACE_STATE))
+    left: str = field(metadata=_from("left", _name_in(FACE_STATES)))
+    right: str = field(metadata=_from("right", _name_in(FACE_STATES)))
+    back: str = field(metadata=_from("back", _name_in(FACE_STATES)))
+    ceiling: str = field(metadata=_from("ceiling", _name_in(FACE_STATES)))
     open_parts: tuple[OpenPart, ...] = field(metadata=_from("", _open_parts))
-    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapPlacement(_Record):
-    """A position where an object can be put down.
+class MapPlacement(MapRecord):
+    """A position where an object can be put down: tccm_interfaces/Placement.
 
     Attributes
     ----------
@@ -262,8 +271,8 @@ class MapPlacement(_Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapEvent(_Record):
-    """A change of the map.
+class MapEvent(MapRecord):
+    """A change of the map: tccm_interfaces/SurfaceEvent.
 
     Attributes
     ----------
@@ -282,7 +291,7 @@ class MapEvent(_Record):
         Of the view that shows the change, ns.
     """
 
-    kind: str = field(metadata=_from("kind", EVENT_KIND))
+    kind: str = field(metadata=_from("kind", _name_in(EVENT_KINDS)))
     ids_before: tuple[int, ...] = field(metadata=_from("surface_ids_before"))
     ids_after: tuple[int, ...] = field(metadata=_from("surface_ids_after"))
     object_id: int
@@ -293,8 +302,8 @@ class MapEvent(_Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapWall(_Record):
-    """A wall of the map.
+class MapWall(MapRecord):
+    """A wall of the map: tccm_interfaces/Wall.
 
     Attributes
     ----------
@@ -302,18 +311,18 @@ class MapWall(_Record):
         Id within this map; later maps may number differently.
     endpoints
         float64 (2, 3), ends of the observed extent, in map, z = 0.
-    message
-        The complete message: tccm_interfaces/Wall.
+    observations
+        Number of line measurements.
     """
 
     id: int
     endpoints: Float64 = field(metadata=_from("endpoints", _points))
-    message: Any = field(metadata=WHOLE)
+    observations: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSign(_Record):
-    """A door sign.
+class MapSign(MapRecord):
+    """A door sign: tccm_interfaces/Sign.
 
     Attributes
     ----------
@@ -321,20 +330,17 @@ class MapSign(_Record):
         Id, and the text on the sign.
     position, normal
         float64 (3,), centre, and unit normal of the front, in map.
-    message
-        The complete message: tccm_interfaces/Sign.
     """
 
     id: int
     text: str
     position: Float64
     normal: Float64
-    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapLocalisation(_Record):
-    """Localisation state of the robot.
+class MapLocalisation(MapRecord):
+    """Localisation state of the robot: tccm_interfaces/Localisation.
 
     Attributes
     ----------
@@ -344,19 +350,16 @@ class MapLocalisation(_Record):
         Reason for the state as a sentence; empty while tracking.
     T_map_base
         float64 (4, 4), pose of the base; valid only while tracking.
-    message
-        The complete message: tccm_interfaces/Localisation.
     """
 
-    state: str = field(metadata=_from("state", LOCALISATION_STATE))
+    state: str = field(metadata=_from("state", _name_in(LOCALISATION_STATES)))
     reason: str
     T_map_base: Float64 = field(metadata=_from("pose.pose"))
-    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapApproach(_Record):
-    """How the base stands at a surface, as tilt cycles measured it.
+class MapApproach(MapRecord):
+    """How the base stands at a surface, as tilt cycles measured it: result of ApproachSurface.
 
     Attributes
     ----------
@@ -370,8 +373,6 @@ class MapApproach(_Record):
         Whether the surface is elsewhere than the map has it.
     T_map_surface
         float64 (4, 4), where it is.
-    message
-        All that is known: the result of tccm_interfaces/ApproachSurface.
     """
 
     surface_id: int
@@ -380,12 +381,11 @@ class MapApproach(_Record):
     distance: float
     has_moved: bool
     T_map_surface: Float64 = field(metadata=_from("surface_pose"))
-    message: Any = field(metadata=WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSpot(_Record):
-    """A named spot in the present map.
+class MapSpot(MapRecord):
+    """A named spot in the present map: response of ResolveName.
 
     Attributes
     ----------
@@ -403,8 +403,8 @@ class MapSpot(_Record):
 
 
 @dataclass(frozen=True, slots=True)
-class BoxState(_Record):
-    """Occupancy of a box.
+class BoxState(MapRecord):
+    """Occupancy of a box: response of CheckBox.
 
     Attributes
     ----------
@@ -414,14 +414,14 @@ class BoxState(_Record):
         The newest tilt cycle that observed it, and its stamp; -1 and 0 if none did.
     """
 
-    state: str = field(metadata=_from("state", BOX_STATE))
+    state: str = field(metadata=_from("state", _name_in(BOX_STATES)))
     cycle: int
     stamp_ns: int = field(metadata=_from("stamp"))
 
 
 @dataclass(frozen=True, slots=True)
-class SavedMapInfo(_Record):
-    """A map that was saved under a name.
+class SavedMapInfo(MapRecord):
+    """A map that was saved under a name: tccm_interfaces/MapInfo.
 
     Attributes
     ----------
@@ -429,10 +429,7 @@ class SavedMapInfo(_Record):
         Name for loading it.
     saved_ns
         Time of the save, ns of the clock of the machine that saved it.
-    message
-        The complete message: tccm_interfaces/MapInfo.
     """
 
     name: str
     saved_ns: int = field(metadata=_from("saved"))
-    message: Any = field(metadata=WHOLE)

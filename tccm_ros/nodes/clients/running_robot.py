@@ -1,4 +1,4 @@
-"""The map of a running slam_node for language agents."""
+"""The map and the base of running nodes for language agents."""
 
 from __future__ import annotations
 
@@ -16,31 +16,11 @@ from rclpy.task import Future
 from tccm_interfaces.msg import SurfaceFilter
 from tccm_interfaces.srv import FindPlacements
 
-from tccm_ros.agents.facts import (
-    BasePoseFacts,
-    ChangeFacts,
-    ObjectFacts,
-    PlacementFacts,
-    PlacementQuery,
-    SurfaceFacts,
-    appearances,
-    newest_first,
-    rounded,
-    seconds,
-)
-from tccm_ros.arrays import Float64
+from tccm_ros.agents.facts import ApproachFacts, PlacementQuery
 from tccm_ros.errors import MapError, RequestError
-from tccm_ros.geometry import planar
-from tccm_ros.nodes.clients.live_motion import LiveMotion
 from tccm_ros.nodes.clients.map_client import SurfaceMapClient
-from tccm_ros.nodes.clients.map_records import (
-    MapEvent,
-    MapObject,
-    MapPlacement,
-    MapSurface,
-)
 from tccm_ros.nodes.clients.requests import done_event
-from tccm_ros.records.building import stamp_ns_from_message
+from tccm_ros.ros.map_records import Found, MapEvent, MapObject, MapPlacement, MapSurface
 
 MAX_CHANGES = 1000
 """Changes that are kept, the newest. Chosen: days of a home; some 200 kB."""
@@ -48,6 +28,15 @@ MAX_CHANGES = 1000
 TIMEOUT_S = 30.0
 """Longest wait for an answer of the node, s. Chosen: placements on all surfaces of a flat take less
 than 1 s on a busy machine; agents give up after about a minute."""
+
+LOOK_S = 1.0
+"""Period of the check whether approach_node still runs, s."""
+
+STOP_S = 5.0
+"""Longest wait for the end of a cancelled drive, s: it takes two steps of 0.05 s and a response."""
+
+DISCOVERY_S = 5.0
+"""Longest wait for the discovery of approach_node, s: the time in which DDS finds a new process."""
 
 
 class LiveMapSource:
@@ -63,13 +52,16 @@ class LiveMapSource:
         Of that node, for messages.
     """
 
+    changes_note = "moved, merged, split and gone are known since tccm mcp was started"
+
     def __init__(self, client: SurfaceMapClient, name: str):
         self._name, self._client = name, client
         self._events: deque[MapEvent] = deque(maxlen=MAX_CHANGES)
         self._client.on_event(self._events.append)
 
-    def stamp_s(self) -> float:
-        """Return the stamp of the newest map, s.
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest map, ns.
 
         Raises
         ------
@@ -81,21 +73,24 @@ class LiveMapSource:
                 f"no map has come from {self._name} yet: is slam_node running under this name, in "
                 "the same ROS_DOMAIN_ID, and has it solved a map?"
             )
-        return seconds(self._client.stamp_ns)
+        return self._client.stamp_ns
 
-    def surfaces(self) -> Sequence[SurfaceFacts]:
-        """Return the surfaces but the floor, by id."""
-        return [_surface(s) for s in self._client.surfaces if s.label != "floor"]
+    @property
+    def surfaces(self) -> Sequence[MapSurface]:
+        """The surfaces, by id."""
+        return self._client.surfaces
 
-    def objects(self) -> Sequence[ObjectFacts]:
-        """Return the objects on surfaces."""
-        return [_object(item) for item in self._client.objects]
+    @property
+    def objects(self) -> Sequence[MapObject]:
+        """The objects on surfaces."""
+        return self._client.objects
 
+    @property
     def rooms(self) -> Sequence[str]:
-        """Return the names of the rooms in which surfaces are."""
+        """The names of the rooms in which surfaces are."""
         return sorted({s.room for s in self._client.surfaces if s.room})
 
-    def placements(self, query: PlacementQuery) -> tuple[list[PlacementFacts], str]:
+    def placements(self, query: PlacementQuery) -> tuple[Sequence[MapPlacement], str]:
         """Return placements, the best first, and a sentence.
 
         Raises
@@ -103,31 +98,89 @@ class LiveMapSource:
         RequestError
             If the node refuses the query, or does not answer in time.
         """
-        with_base = query.reach_m > 0.0
-        found = _result(
+        kinds = FindPlacements.Request
+        found: Found[MapPlacement] = _result(
             self._client.find_placements(
                 query.size_m,
                 SurfaceFilter(ids=list(query.surface_ids)),
                 clearance=query.clearance_m,
-                base=FindPlacements.Request.BASE_FIND
-                if with_base
-                else FindPlacements.Request.BASE_ANYWHERE,
+                base=kinds.BASE_FIND if query.reach_m > 0.0 else kinds.BASE_ANYWHERE,
                 reach=query.reach_m,
                 robot_radius=query.robot_radius_m,
                 max_count=query.limit,
             )
         )
-        return [_placement(item) for item in found], found.message
+        return found, found.message
 
-    def changes(self) -> tuple[list[ChangeFacts], str]:
-        """Return the changes that are known, the newest first."""
-        found = appearances(self.surfaces(), self.objects())
-        known = {(change.kind, *change.surface_ids, change.object_id) for change in found}
-        # Some of these have left the map again, or were merged since.
-        heard = map(_change, tuple(self._events))
-        found += [c for c in heard if (c.kind, *c.surface_ids, c.object_id) not in known]
-        note = "moved, merged, split and gone are known since tccm mcp was started"
-        return newest_first(found), note
+    def changes(self) -> Sequence[MapEvent]:
+        """Return the changes since the start, also of surfaces that have left the map again."""
+        return tuple(self._events)
+
+
+class LiveMotion:
+    """Drives by approach_node; see `Motion`.
+
+    Methods are called from any thread but that of the node's executor.
+
+    Parameters
+    ----------
+    client
+        Of the nodes; it is spun in another thread, later.
+    """
+
+    def __init__(self, client: SurfaceMapClient):
+        self._client = client
+        self._drives: set[Future] = set()
+        self._client.can_approach  # noqa: B018  makes the clients of the actions before the spinning
+
+    def approach(self, surface_id: int, spot: str, gap_m: float) -> ApproachFacts:
+        """Drive to a surface, or to a spot unless its name is empty; gap 0 for the default.
+
+        Raises
+        ------
+        RequestError
+            With the reason why the base did not get there.
+        """
+        self._find_node()
+        wanted = SurfaceFilter() if spot else SurfaceFilter(ids=[surface_id])
+        found = self._await(self._client.approach(wanted, name=spot, gap=gap_m))
+        return ApproachFacts(
+            found.surface_id, round(found.gap, 3), round(found.yaw_error, 3), found.has_moved
+        )
+
+    def retreat(self, distance_m: float) -> float:
+        """Drive straight back; return the distance driven, m.
+
+        Raises
+        ------
+        RequestError
+            With the reason why the base did not get there.
+        """
+        self._find_node()
+        return round(float(self._await(self._client.retreat(distance_m))), 3)
+
+    def stop(self) -> None:
+        """Cancel the drive in progress, and wait for its end."""
+        self._client.cancel()
+        for drive in tuple(self._drives):
+            done_event(drive).wait(STOP_S)
+
+    def _find_node(self) -> None:
+        """Wait for the discovery of approach_node."""
+        waited = threading.Event()
+        for _ in range(round(DISCOVERY_S / 0.1)):
+            if self._client.can_approach:
+                return
+            waited.wait(0.1)
+
+    def _await(self, drive: Future) -> Any:
+        self._drives.add(drive)
+        drive.add_done_callback(self._drives.discard)
+        ended = done_event(drive)
+        while not ended.wait(LOOK_S):
+            if not self._client.can_approach:
+                raise RequestError("approach_node ended while the base drove")
+        return drive.result()
 
 
 @contextmanager
@@ -184,48 +237,3 @@ def _result(future: Future) -> Any:
     if not done_event(future).wait(TIMEOUT_S):
         raise RequestError(f"no answer within {TIMEOUT_S:g} s: is the node still running?")
     return future.result()
-
-
-def _surface(surface: MapSurface) -> SurfaceFacts:
-    message = surface.message
-    return SurfaceFacts(
-        surface.id,
-        surface.label,
-        surface.room,
-        list(surface.near_signs),
-        round(surface.height, 3),
-        round(float(surface.size[0]), 3),
-        round(float(surface.size[1]), 3),
-        round(surface.area, 3),
-        _position(surface.T_map_surface),
-        seconds(stamp_ns_from_message(message.first_seen)),
-        seconds(stamp_ns_from_message(message.last_seen)),
-    )
-
-
-def _object(item: MapObject) -> ObjectFacts:
-    return ObjectFacts(
-        item.id,
-        item.label,
-        item.surface_id,
-        _position(item.T_map_object),
-        rounded(item.size),
-        seconds(stamp_ns_from_message(item.message.first_seen)),
-        seconds(stamp_ns_from_message(item.message.last_seen)),
-    )
-
-
-def _placement(item: MapPlacement) -> PlacementFacts:
-    bases = [BasePoseFacts(*rounded(pose)) for pose in planar(item.T_map_bases)]
-    T = item.T_map_object
-    yaw = round(float(planar(T)[2]), 3)
-    return PlacementFacts(item.surface_id, _position(T), yaw, round(item.clearance, 3), bases)
-
-
-def _change(event: MapEvent) -> ChangeFacts:
-    ids = event.ids_after or event.ids_before
-    return ChangeFacts(event.kind, seconds(event.stamp_ns), list(ids), event.object_id, event.label)
-
-
-def _position(T: Float64) -> list[float]:
-    return rounded(T[:3, 3])

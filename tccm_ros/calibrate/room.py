@@ -11,6 +11,7 @@ from tccm_ros.calibrate.model import CycleBeams
 from tccm_ros.calibrate.observability import Observability
 from tccm_ros.calibrate.quality import Flatness, HitMasks, all_beams, flatness, select
 from tccm_ros.calibrate.recording import CalibrationRecording
+from tccm_ros.results.numbers import plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +37,10 @@ class FloorAndCeiling:
 
     def to_json(self) -> dict[str, Any]:
         """Return all values as plain numbers, rounded to 1e-6."""
-        return {
-            "bag": self.bag,
-            "cycles": self.cycles,
-            "places": self.places,
-            "floor": [_flatness_json(f) for f in self.floor],
-            "ceiling": [_flatness_json(f) for f in self.ceiling],
-            "parallel": None if self.parallel is None else [round(a, 6) for a in self.parallel],
-        }
+        content: dict[str, Any] = plain(self)
+        for surface in filter(None, content["floor"] + content["ceiling"]):
+            del surface["normal"]
+        return content
 
     def text(self) -> list[str]:
         """Return lines of text for users."""
@@ -123,14 +120,3 @@ def _room(
         (ceiling_before, ceiling_after),
         (angles[0], angles[1]) if len(angles) == 2 else None,
     )
-
-
-def _flatness_json(found: Flatness | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    return {
-        "tilt": round(found.tilt, 6),
-        "rms": None if found.rms is None else round(found.rms, 6),
-        "height": round(found.height, 6),
-        "cells": found.cells,
-    }

@@ -20,11 +20,10 @@ from tccm_ros.fleet.merge_file import (
     MergeFile,
     PairEntry,
 )
-from tccm_ros.fleet.merged_map import distinct_maps, merged_map, starts
+from tccm_ros.fleet.merged_map import distinct_maps, id_table, merged_map, owners_of_patches, starts
 from tccm_ros.fleet.pair_matching import PairMatch, PairReason
 from tccm_ros.fleet.pair_selection import Component, Pair, select_pairs
 from tccm_ros.fleet.pair_tasks import match_all
-from tccm_ros.fleet.surface_ids import id_table, owners_of_patches
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.exports import write_solution

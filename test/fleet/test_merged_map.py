@@ -6,7 +6,7 @@ import shapely
 
 from tccm_ros.fleet.map_inputs import SurfaceFootprint
 from tccm_ros.fleet.merge_file import IdEntry
-from tccm_ros.fleet.surface_ids import id_table
+from tccm_ros.fleet.merged_map import id_table
 from tccm_ros.geometry import inverse2
 
 TABLE = SurfaceFootprint(5, shapely.box(0, 0, 1.4, 0.8), 0.74, False)

@@ -20,8 +20,7 @@ import shapely
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
 from tccm_ros.planes.plane_noise import FLATNESS
-from tccm_ros.robust import GATE
-from tccm_ros.surfaces.merging.patch_planes import PatchPlanes
+from tccm_ros.surfaces.merging.patch_planes import PatchPlanes, agree_in_height
 from tccm_ros.surfaces.polygons import GRID
 
 
@@ -162,8 +161,7 @@ def _agree(sums: Float64, planes: PatchPlanes, pair: tuple[int, int], max_step: 
     """Return whether two patches agree in height where they meet, within their uncertainty.
 
     The height of each patch is that of its plane at the centroid of the points that meet, plus the
-    mean residual of its own points there. Heights agree if they differ by at most `GATE` sigmas and
-    by at most `max_step`, m.
+    mean residual of its own points there.
 
     Parameters
     ----------
@@ -186,4 +184,4 @@ def _agree(sums: Float64, planes: PatchPlanes, pair: tuple[int, int], max_step: 
     # Systematic errors are common to patches of one view, independent between views.
     systematic = [shared[0] - shared[1]] if is_one_view else shared
     variance += float(np.square(systematic).sum())
-    return bool(abs(heights[0] - heights[1]) <= min(GATE * np.sqrt(variance), max_step))
+    return agree_in_height(heights[0] - heights[1], variance, max_step)

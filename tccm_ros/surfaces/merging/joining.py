@@ -19,10 +19,9 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.outlines.shape_models import HIDDEN_WIDTH, PROBE
-from tccm_ros.robust import GATE
 from tccm_ros.surfaces.merging.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging.occluded_areas import is_occluded, last_empty_view
-from tccm_ros.surfaces.merging.patch_planes import pool_moments
+from tccm_ros.surfaces.merging.patch_planes import agree_in_height, pool_moments
 from tccm_ros.surfaces.merging.surface_errors import SurfaceErrors, step_variance, surface_errors
 from tccm_ros.surfaces.polygons import GRID, OVERLAP, close_gaps, polygons_of, union_over
 from tccm_ros.surfaces.views.views import View
@@ -138,16 +137,16 @@ def _is_wall_between(
 
 
 def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) -> CoplanarityTest:
-    """Return a test whether the planes of two pieces agree, with the gates of `contact`."""
+    """Return a test whether the planes of two pieces agree in height."""
 
     @cache
     def errors_of(piece: MergedSurface) -> SurfaceErrors:
         return surface_errors(piece.members, piece.mean, T_map_view, cov_z_roll_pitch)
 
     def is_coplanar(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
-        step = abs(a.height_at(at_xy) - b.height_at(at_xy))
         variance = step_variance(errors_of(a), errors_of(b), at_xy, cov_z_roll_pitch)
-        return bool(step <= min(GATE * np.sqrt(variance), config.surfaces.max_step))
+        step = a.height_at(at_xy) - b.height_at(at_xy)
+        return agree_in_height(step, variance, config.surfaces.max_step)
 
     return is_coplanar
 

@@ -14,7 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
-from tccm_ros.robust import UNIFORM_WIDTH
+from tccm_ros.robust import GATE, UNIFORM_WIDTH
 from tccm_ros.surfaces.views.views import SurfacePatch
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -97,6 +97,19 @@ def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float,
     offsets = means - mean
     cov = np.einsum("k,kij->ij", weights, covs + offsets[:, :, None] * offsets[:, None, :])
     return total, mean, cov
+
+
+def agree_in_height(step: float, variance: float, max_step: float) -> bool:
+    """Return whether two surfaces agree in height: within `GATE` sigmas, and within `max_step`, m.
+
+    Parameters
+    ----------
+    step, variance
+        Their difference in height where they are nearest, m, and its variance, m2.
+    max_step
+        Max difference of one surface (`surfaces.max_step`), m.
+    """
+    return bool(abs(step) <= min(GATE * np.sqrt(variance), max_step))
 
 
 def pose_jacobian(T_map_base: Float64, centroid: Float64) -> Float64:

@@ -15,7 +15,7 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from tccm_ros.arrays import Bool, Float64
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
@@ -106,6 +106,87 @@ class Edge:
         """Unit vector away from the surface, float64 (2,)."""
         x, y = self.along
         return np.array([y, -x])
+
+
+@dataclass(frozen=True)
+class EdgePoints:
+    """Points of a surface before an edge, from which its position and state follow.
+
+    Attributes
+    ----------
+    samples
+        The last points of each view before the edge.
+    pieces
+        Number of pieces of the edge.
+    piece, across
+        int64 (N,) and float64 (N,): the piece before which each point of the surface is, and its
+        position across the edge, positive outwards, m.
+    """
+
+    samples: EdgeSamples
+    pieces: int
+    piece: Int64
+    across: Float64
+
+    def seen_fraction(self) -> float:
+        """Return the fraction of the pieces of an edge at which a view observed the edge.
+
+        Pieces without points of the surface do not count: the distance of scan lines may be larger
+        than a piece.
+        """
+        found = self.samples
+        is_end = found.ends & (np.abs(found.last) <= found.gap + GATE * SIGMA)
+        seen = np.unique(np.floor(found.at[is_end] / SPACING).astype(np.int64))
+        return len(seen) / max(np.isfinite(self._last_points()).sum(), 1)
+
+    def reached_fraction(self, distance: float) -> float:
+        """Return the fraction of the pieces of an edge with a point within `distance`, m, of it.
+
+        Pieces without points do not count; 0.0 if no piece has any.
+        """
+        last = self._last_points()
+        last = last[np.isfinite(last)]
+        return float(np.mean(last >= -distance)) if len(last) else 0.0
+
+    def ragged_sigma(self) -> float:
+        """Return the standard deviation of last samples across an edge in excess of sampling, m.
+
+        The samples of a true edge are collinear. Those at the border of an occlusion are not, and
+        all of them fall short of the true edge by an unknown amount.
+        """
+        found = self.samples
+        last, gap = found.last[found.ends], found.gap[found.ends]
+        if len(last) < MIN_PIECES:
+            return 0.0
+        spread = median_sigma(last - np.median(last))
+        expected = float(np.mean(gap**2)) * EVEN_SIGMA**2 + SIGMA**2
+        return max(spread**2 - expected, 0.0) ** 0.5
+
+    def furthest(self, limit: float = np.inf) -> float:
+        """Return the largest distance across an edge at which the surface was measured, m.
+
+        It is positive outwards, and -inf without any point. Points beyond `limit`, m, do not count.
+        """
+        last = self._last_points(limit)
+        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
+
+    def is_ragged(self, limit: float = np.inf) -> bool:
+        """Return whether most last points are short of the furthest one, as at an occlusion.
+
+        Points beyond `limit`, m, do not count.
+        """
+        last, gaps = self._last_points(limit), self.samples.gap
+        last = last[np.isfinite(last)]
+        if not len(last) or not len(gaps):
+            return False
+        is_short = last < self.furthest(limit) - float(np.median(gaps)) - GATE * SIGMA
+        return bool(is_short.mean() > MAJORITY)
+
+    def _last_points(self, limit: float = np.inf) -> Float64:
+        """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""
+        last, near = np.full(self.pieces, -np.inf), self.across < limit
+        np.maximum.at(last, self.piece[near], self.across[near])
+        return last
 
 
 @dataclass(frozen=True)
@@ -206,6 +287,15 @@ class EdgeSampler:
         table = np.concatenate(rows)
         at, last, gap, front, ends, weight = table.T
         return EdgeSamples(at, last, gap, front, ends > 0.0, weight)
+
+    def points_before(self, edge: Edge) -> EdgePoints:
+        """Return the points of the surface and of its views before an edge."""
+        offset = np.concatenate([cloud[:, :2] for _, cloud in self._clouds]) - edge.start
+        at, across = offset @ edge.along, offset @ edge.outward
+        near = (at > SPACING) & (at < edge.length - SPACING)
+        piece = np.floor(at[near] / SPACING).astype(np.int64)
+        pieces = int(edge.length / SPACING) + 1
+        return EdgePoints(self.edge_samples(edge), pieces, piece, across[near])
 
     @cached_property
     def _directions(self) -> dict[NumberedPatch, Float64 | None]:
@@ -312,40 +402,6 @@ class EdgeSampler:
         rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
-    def seen_fraction(self, edge: Edge) -> float:
-        """Return the fraction of the pieces of an edge at which a view observed the edge.
-
-        Pieces without points of the surface do not count: the distance of scan lines may be larger
-        than a piece.
-        """
-        found = self.edge_samples(edge)
-        is_end = found.ends & (np.abs(found.last) <= found.gap + GATE * SIGMA)
-        seen = np.unique(np.floor(found.at[is_end] / SPACING).astype(np.int64))
-        return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
-
-    def reached_fraction(self, edge: Edge, distance: float) -> float:
-        """Return the fraction of the pieces of an edge with a point within `distance`, m, of it.
-
-        Pieces without points do not count; 0.0 if no piece has any.
-        """
-        last = self._last_points(edge, np.inf)
-        last = last[np.isfinite(last)]
-        return float(np.mean(last >= -distance)) if len(last) else 0.0
-
-    def ragged_sigma(self, edge: Edge) -> float:
-        """Return the standard deviation of last samples across an edge in excess of sampling, m.
-
-        The samples of a true edge are collinear. Those at the border of an occlusion are not, and
-        all of them fall short of the true edge by an unknown amount.
-        """
-        found = self.edge_samples(edge)
-        last, gap = found.last[found.ends], found.gap[found.ends]
-        if len(last) < MIN_PIECES:
-            return 0.0
-        spread = median_sigma(last - np.median(last))
-        expected = float(np.mean(gap**2)) * EVEN_SIGMA**2 + SIGMA**2
-        return max(spread**2 - expected, 0.0) ** 0.5
-
     def shared_sigma(self, edge: Edge) -> float:
         """Return the standard deviation across an edge of the systematic error of its views, m.
 
@@ -361,44 +417,6 @@ class EdgeSampler:
             outward = self.T_map_view[view][:2, :3].T @ edge.outward
             moved.append(errors @ outward)
         return float(np.linalg.norm(np.stack(moved).mean(axis=0)))
-
-    def furthest(self, edge: Edge, limit: float) -> float:
-        """Return the largest distance across an edge at which the surface was measured, m.
-
-        Parameters
-        ----------
-        edge
-            The edge, with the surface to its left.
-        limit
-            Points further across than this do not count, m.
-
-        Returns
-        -------
-        float, positive outwards; -inf without any point.
-        """
-        last = self._last_points(edge, limit)
-        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
-
-    def is_ragged(self, edge: Edge, limit: float) -> bool:
-        """Return whether most last points are short of the furthest one, as at an occlusion.
-
-        The parameters are those of `furthest`.
-        """
-        last, gaps = self._last_points(edge, limit), self.edge_samples(edge).gap
-        last = last[np.isfinite(last)]
-        if not len(last) or not len(gaps):
-            return False
-        is_short = last < self.furthest(edge, limit) - float(np.median(gaps)) - GATE * SIGMA
-        return bool(is_short.mean() > MAJORITY)
-
-    def _last_points(self, edge: Edge, limit: float) -> Float64:
-        """Return the outermost point of the surface across each piece of an edge, m; -inf: none."""
-        cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
-        at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
-        near = (at > SPACING) & (at < edge.length - SPACING) & (across < limit)
-        last = np.full(int(edge.length / SPACING) + 1, -np.inf)
-        np.maximum.at(last, np.floor(at[near] / SPACING).astype(np.int64), across[near])
-        return last
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""

@@ -29,7 +29,7 @@ from tccm_ros.outlines.shape_models import (
 )
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.robust import MAJORITY
-from tccm_ros.surfaces.edges.edge_samples import OUTSIDE, Edge, EdgeSampler
+from tccm_ros.surfaces.edges.edge_samples import OUTSIDE, Edge, EdgePoints, EdgeSampler
 from tccm_ros.surfaces.edges.edge_walls import (
     AT_WALL,
     front_beyond,
@@ -43,8 +43,9 @@ from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.views.views import View
 
 MIN_PART = 0.25
-"""The same for an edge with collinear last points, which an object there may cause, m; chosen: arms
-of sofas and side panels have the same front as the surface, and are narrower than such objects."""
+"""Minimum length, m, by which a front must extend past an occluded edge with collinear last points
+before the edge is moved there; chosen: arms of sofas and side panels have the same front as the
+surface, and are narrower than objects that occlude an edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,10 +178,11 @@ def _refined(
     sigmas = np.full(len(corners), np.nan)
     for k, edge in enumerate(_edges_of(corners) if np.isfinite(corners).all() else ()):
         wall = wall_across(edge, walls)
-        found = downweight_wall_points(sampler.edge_samples(edge), wall)
+        points = sampler.points_before(edge)
+        found = downweight_wall_points(points.samples, wall)
         if not len(found.at):
             continue
-        if wall is not None and _reaches_wall(edge, found, wall, sampler):
+        if wall is not None and _reaches_wall(points, found, wall):
             offsets[k] += wall
             continue
         shift, sigmas[k] = locate_edge(found, wall)
@@ -213,7 +215,7 @@ def _to_ends_of_fronts(
             beyond = front_beyond(front, edge.outward, walls)
             if not AT_WALL < beyond <= front.length or not sampler.faces_views(front):
                 continue
-            if beyond <= MIN_PART and not sampler.is_ragged(edge, np.inf):
+            if beyond <= MIN_PART and not sampler.points_before(edge).is_ragged():
                 continue
             step = beyond * edge.outward
             strip = Polygon([edge.start, edge.start + step, edge.end + step, edge.end])
@@ -223,7 +225,7 @@ def _to_ends_of_fronts(
     return replace(model, offsets=offsets)
 
 
-def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSampler) -> bool:
+def _reaches_wall(points: EdgePoints, samples: EdgeSamples, wall: float) -> bool:
     """Return whether an occluded edge ends near enough to a wall to be assumed at the wall.
 
     Furniture stands at walls, and objects on it occlude its last part in all views. Points on the
@@ -232,11 +234,11 @@ def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSa
     """
     if samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
         return False
-    if sampler.furthest(edge, np.inf) > wall + AT_WALL:
+    if points.furthest() > wall + AT_WALL:
         return False
     limit = wall - AT_WALL
-    is_near = wall - sampler.furthest(edge, limit) <= WALL_DISTANCE
-    return is_near and sampler.is_ragged(edge, limit)
+    is_near = wall - points.furthest(limit) <= WALL_DISTANCE
+    return is_near and points.is_ragged(limit)
 
 
 def downweight_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
@@ -271,14 +273,14 @@ def _edges(
     edges = []
     for k, edge in enumerate(_edges_of(corners)):
         across = wall_across(edge, walls)
-        state = _state(edge, sampler, samples)
-        parts = sigmas[k], sampler.shared_sigma(edge), sampler.ragged_sigma(edge), EDGE_SIGMA
+        state, points = _state(edge, sampler, samples), sampler.points_before(edge)
+        parts = sigmas[k], sampler.shared_sigma(edge), points.ragged_sigma(), EDGE_SIGMA
         sigma = float(np.linalg.norm(parts))
         is_straight = isinstance(model, StraightModel)
-        if is_straight and state is EdgeState.SEEN and sampler.seen_fraction(edge) < MAJORITY:
+        if is_straight and state is EdgeState.SEEN and points.seen_fraction() < MAJORITY:
             state = EdgeState.HIDDEN
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            is_reached = sampler.reached_fraction(edge, AT_WALL) >= MAJORITY
+            is_reached = points.reached_fraction(AT_WALL) >= MAJORITY
             state = EdgeState.SEEN if is_reached else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])

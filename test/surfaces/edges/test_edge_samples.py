@@ -17,7 +17,7 @@ from tccm_ros.geometry import inverse, spatial, transform2
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.edge_position import EdgeSamples
 from tccm_ros.records import SensorKind, ViewIntervals
-from tccm_ros.surfaces.edges.edge_samples import Edge, EdgeSampler
+from tccm_ros.surfaces.edges.edge_samples import Edge, EdgePoints, EdgeSampler
 from tccm_ros.surfaces.merging.merged_surface import fit_surface
 
 BEYOND = (0.10, 0.15)  # m beyond an outline: the edge of a column, and 1.5 times that
@@ -204,17 +204,17 @@ def test_an_edge_was_seen_where_a_view_measured_up_to_it_and_looked_past(sampler
     def left_edge(y):
         return Edge(np.array([1.95, y]), np.array([1.3, y]))
 
-    assert sampler.seen_fraction(left_edge(0.6)) > 0.9
-    assert sampler.reached_fraction(left_edge(0.6), 0.05) > 0.9
+    assert sampler.points_before(left_edge(0.6)).seen_fraction() > 0.9
+    assert sampler.points_before(left_edge(0.6)).reached_fraction(0.05) > 0.9
     for wrong in (0.45, 0.75):
-        assert sampler.seen_fraction(left_edge(wrong)) == 0.0
-    assert sampler.reached_fraction(left_edge(0.75), 0.05) == 0.0
+        assert sampler.points_before(left_edge(wrong)).seen_fraction() == 0.0
+    assert sampler.points_before(left_edge(0.75)).reached_fraction(0.05) == 0.0
 
 
 @pytest.mark.filterwarnings("error")
 def test_edge_without_points_beside_it_has_no_reached_part(sampler):
     beside = Edge(np.array([6.95, 0.0]), np.array([6.3, 0.0]))
-    assert sampler.reached_fraction(beside, 0.05) == 0.0
+    assert sampler.points_before(beside).reached_fraction(0.05) == 0.0
 
 
 def test_last_samples_in_line_leave_no_doubt_and_ragged_ones_do():
@@ -222,10 +222,7 @@ def test_last_samples_in_line_leave_no_doubt_and_ragged_ones_do():
 
     def ragged(last):
         found = EdgeSamples(np.arange(40.0), last, gaps, 0.0 * gaps, gaps > 0.0, gaps)
-        sampler = EdgeSampler(None, [], T, Config())
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(EdgeSampler, "edge_samples", lambda self, edge: found)
-            return sampler.ragged_sigma(far_edge(0.0))
+        return EdgePoints(found, 0, np.zeros(0, np.int64), np.zeros(0)).ragged_sigma()
 
     rng = np.random.default_rng(0)
     assert ragged(-rng.uniform(0.0, 0.02, 40) + rng.normal(0.0, 0.003, 40)) < 0.003

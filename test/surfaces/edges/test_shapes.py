@@ -16,7 +16,6 @@ from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edges import shapes
-from tccm_ros.surfaces.edges.edge_samples import Edge
 from tccm_ros.surfaces.edges.shapes import (
     _reaches_wall,
     _yaws,
@@ -134,12 +133,11 @@ RAGGED = np.r_[np.linspace(-0.11, -0.05, 12), -0.02, -0.01, -0.01]
 def test_a_hidden_edge_near_a_wall_is_at_the_wall(last, wall, ends, beyond, reaches):
     samples = last_points(np.linspace(0.0, 1.0, 15), last, gap=0.01)
     samples = samples._replace(ends=np.full(15, ends))
-    edge = Edge(np.array([0.0, 0.0]), np.array([1.0, 0.0]))
-    sampler = SimpleNamespace(
-        furthest=lambda _, limit: min(beyond, limit),
-        is_ragged=lambda _, limit: np.mean(last < min(beyond, limit) - 0.03) > 0.5,
+    points = SimpleNamespace(
+        furthest=lambda limit=np.inf: min(beyond, limit),
+        is_ragged=lambda limit: np.mean(last < min(beyond, limit) - 0.03) > 0.5,
     )
-    assert _reaches_wall(edge, samples, wall, sampler) == reaches
+    assert _reaches_wall(points, samples, wall) == reaches
 
 
 def test_a_rear_that_ends_in_line_before_a_wall_stays_there():

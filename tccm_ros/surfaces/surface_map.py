@@ -257,19 +257,7 @@ class SurfaceMap:
         )
         shapes = self._shapes(surfaces, floor_z, views, T, walls)
         records = [
-            _record(
-                surface,
-                shape,
-                label,
-                ids,
-                seen_span(surface)[0].stamp_ns,
-                views,
-                poses.keyframes,
-                previous.get(surface.members),
-                surface_errors(surface.members, surface.mean, T, poses.cov_z_roll_pitch).covariance(
-                    poses.cov_z_roll_pitch
-                ),
-            )
+            _record(surface, shape, label, ids, views, poses, previous.get(surface.members))
             for surface, shape, label in zip(surfaces, shapes, labels)
         ]
         return _mapped(records, surfaces, floor_z, T)
@@ -315,12 +303,11 @@ def _record(
     shape: Shape,
     label: Label,
     ids: TrackIds,
-    placed_ns: int,
     views: list[View],
-    keyframes: Int64,
+    poses: ViewPoses,
     previous: PastPose | None,
-    cov_plane: Float64,
 ) -> Surface:
+    T, cov = poses.T_map_view, poses.cov_z_roll_pitch
     boundary, holes = polygon_rings(shape.polygon)
     boundary_seen, _ = polygon_rings(surface.polygon)
     points: dict[int, int] = {}
@@ -342,16 +329,17 @@ def _record(
         first_seen_ns=ids.first_seen(surface.members).stamp_ns,
         last_seen_ns=ids.last_seen(surface.members).stamp_ns,
         views=tuple(
-            SurfaceSighting(views[v].stamp_ns, int(keyframes[v]), points[v]) for v in sorted(points)
+            SurfaceSighting(views[v].stamp_ns, int(poses.keyframes[v]), points[v])
+            for v in sorted(points)
         ),
         merged_ids=ids.merged_ids(surface.members),
         area_seen=surface.polygon.area,
         boundary_seen=surface.lift(boundary_seen),
         shape=shape.name,
         edges=tuple(_edge(surface, edge, ids) for edge in shape.edges),
-        placed_ns=placed_ns,
+        placed_ns=ids.placed(surface.members, footprint_of(surface, T)).stamp_ns,
         previous_pose=None if previous is None else _previous_pose(previous),
-        cov_plane=cov_plane,
+        cov_plane=surface_errors(surface.members, surface.mean, T, cov).covariance(cov),
     )
 
 

@@ -112,16 +112,18 @@ def nearest_pairs(first: Float64, second: Float64, max_distance: float) -> list[
     if not len(first) or not len(second):
         return []
     distances = np.linalg.norm(first[:, None] - second[None], axis=2)
-    rows, columns = np.nonzero(distances <= max_distance)
+    return list(_nearest_first(distances, distances <= max_distance).items())
+
+
+def _nearest_first(distances: Float64, allowed: Bool) -> dict[int, int]:
+    """Associate rows with columns one to one, the nearest allowed pairs (N, M) first."""
+    rows, columns = np.nonzero(allowed)
     order = np.lexsort((columns, rows, distances[rows, columns]))
-    pairs: list[tuple[int, int]] = []
-    used: tuple[set[int], set[int]] = set(), set()
+    matched: dict[int, int] = {}
     for i, j in zip(rows[order].tolist(), columns[order].tolist()):
-        if i not in used[0] and j not in used[1]:
-            pairs.append((i, j))
-            used[0].add(i)
-            used[1].add(j)
-    return pairs
+        if i not in matched and j not in matched.values():
+            matched[i] = j
+    return matched
 
 
 def with_objects_of(newer: View, older: View, config: Config) -> View:
@@ -324,13 +326,7 @@ def _matches(
     smaller = np.minimum(shapely.area(first)[:, None], shapely.area(second))
     are_level = _overlap_in_height(known, seen)
     near = (gaps <= config.objects.cluster_distance) & are_level
-    allowed = near | (distances <= config.objects.track_distance)
-    rows, columns = np.nonzero(allowed)
-    order = np.lexsort((columns, rows, distances[rows, columns]))
-    matched: dict[int, int] = {}
-    for i, j in zip(rows[order].tolist(), columns[order].tolist()):
-        if i not in matched and j not in matched.values():
-            matched[i] = j
+    matched = _nearest_first(distances, near | (distances <= config.objects.track_distance))
     inside = are_level & (overlaps > MAJORITY * smaller)
     for i in np.flatnonzero(inside.any(axis=1)).tolist():
         matched.setdefault(i, int(np.argmax(np.where(inside[i], overlaps[i], -1.0))))

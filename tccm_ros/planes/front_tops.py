@@ -26,7 +26,7 @@ BEFORE = 0.3
 scan lines."""
 
 AROUND = (np.arange(-1, 2)[:, None] * (1 << 32) + np.arange(-1, 2)).ravel()
-"""Offsets of the numbers of a cell and of its neighbours from the cell's number."""
+"""Differences of the numbers of a cell and its neighbours from the cell's number."""
 
 
 def top_planes(
@@ -39,7 +39,7 @@ def top_planes(
     fits: PlaneFits,
     viewpoint: Float64,
 ) -> Int64:
-    """Return the horizontal plane of its points in cuboids of vertical ones, -1 for all others.
+    """Assign points in cuboids at fronts and walls to the horizontal plane they lie on; -1: none.
 
     Parameters
     ----------
@@ -62,27 +62,30 @@ def top_planes(
 
     Returns
     -------
-    int64 (M,): the horizontal plane at whose height the point is, and which has points of its own
-    in the same cell or in a neighbour, and whose front ends there. Scan lines have it on the planes
-    of fronts alone, as `horizontal_strips` decides on their other points. Where points are dense, a
-    cuboid on no plane is a front as well, and each has to reach up to the horizontal plane from
-    below; before a wall, which continues above, points nearer to the horizontal plane are of it.
+    int64 (M,), a horizontal plane for which these hold:
+
+    - The point is at its height.
+    - It has points of its own in the point's cell or in one beside it.
+    - The front ends there. Where points are dense, a cuboid on no plane is a front as well, and
+      each has to reach up to the plane from below.
+
+    Exceptions: points of scan lines are assigned on the planes of fronts alone, as
+    `horizontal_strips` decides on the others; a wall continues above the plane, and its points are
+    assigned if they are nearer to the plane than to the wall.
     """
     found = np.full(len(points), -1, np.int64)
     is_front = np.array([abs(f.normal[2]) < FITTED_AS_VERTICAL for f in fits] + [False])
     may_be_front = is_front[labels] | ((labels < 0) & ~in_line)
     on_front = np.flatnonzero(may_be_front & (surface < 0))
     cells = _cells(cuboids, fits)
-    index = np.array([top.index for top in tops])
-    is_beside = _tops_beside(cells, surface, index, on_front)
     fronts = np.flatnonzero(is_front[fits.labels])
-    for k, top in enumerate(tops):
-        beside = on_front[is_beside[:, k]]
+    for top in tops:
+        own = np.flatnonzero(surface == top.index)
+        beside = on_front[_are_near(cells[on_front], cells[own])]
         is_at_top, reaches_up = _at_top(top, points[beside], cuboids[beside], fits)
         near = beside[is_at_top]
         ends_here = in_line[near] | reaches_up[is_at_top]
         is_wall = _continues_above(top, cells[near], in_line[near], fronts, fits)
-        own = np.flatnonzero(surface == top.index)
         walls = near[is_wall & ~in_line[near]]
         is_before = _before_walls(top, walls, own, points, cells, labels, fits, viewpoint)
         of_this = np.concatenate([near[ends_here & ~is_wall], walls[is_before]])
@@ -117,44 +120,15 @@ def on_walls(points: Float64, cuboids: Int64, surface: Int64, fits: PlaneFits) -
         for index in np.unique(surface[near]).tolist():
             rows = near[surface[near] == index]
             height = float(np.median(points[rows, 2]))
-            above = np.unique(_cells(own[c.top[own] / TICKS_PER_M > height + ABOVE], fits))
-            rows = rows[(_places_around(cells[rows], above) < len(above)).any(axis=1)]
+            above = own[c.top[own] / TICKS_PER_M > height + ABOVE]
+            rows = rows[_are_near(cells[rows], _cells(above, fits))]
             if not len(rows):
                 continue
             is_level = ~is_near & (np.abs(points[:, 2] - height) <= ABOVE)
-            asked, of_row = np.unique(cells[rows], return_inverse=True)
-            clear = np.unique(cells[is_level])
-            is_board = np.zeros(len(asked), np.bool_)
-            for x, y in shifts.tolist():
-                before = _places_around(asked + (x << 32) + y, clear)
-                is_board |= (before < len(clear)).any(axis=1)
-            found[on_planes[rows[~is_board[of_row]]]] = True
+            before = cells[rows][:, None] + (shifts[:, 0] << 32) + shifts[:, 1]
+            is_board = _are_near(before, cells[is_level]).any(axis=1)
+            found[on_planes[rows[~is_board]]] = True
     return found
-
-
-def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Bool:
-    """Return which tops have a point in the cells of the points `rows` or beside them.
-
-    Parameters
-    ----------
-    cells, surface
-        int64 (M,), cell and horizontal plane of each point, -1 for none.
-    index
-        int64 (T,), horizontal planes that are tops, ascending.
-    rows
-        int64 (R,)
-
-    Returns
-    -------
-    bool (R, T)
-    """
-    own = np.flatnonzero(np.isin(surface, index))
-    known, of_cell = np.unique(cells[own], return_inverse=True)
-    has_point = np.zeros((len(known) + 1, len(index)), np.bool_)  # the last is for other cells
-    has_point[of_cell.ravel(), np.searchsorted(index, surface[own])] = True
-    asked, of_row = np.unique(cells[rows], return_inverse=True)
-    is_beside: Bool = np.any(has_point[_places_around(asked, known)], axis=1)
-    return is_beside[of_row.ravel()]
 
 
 def _at_top(top: PlaneFit, points: Float64, cuboids: Int64, fits: PlaneFits) -> tuple[Bool, Bool]:
@@ -199,12 +173,10 @@ def _continues_above(
     xy = (np.stack([c.ix[fronts], c.iy[fronts]], axis=1) + 0.5) * c.cell_size
     height = (top.offset - xy @ top.normal[:2]) / top.normal[2] + ABOVE
     bottom, end = (z[fronts] / TICKS_PER_M for z in (c.bottom, c.top))
-    pieces = [
-        np.unique(_cells(fronts[above], fits))
-        for above in (end > height, (end > height) & (bottom <= height))
-    ]
+    is_above = end > height
     in_pieces, in_one = (
-        (_places_around(cells, known) < len(known)).any(axis=1) for known in pieces
+        _are_near(cells, _cells(fronts[chosen], fits))
+        for chosen in (is_above, is_above & (bottom <= height))
     )
     return np.where(in_line, in_pieces, in_one)
 
@@ -246,21 +218,14 @@ def _before_walls(
             towards * (points[k] @ fit.normal - fit.offset) for k in (rows[of_wall], own)
         )
         from_top = np.abs(points[rows[of_wall]] @ top.normal - top.offset) / top.rms
-        clear = np.unique(cells[own[own_before > GATE]])
-        is_beside = (_places_around(cells[rows[of_wall]], clear) < len(clear)).any(axis=1)
+        is_beside = _are_near(cells[rows[of_wall]], cells[own[own_before > GATE]])
         is_before[of_wall] = (before > from_top) & is_beside
     return is_before
 
 
-def _places_around(cells: Int64, known: Int64) -> Int64:
-    """Return the indices of each cell and its neighbours in the sorted `known`, int64 (N, 9).
-
-    `len(known)` for cells that are not in it.
-    """
-    around = cells[:, None] + AROUND
-    places = np.searchsorted(known, around)
-    is_known = np.append(known, -1)[places] == around
-    return np.where(is_known, places, len(known))
+def _are_near(cells: Int64, others: Int64) -> Bool:
+    """Return which cells are among others or beside one of these, bool of the shape of `cells`."""
+    return np.isin(cells, np.unique(others)[:, None] + AROUND)
 
 
 def _cells(cuboids: Int64, fits: PlaneFits) -> Int64:

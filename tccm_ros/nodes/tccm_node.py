@@ -25,7 +25,7 @@ from tccm_ros.nodes.process.heap import trim_heap
 from tccm_ros.nodes.publishing.outputs import Outputs
 from tccm_ros.nodes.qos import latched_qos, sensor_qos, surface_message_qos
 from tccm_ros.nodes.run import run
-from tccm_ros.nodes.saving.previous_map import keep_previous
+from tccm_ros.nodes.saving.map_folder import keep_previous
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.services.box_service import BoxService
 from tccm_ros.records import Event, MapReset, Posed

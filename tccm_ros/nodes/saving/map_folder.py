@@ -10,21 +10,25 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import shutil
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
 from tccm_ros.atomic import finish_moves, output_folder
 from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.nodes.saving.previous_map import keep_previous
 from tccm_ros.results.labels_file import MAP_FILE
 from tccm_ros.results.map_file import MapContent, read_content
+
+PREVIOUS = ".previous"
+"""Suffix of the folder that keeps a replaced map."""
 
 
 class MapKeeper:
     """Saves the maps of one session and protects the maps of other sessions.
 
-    A map of another session is not replaced by a map with less content. A replaced map is kept in a
-    folder beside it (`PREVIOUS`).
+    A map of another session is not replaced by a map with less content. A replaced map is kept
+    (`keep_previous`).
 
     Parameters
     ----------
@@ -133,6 +137,32 @@ def _sizes(archive: int) -> dict[str, int]:
         stream.seek(0)
         sizes: dict[str, int] = json.loads(stream.readline())
         return sizes
+
+
+def keep_previous(folder: Path, names: Collection[str]) -> None:
+    """Keep files of a folder in a folder beside it (`PREVIOUS`).
+
+    A file is hard-linked, as it is replaced and never rewritten; if that fails, it is copied.
+
+    Raises
+    ------
+    OutputError
+        If they cannot be kept.
+    """
+    try:
+        if folder.exists():
+            finish_moves(folder)
+        kept = [folder / name for name in names if (folder / name).is_file()]
+        if not kept:
+            return
+        with output_folder(folder.with_name(folder.name + PREVIOUS)) as made:
+            for path in kept:
+                try:
+                    os.link(path, made / path.name)
+                except OSError:
+                    shutil.copyfile(path, made / path.name)
+    except OSError as error:
+        raise OutputError(f"{folder}: the map there cannot be kept ({one_line(error)})") from None
 
 
 def save_archive(archive: int, folder: Path) -> None:

@@ -32,15 +32,12 @@ class Saves:
             self._log(error)
 
     def at_end(
-        self,
-        save: Callable[[], str],
-        ending: Ending,
-        run: Callable[[Callable[[], None]], None] = lambda job: job(),
+        self, save: Callable[[], str], ending: Ending, run: Callable[[Callable[[], None]], object]
     ) -> None:
         """Save at the end of the process; any error but an empty map is recorded as a failure.
 
-        Until it is done, it is recorded as one as well, unless an earlier save is there: the
-        process may exit before.
+        Recorded as failed until the save completes, unless an earlier save succeeded, because the
+        process may exit first.
 
         Parameters
         ----------

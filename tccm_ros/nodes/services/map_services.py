@@ -15,7 +15,7 @@ from rclpy.task import Future
 
 from tccm_ros.errors import MapError, TccmError
 from tccm_ros.nodes.interfaces import offer_service
-from tccm_ros.nodes.saving.previous_map import PREVIOUS
+from tccm_ros.nodes.saving.map_folder import PREVIOUS
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.results.labels_file import MAP_FILE
 from tccm_ros.results.map_file import read_content

@@ -7,6 +7,10 @@ from tccm_ros.nodes.process.ending import Ending
 from tccm_ros.nodes.saving.saves import Saves
 
 
+def at_once(job):
+    job()
+
+
 def failing(error):
     def save():
         raise error
@@ -41,22 +45,22 @@ def test_a_save_that_works_lets_the_next_failure_be_logged(saves, lines):
 
 def test_an_empty_map_at_the_end_is_no_failure(saves, lines):
     ending = Ending()
-    saves.at_end(failing(MapError("nothing mapped")), ending)
+    saves.at_end(failing(MapError("nothing mapped")), ending, at_once)
     assert (ending.status, ending.saved, lines) == (0, {}, ["not saved: nothing mapped"])
 
 
 def test_unfinished_save_at_the_end_fails_without_an_earlier_one(saves):
     ending = Ending()
-    saves.at_end(lambda: "map", ending, run=lambda job: None)
+    saves.at_end(lambda: "map", ending, lambda job: None)
     assert (ending.status, ending.failed) == (1, {"slam": "the save did not finish"})
-    saves.at_end(lambda: "map", ending)
-    saves.at_end(lambda: "newer map", ending, run=lambda job: None)
+    saves.at_end(lambda: "map", ending, at_once)
+    saves.at_end(lambda: "newer map", ending, lambda job: None)
     assert (ending.status, ending.saved) == (0, {"slam": "map"})
 
 
 def test_a_failed_save_at_the_end_is_a_failure_until_one_works(saves):
     ending = Ending()
-    saves.at_end(failing(OutputError("disk full")), ending)
+    saves.at_end(failing(OutputError("disk full")), ending, at_once)
     assert (ending.status, ending.failed) == (1, {"slam": "disk full"})
-    saves.at_end(lambda: "map: 3 surfaces", ending)
+    saves.at_end(lambda: "map: 3 surfaces", ending, at_once)
     assert (ending.status, ending.saved) == (0, {"slam": "map: 3 surfaces"})

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.errors import MapError
-from tccm_ros.nodes.saving.previous_map import PREVIOUS
+from tccm_ros.nodes.saving.map_folder import PREVIOUS
 from tccm_ros.nodes.services.map_services import named_folder, saved_folders
 from tccm_ros.results.labels_file import MAP_FILE
 

@@ -1,10 +1,9 @@
-"""Progress bars with rate and remaining time, or none."""
+"""Progress bars with rate and remaining time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
@@ -20,8 +19,38 @@ from rich.progress import (
 from rich.text import Text
 
 
-class Bars(Protocol):
-    """Progress bars of long-running work, one after another."""
+class _Rate(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        if speed is None:
+            return Text("")
+        if task.fields["unit"] == "s":  # seconds of a recording per second
+            return Text(f"{speed:.1f} x real time")
+        if speed < 1.0 and task.fields["unit"] != "%":  # tasks that take longer than a second
+            return Text(f"{60.0 * speed:.1f} {task.fields['unit']}/min")
+        return Text(f"{speed:.0f} {task.fields['unit']}/s")
+
+
+class Bars:
+    """Progress bars of long-running work on standard error, one after another.
+
+    Parameters
+    ----------
+    quiet
+        Whether nothing is shown.
+    """
+
+    def __init__(self, quiet: bool = True) -> None:
+        self._shown = Progress(
+            TextColumn("{task.description:<9}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            _Rate(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=quiet,
+        )
+        self._task: TaskID | None = None
 
     def start(self, name: str, total: float, unit: str = "") -> None:
         """Start a bar; a running one is finished first.
@@ -35,25 +64,25 @@ class Bars(Protocol):
         unit
             Unit of the displayed rate; ``s`` for seconds of a recording.
         """
+        self._shown.start()
+        self.finish()
+        self._task = self._shown.add_task(name, total=total, unit=unit)
 
     def advance(self, amount: float) -> None:
         """Advance the running bar by an amount, in its unit."""
+        if self._task is not None:
+            self._shown.advance(self._task, amount)
 
+    def finish(self) -> None:
+        """Fill the running bar."""
+        if self._task is not None:
+            self._shown.update(self._task, completed=self._shown.tasks[self._task].total)
+            self._task = None
 
-class Silent:
-    """Progress bars without output."""
-
-    def start(self, name: str, total: float, unit: str = "") -> None:
-        """Show nothing, with the arguments of `Bars.start`.
-
-        Parameters
-        ----------
-        name, total, unit
-            Ignored.
-        """
-
-    def advance(self, amount: float) -> None:
-        """Show nothing."""
+    def stop(self) -> None:
+        """End the display."""
+        if self._shown.live.is_started:  # else, an empty line would be printed
+            self._shown.stop()
 
 
 class FractionBar:
@@ -77,56 +106,12 @@ class FractionBar:
         self._done = fraction
 
 
-class _Rate(ProgressColumn):
-    def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        if speed is None:
-            return Text("")
-        if task.fields["unit"] == "s":  # seconds of a recording per second
-            return Text(f"{speed:.1f} x real time")
-        if speed < 1.0 and task.fields["unit"] != "%":  # tasks that take longer than a second
-            return Text(f"{60.0 * speed:.1f} {task.fields['unit']}/min")
-        return Text(f"{speed:.0f} {task.fields['unit']}/s")
-
-
-class _Shown:
-    def __init__(self, bars: Progress) -> None:
-        self._bars = bars
-        self._task: TaskID | None = None
-
-    def start(self, name: str, total: float, unit: str = "") -> None:
-        self._bars.start()
-        self.finish()
-        self._task = self._bars.add_task(name, total=total, unit=unit)
-
-    def advance(self, amount: float) -> None:
-        if self._task is not None:
-            self._bars.advance(self._task, amount)
-
-    def finish(self) -> None:
-        if self._task is not None:
-            self._bars.update(self._task, completed=self._bars.tasks[self._task].total)
-            self._task = None
-
-
 @contextmanager
 def progress(quiet: bool = False) -> Iterator[Bars]:
-    """Yield bars on standard error, or silent ones."""
-    if quiet:
-        yield Silent()
-        return
-    columns = (
-        TextColumn("{task.description:<9}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        _Rate(),
-        TimeRemainingColumn(),
-    )
-    bars = Progress(*columns, console=Console(stderr=True))
-    shown = _Shown(bars)
+    """Yield bars, which are full if no error was raised."""
+    bars = Bars(quiet)
     try:
-        yield shown
-        shown.finish()
+        yield bars
+        bars.finish()
     finally:
-        if bars.live.is_started:  # stopping a bar that never started would print an empty line
-            bars.stop()
+        bars.stop()

@@ -17,7 +17,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import LogError, OutputError
 from tccm_ros.geometry import between2, spatial, wrap_angle
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
 from tccm_sim.carmen_lines import SCAN_KINDS, CarmenLog, OdomLine, ScanLine, read_log
 from tccm_sim.log_times import increasing_stamps, without_outliers, without_resets
@@ -112,7 +112,7 @@ def import_carmen(
     log, out = Path(log), Path(out)
     if out.suffix == ".mcap":
         raise OutputError(f"{out}: name a folder; stamps.csv is written beside the messages")
-    bars = bars or Silent()
+    bars = bars or Bars()
     bars.start("read", 1.0)
     read = read_log(log)
     kind = next((kind for kind in SCAN_KINDS if read.scans.get(kind)), None)

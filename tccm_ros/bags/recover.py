@@ -29,7 +29,7 @@ from tccm_ros.bags.storage import QOS_KEY, SQLITE_MAGIC, reading, topic_rows, un
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 
 RECORD_KINDS = frozenset(Opcode)
 """Valid record kinds of mcap; other values are damage."""
@@ -99,7 +99,7 @@ def recover(
     bag = Path(bag)
     found = Recovered()
     types = TypestoreMessages()
-    files, bars = storage_paths(bag, listed=False), bars or Silent()
+    files, bars = storage_paths(bag, listed=False), bars or Bars()
     bars.start("recover", sum(file.stat().st_size for file in files) * 1e-6, "MB")
     with BagWriter(out, overwrite=overwrite, typestore=types) as writer:
         for file in files:

@@ -23,7 +23,7 @@ from tccm_ros.calibrate.recording import CalibrationRecording
 from tccm_ros.calibrate.room import FloorAndCeiling, rooms
 from tccm_ros.config import Config, RigConfig
 from tccm_ros.errors import BagError
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 
 MAX_CYCLES_OF_ALL, MIN_CYCLES = 48, 4
 """Maximum number of tilt cycles from all bags, and minimum per bag (chosen: limits the computing
@@ -202,7 +202,7 @@ def calibrate(
         Where a bag cannot be read, the laser has no pose, no plane was observed, or the bags are of
         different rigs.
     """
-    config, assumed, bars = config or Config(), assumed or AssumptionSigmas(), bars or Silent()
+    config, assumed, bars = config or Config(), assumed or AssumptionSigmas(), bars or Bars()
     paths = [bags] if isinstance(bags, Path | str) else list(bags)
     if len({Path(path).resolve() for path in paths}) < len(paths):
         raise BagError("a bag is named twice; name each bag once")

@@ -19,7 +19,7 @@ from tccm_ros.calibrate.surroundings import RoomPlanes, find_planes
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 
 GATES = tuple(
     (distance, float(np.deg2rad(angle)))
@@ -122,7 +122,7 @@ def estimate(
     BagError
         Where no floor, ceiling or wall was observed.
     """
-    bars = bars or Silent()
+    bars = bars or Bars()
     bars.start("estimate", len(GATES) + 1.0)
     model = RigModel(recording.cycles, config.rig)
     configured = RigValues.of_rig(config.rig)

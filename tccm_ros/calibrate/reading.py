@@ -25,7 +25,7 @@ from tccm_ros.config import Config, RigConfig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.records import DepthImage, Event, PosedScan, Scan, StreamComplete, TiltAngle
 from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.robot.chain import JointReading, Part, TransformChain
@@ -108,7 +108,7 @@ def read_recording(
     BagError, TopicError, FrameError, UrdfError
         Where the bag cannot be read, has no tilting scans, or the laser's pose is unknown.
     """
-    raw, bars = uncorrected(config), bars or Silent()
+    raw, bars = uncorrected(config), bars or Bars()
     with BagReader(bag) as reader:
         choice = choose_topics(reader, raw, remap)
         reader.add_readers(choice.readers)

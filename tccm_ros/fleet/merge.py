@@ -25,7 +25,7 @@ from tccm_ros.fleet.pair_matching import PairMatch, PairReason
 from tccm_ros.fleet.pair_selection import Component, Pair, select_pairs
 from tccm_ros.fleet.pair_tasks import match_all
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.map_file import save_map
 from tccm_ros.results.numbers import write_json
@@ -117,7 +117,7 @@ def merge_maps(
     OutputError
         If the result cannot be written.
     """
-    bars, out = bars or Silent(), Path(out).absolute()
+    bars, out = bars or Bars(), Path(out).absolute()
     paths = [path.absolute() for path in find_maps(sources)]
     checksums = [checksum_of(path) for path in paths]
     first = {checksum: k for k, checksum in reversed(list(enumerate(checksums)))}

@@ -25,7 +25,7 @@ from tccm_ros.fleet.page import write_page
 from tccm_ros.fleet.record import Failure
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, JobStatus, TaskResult, is_done, process
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.results.numbers import write_json
 
 LOOK_S = 5.0
@@ -106,7 +106,7 @@ def run_fleet(
     OutputError
         If the folder cannot be written.
     """
-    begin, bars, workers = time.monotonic(), bars or Silent(), workers or Workers()
+    begin, bars, workers = time.monotonic(), bars or Bars(), workers or Workers()
     summary = FleetSummary(Path(out).absolute())
     folder = FleetFolder(summary.out)
     recordings = find_recordings(sources)

@@ -20,7 +20,7 @@ from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.records import Event
 from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.replay.run import run_bag
@@ -172,7 +172,7 @@ def replay(
     TccmError
         Of any subclass; `out` is then unchanged.
     """
-    bars, clock = bars or Silent(), clock or Stopwatch()
+    bars, clock = bars or Bars(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
         messages, unfinished = CycleMessageStore(config, folder), UnfinishedMaps(folder, config)

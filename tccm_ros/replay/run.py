@@ -19,7 +19,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.mapping.saved_map import SavedMap
 from tccm_ros.mapping.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.records import Scan
 from tccm_ros.replay.outcome import ReplayOutcome
 from tccm_ros.replay.processors import OnCycle, OnEvent, Pipeline
@@ -79,7 +79,7 @@ def run_bag(
     MapError
         If the bag could not be localised in the saved map.
     """
-    bars, clock = bars or Silent(), clock or Stopwatch()
+    bars, clock = bars or Bars(), clock or Stopwatch()
     with BagReader(bag) as reader:
         config, choice, timing_notes = _plan(reader, config, remap)
         compile_kernels(_processors(choice), config, bars)

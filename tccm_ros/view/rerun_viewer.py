@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.mapping.surface_slam import SurfaceSlam
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.replay.replay import replay
 from tccm_ros.results.map_file import is_map, load_map
 from tccm_ros.view.rerun_log import rerun_file
@@ -41,7 +41,7 @@ def rerun_of(target: Path | str, config: Config, bars: Bars | None = None) -> Pa
     TccmError
         If the target is missing, of another kind, or damaged.
     """
-    target, bars = Path(target), bars or Silent()
+    target, bars = Path(target), bars or Bars()
     saved = target / "map.mcap"
     if not target.exists():
         raise MapError(f"{target}: no such result folder, map or bag")

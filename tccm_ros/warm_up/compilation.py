@@ -28,7 +28,7 @@ import tccm_ros
 from tccm_ros.config import Config
 from tccm_ros.errors import one_line
 from tccm_ros.kernel_cache import cache_folder
-from tccm_ros.progress import Bars, Silent
+from tccm_ros.progress import Bars
 from tccm_ros.warm_up.parts import PARTS, run_part
 
 MODULE = "tccm_ros.warm_up.compilation"
@@ -118,7 +118,7 @@ def compile_kernels(processors: Collection[str], config: Config, bars: Bars | No
     compilation = Compilation(processors, config)
     if not compilation.is_needed:
         return
-    (bars or Silent()).start("compile", 1.0)
+    (bars or Bars()).start("compile", 1.0)
     compilation.start()
     try:
         compilation.wait()

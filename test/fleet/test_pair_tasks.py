@@ -11,7 +11,7 @@ from tccm_ros.fleet import pair_tasks
 from tccm_ros.fleet.cluster import Workers
 from tccm_ros.fleet.pair_matching import PairLoop, PairMatch, PairReason
 from tccm_ros.fleet.pair_tasks import match_all, pair_file
-from tccm_ros.progress import Silent
+from tccm_ros.progress import Bars
 from tccm_ros.results.folder_reader import read_json_or_none
 from tccm_ros.results.numbers import json_text
 
@@ -36,7 +36,7 @@ def matching(tmp_path, monkeypatch):
         for path in noted.iterdir():
             path.unlink()
         maps = {k: (tmp_path / name, f"checksum {name}") for k, name in enumerate(names)}
-        found, matched = match_all(maps, tmp_path / "pairs", Config(), Workers(), Silent())
+        found, matched = match_all(maps, tmp_path / "pairs", Config(), Workers(), Bars())
         assert set(found) == set(itertools.combinations(range(len(names)), 2))
         done = {tuple(path.name.split("-")) for path in noted.iterdir()}
         assert len(done) == matched
@@ -68,7 +68,7 @@ def test_a_pair_whose_workers_die_is_an_error_of_one_line(tmp_path, monkeypatch)
     monkeypatch.setattr(pair_tasks, "match_files", dies)
     maps = {k: (tmp_path / name, name) for k, name in enumerate("ab")}
     with pytest.raises(FleetError, match=r"a and .*b: ") as error:
-        match_all(maps, tmp_path / "pairs", Config(), Workers(), Silent())
+        match_all(maps, tmp_path / "pairs", Config(), Workers(), Bars())
     assert "\n" not in str(error.value)
 
 

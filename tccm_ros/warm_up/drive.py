@@ -11,9 +11,13 @@ import numpy as np
 from tccm_ros.config import Config
 from tccm_ros.mapping.surface_slam import SurfaceSlam
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.robot import Robot
-from tccm_ros.sensors.registry import default_streams
-from tccm_ros.warm_up.made_robot import PERIOD_NS, START_NS, level_drive, with_own_robot
+from tccm_ros.warm_up.made_robot import (
+    PERIOD_NS,
+    START_NS,
+    events_of,
+    level_drive,
+    with_own_robot,
+)
 
 SURFACES = ((0.0, 2.0), (0.7, 0.5), (0.73, 0.1))
 """Height and half width of floor, table, and a step on it, m."""
@@ -22,13 +26,12 @@ VIEW_SCANS = (20, 60, 100)
 """Indices of scans at which the surfaces are seen."""
 
 
-def warm_up_slam(config: Config) -> None:
+def warm_up(config: Config) -> None:
     """Process a drive in a temporary SLAM processor."""
     config = with_own_robot(config)
-    robot, slam = Robot(config, default_streams(config)), SurfaceSlam(config)
-    for role, record in level_drive():
-        for event in robot.add(role, record):
-            slam.add(event)
+    slam = SurfaceSlam(config)
+    for event in events_of(level_drive(), config):
+        slam.add(event)
     for k in VIEW_SCANS:
         stamp_ns = START_NS + k * PERIOD_NS
         slam.add(_surfaces(stamp_ns))

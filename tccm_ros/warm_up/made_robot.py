@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.records import Odometry, RobotDescription, Scan
+from tccm_ros.records import Event, Odometry, RobotDescription, Scan
 from tccm_ros.records.building import scan_record
+from tccm_ros.robot import Robot
+from tccm_ros.sensors.registry import default_streams
 
 START_NS = 1_000_000_000_000
 PERIOD_NS = 25_000_000
@@ -49,6 +52,13 @@ def with_own_robot(config: Config) -> Config:
     made.frames.tilt_joint, made.frames.base = "tilt", "base"
     made.localisation.source = "slam"
     return made
+
+
+def events_of(records: Iterable[tuple[str, Any]], config: Config) -> Iterator[Event]:
+    """Yield the events of records by role, posed by the synthetic robot."""
+    robot = Robot(config, default_streams(config))
+    for role, record in records:
+        yield from robot.add(role, record)
 
 
 def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.outlines.boundary import members_by_plane, outlines
 
@@ -14,7 +15,7 @@ CELL_SIZE, HEIGHT = 0.02, 0.7
 """Edge length of a cell, and height of the plane, m."""
 
 
-def warm_up_outlines() -> None:
+def warm_up(_: Config) -> None:
     """Compute the outline of a horizontal square."""
     ix, iy = (a.ravel().astype(np.int32) for a in np.indices((SIDE, SIDE)))
     count, top = len(ix), round(HEIGHT * TICKS_PER_M)

@@ -1,8 +1,12 @@
-"""Parts of the kernels of each processor, which synthetic recordings compile in similar times."""
+"""Parts of the kernels of each processor, which synthetic recordings compile in similar times.
+
+A part is a module of this subpackage with a function `warm_up`.
+"""
 
 from __future__ import annotations
 
 from functools import cache
+from importlib import import_module
 
 from tccm_ros.config import Config
 
@@ -45,21 +49,6 @@ def run_part(part: str, config: Config) -> None:
 
 @cache
 def _run_once(part: str, config_json: str) -> None:
-    """Run a part without importing the modules of other parts."""
-    config = Config.model_validate_json(config_json)
-    if part == "tilt":
-        from tccm_ros.warm_up.tilt import warm_up_tccm
-
-        warm_up_tccm(config)
-    elif part == "outlines":
-        from tccm_ros.warm_up.outlines import warm_up_outlines
-
-        warm_up_outlines()
-    elif part == "tracking":
-        from tccm_ros.warm_up.tracking import warm_up_tracking
-
-        warm_up_tracking(config)
-    else:
-        from tccm_ros.warm_up.drive import warm_up_slam
-
-        warm_up_slam(config)
+    """Run the module of a part, without importing those of other parts."""
+    module = import_module(f"tccm_ros.warm_up.{part}")
+    module.warm_up(Config.model_validate_json(config_json))

@@ -27,18 +27,17 @@ from tccm_ros.records import (
     Scan,
     SelfShapes,
 )
-from tccm_ros.robot import Robot
 from tccm_ros.sensors.compressed_depth import decode_rvl
 from tccm_ros.sensors.depth_image import PosedImage, measure_image
 from tccm_ros.sensors.level_projection import nearest_ranges
 from tccm_ros.sensors.point_cloud import PosedCloud, measure_cloud
-from tccm_ros.sensors.registry import default_streams
 from tccm_ros.warm_up.made_robot import (
     BEAMS,
     HEIGHT,
     PERIOD_NS,
     ROBOT,
     START_NS,
+    events_of,
     made_scan,
     with_own_robot,
 )
@@ -55,15 +54,14 @@ BOXES = (
 """A table with steps on it: height of the top, extent in x, and half width, m."""
 
 
-def warm_up_tccm(config: Config) -> None:
+def warm_up(config: Config) -> None:
     """Process tilt cycles in a temporary TCCM processor."""
     config = with_own_robot(config)
     _measure(config)
-    robot, processor = Robot(config, default_streams(config)), TccmProcessor(config)
+    processor = TccmProcessor(config)
     results: list[CycleResult] = []
-    for role, record in _tilt():
-        for event in robot.add(role, record):
-            results += processor.add(event)
+    for event in events_of(_tilt(), config):
+        results += processor.add(event)
     results += processor.finish()
     label_horizontal(processor.map.cuboids())
     results[-1].part.cuboids()  # with its caps

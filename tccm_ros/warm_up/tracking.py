@@ -7,17 +7,14 @@ the solver process loads its own.
 from __future__ import annotations
 
 from tccm_ros.config import Config
-from tccm_ros.robot import Robot
-from tccm_ros.sensors.registry import default_streams
 from tccm_ros.slam.tracking import Tracker
-from tccm_ros.warm_up.made_robot import level_drive, with_own_robot
+from tccm_ros.warm_up.made_robot import events_of, level_drive, with_own_robot
 
 
-def warm_up_tracking(config: Config) -> None:
+def warm_up(config: Config) -> None:
     """Track the synthetic robot through a room."""
     config = with_own_robot(config)
-    robot, tracker = Robot(config, default_streams(config)), Tracker(config)
-    for role, record in level_drive():
-        for event in robot.add(role, record):
-            if tracker.takes(event):
-                tracker.add(event)
+    tracker = Tracker(config)
+    for event in events_of(level_drive(), config):
+        if tracker.takes(event):
+            tracker.add(event)

@@ -59,12 +59,12 @@ def _fork_on_request(requests: Connection) -> None:
     """Fork a process for each connection that is sent, until the other end is closed."""
     from tccm_ros.bags.typestore import TypestoreMessages
     from tccm_ros.nodes.solver.process import serve
-    from tccm_ros.warm_up.drive import warm_up_slam
+    from tccm_ros.warm_up import drive
 
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # reaps
-    warm_up_slam(Config())
+    drive.warm_up(Config())
     TypestoreMessages()  # imports the message definitions
     gc.collect()
     gc.freeze()

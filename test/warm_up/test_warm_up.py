@@ -11,9 +11,7 @@ from numba.core.dispatcher import Dispatcher
 from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
-from tccm_ros.warm_up.drive import warm_up_slam
-from tccm_ros.warm_up.tilt import warm_up_tccm
-from tccm_ros.warm_up.outlines import warm_up_outlines
+from tccm_ros.warm_up import drive, outlines, tilt
 from tccm_ros.replay.processors import Pipeline
 from tccm_ros.results.cuboids_file import cuboids_archive
 
@@ -22,10 +20,10 @@ def compiled():
     names = [(k.py_func.__module__, k.py_func.__name__) for k in kernels]
     return {(*name, str(s)) for name, k in zip(names, kernels) for s in k.signatures}
 
-warm_up_tccm(Config())
-warm_up_slam(Config())
+tilt.warm_up(Config())
+drive.warm_up(Config())
 before = compiled()
-warm_up_outlines()
+outlines.warm_up(Config())
 assert compiled() == before, "outlines are made for other types than those of a tilt cycle"
 assert before
 for bag in sys.argv[1:]:

@@ -17,6 +17,7 @@ from tccm_ros.racks.ceilings import GRID, MIN_FILLED, Ceiling
 from tccm_ros.records import EdgeState, Surface, SurfaceEdge
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.tabletop.free_places import polygon_parts
+from tccm_ros.tabletop.round_objects import rectangle_around
 
 NEAR_RACK = 0.5
 """Maximum distance of the hits of a rack, and of a board's end beyond its last seen point, m;
@@ -95,7 +96,7 @@ def board_frame(surface: Surface, stack: Sequence[Surface]) -> Float64:
     Its axes are those of the smallest rectangle around the board, turned to the mean direction of
     the seen edges of all boards that are parallel to it: hidden edges have no known direction.
     """
-    x, y, _, _, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
+    x, y, _, _, yaw = rectangle_around(surface.boundary)
     angles = [_angle_to_axis(edge, yaw) for board in stack for edge in _seen_edges(board)]
     angle, weight = np.array([a for a in angles if abs(a[0]) < PARALLEL]).reshape(-1, 2).T
     if weight.sum():

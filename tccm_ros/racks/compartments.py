@@ -25,12 +25,12 @@ from tccm_ros.racks.boards import (
     with_seen_sides,
 )
 from tccm_ros.racks.ceilings import BoardAbove, Ceiling, ceilings
-from tccm_ros.racks.compartment import Compartment, FaceState, SeenView
-from tccm_ros.racks.faces import Face, SeenFace, measure_face
+from tccm_ros.racks.compartment import Compartment, FaceState, OpenPart, SeenView
+from tccm_ros.racks.faces import ON_FACE, Face, SeenFace, measure_face
 from tccm_ros.racks.hits import Hits, HitsInMap
-from tccm_ros.racks.open_parts import open_parts
 from tccm_ros.racks.seen_space import seen_space
-from tccm_ros.records import Surface
+from tccm_ros.records import HITS_CUBE, Surface
+from tccm_ros.tabletop.footprints import cluster_footprints, convex_hull, rectangle
 
 MIN_FRONT = 0.3
 """Minimum fraction of a front that beams passed; chosen: a door may cover half of it."""
@@ -45,6 +45,13 @@ the same posts agree within the errors of their edges, and a seat below a table 
 MAX_SETBACK = 0.1
 """Maximum distance of the front edges of boards with a common front, m; chosen: a base is deeper by
 as much."""
+
+LINKED = 2.0 * HITS_CUBE
+"""Maximum distance of neighbouring hits on one part, m: there may be an empty cube between them."""
+
+MIN_HITS = 9
+"""Minimum number of hits on a part; chosen: a part of 12 cm square has as many cubes, mixed pixels
+at an edge have fewer."""
 
 
 def find_compartments(
@@ -226,3 +233,37 @@ def _front(faces: Sequence[Face], seen: Sequence[SeenFace], hits: Hits) -> int:
 def _offset(face: SeenFace) -> float:
     """Return the offset of a face outwards from the board's edge, m; 0 if it was not measured."""
     return face.offset if face.state == FaceState.MEASURED else 0.0
+
+
+def open_parts(space: Compartment, hits: Hits, known: shapely.Geometry) -> tuple[OpenPart, ...]:
+    """Return the doors and drawers before the front of a compartment, from left to right.
+
+    They are no surfaces and no objects of the map. Each is the smallest box around the ends of
+    beams on it, with vertical sides.
+
+    Parameters
+    ----------
+    space
+        The compartment.
+    hits
+        Hits near it.
+    known
+        Outlines of surfaces, seen from above in map, m: hits there are on them, or on objects.
+    """
+    local = transform(inverse(space.T_map_front), hits.ends)
+    before = (local[:, 0] < -ON_FACE) & (local[:, 2] > HITS_CUBE) & (local[:, 2] < space.height)
+    before &= ~shapely.intersects_xy(known, *hits.ends[:, :2].T)
+    chosen = np.flatnonzero(before)
+    members, starts = cluster_footprints(np.ascontiguousarray(local), chosen, LINKED)
+    found = []
+    for part in np.split(members, starts[1:-1]):
+        hull = convex_hull(local[part, :2])
+        is_before = np.abs(local[part, 1]).min(initial=np.inf) < 0.5 * space.width
+        if len(part) < MIN_HITS or len(hull) < 3 or not is_before:
+            continue
+        x, y, length, width, yaw = rectangle(hull)
+        low = float((local[part, 2] - hits.half[part]).min())
+        high = float((local[part, 2] + hits.half[part]).max())
+        T = spatial(np.array([x, y, yaw]), 0.5 * (low + high))
+        found.append((-y, OpenPart(space.T_map_front @ T, np.array([length, width, high - low]))))
+    return tuple(part for _, part in sorted(found, key=lambda item: item[0]))

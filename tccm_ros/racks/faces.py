@@ -11,6 +11,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.racks.compartment import FaceState, SeenView
 from tccm_ros.racks.hits import Hits
+from tccm_ros.racks.seen_space import mark_cells
 
 CELL = 0.05
 """Edge of a cell of a face, m; chosen: a little more than a cube of hits."""
@@ -100,17 +101,12 @@ def measure_face(face: Face, hits: Hits, views: Sequence[SeenView]) -> SeenFace:
     ends, origins = transform(T_face, hits.ends), transform(T_face, hits.origins)
     measured, passed = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
     corner = np.array([-0.5 * face.width, 0.0])
-
-    def mark(cells: Bool, points: Float64) -> None:
-        index = np.floor((points - corner) / size).astype(np.int64)
-        inside = ((index >= 0) & (index < shape)).all(axis=1)
-        cells[tuple(index[inside].T)] = True
-
     on = np.abs(ends[:, 0]) <= ON_FACE
-    mark(measured, ends[on, 1:])
+    mark_cells(measured, ends[on, 1:], corner, size)
     crossing = (np.abs(ends[:, 0]) > PASSED) & (ends[:, 0] * origins[:, 0] < 0.0)
     a, b = origins[crossing], ends[crossing]
-    mark(passed, (a + (b - a) * (a[:, :1] / (a[:, :1] - b[:, :1])))[:, 1:])
+    crossed = a + (b - a) * (a[:, :1] / (a[:, :1] - b[:, :1]))
+    mark_cells(passed, crossed[:, 1:], corner, size)
     y, z = (corner[k] + (np.arange(shape[k]) + 0.5) * size[k] for k in range(2))
     middles = np.stack(np.meshgrid([0.0], y, z, indexing="ij"), axis=-1).reshape(-1, 3)
     for view in views:

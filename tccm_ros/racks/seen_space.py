@@ -82,15 +82,30 @@ def seen_cells(
     _mark_beams(seen, origins, ends, low, cell)
     for part in (-1.0, -0.5, 0.0, 0.5, 1.0):
         points = ends + np.array([0.0, 0.0, 1.0]) * (part * hits.half)[:, None]
-        index = np.floor((points - low) / cell).astype(np.int64)
-        inside = ((index >= 0) & (index < shape)).all(axis=1)
-        hit[tuple(index[inside].T)] = True
+        mark_cells(hit, points, low, cell)
     middles = cell_middles(low, shape, cell).reshape(-1, 3)
     for view in views:
         rest = np.flatnonzero(~seen.ravel())
         at = transform(inverse(view.T_map_view) @ T_map_grid, middles[rest])
         seen.ravel()[rest[view.free.contains(at)]] = True
     return seen, hit
+
+
+def mark_cells(cells: Bool, points: Float64, low: Float64, cell: Float64) -> None:
+    """Mark the cells of a grid of D dimensions that contain points, float64 (N, D), m.
+
+    Parameters
+    ----------
+    cells
+        bool, changed.
+    points
+        Points; those outside of the grid are ignored.
+    low, cell
+        float64 (D,), lowest corner of the grid, and edges of its cells, m.
+    """
+    index = np.floor((points - low) / cell).astype(np.int64)
+    inside = ((index >= 0) & (index < cells.shape)).all(axis=1)
+    cells[tuple(index[inside].T)] = True
 
 
 def cell_middles(low: Float64, shape: Int64, cell: Float64) -> Float64:

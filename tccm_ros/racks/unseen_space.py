@@ -22,7 +22,7 @@ from tccm_ros.racks.compartment import SeenView
 from tccm_ros.racks.hits import HitsInMap
 from tccm_ros.racks.seen_space import cell_middles, seen_cells
 from tccm_ros.records import Surface
-from tccm_ros.tabletop.footprints import convex_hull, rectangle
+from tccm_ros.tabletop.round_objects import rectangle_around
 
 CELL = 0.05
 """Maximum edge of a cell, m; chosen: half a column of free space. Finer cells give more boxes."""
@@ -98,7 +98,7 @@ def _wide(seen: Bool) -> Bool:
 
 def _grid(surface: Surface, floor_z: float) -> tuple[Float64, Float64, Float64, Int64]:
     """Return frame, lowest corner, edges of cells and shape of the grid below a surface."""
-    x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
+    x, y, length, width, yaw = rectangle_around(surface.boundary)
     top = float(surface.height_at(np.array([x, y])))
     size = np.array([length, width, max(top - floor_z, CELL)])
     shape = np.ceil(size / CELL).astype(np.int64)

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 from tccm_ros.arrays import Float64
-from tccm_ros.tabletop.footprints import rectangle
+from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
 ROUND = 0.12
 """Maximum distance of a hull from its circle, as a fraction of the radius: the sides of a hexagon
@@ -93,3 +93,8 @@ def round_footprint(hull: Float64) -> Circle | None:
         if (gaps.max() - 1) * (2.0 * math.pi / SAMPLES) < MIN_ARC:
             return None
     return Circle(float(x + middle[0]), float(y + middle[1]), radius)
+
+
+def rectangle_around(boundary: Float64) -> tuple[float, float, float, float, float]:
+    """Return the smallest rectangle (`rectangle`) around a ring (N, 3), seen from above."""
+    return rectangle(convex_hull(np.ascontiguousarray(boundary[:, :2])))

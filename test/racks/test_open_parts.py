@@ -5,8 +5,8 @@ import shapely
 
 from tccm_ros.geometry import inverse, spatial, transform
 from tccm_ros.racks.compartment import Compartment, FaceState, SpaceGrid
+from tccm_ros.racks.compartments import open_parts
 from tccm_ros.racks.hits import Hits
-from tccm_ros.racks.open_parts import open_parts
 
 FRONT = spatial(np.array([2.0, 1.0, 0.7]))
 NOTHING = shapely.Polygon()

@@ -14,8 +14,8 @@ from shapely import Point, Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.records import Hypothesis, Surface
 from tccm_ros.surfaces.objects.object_tracks import ObjectTrack
-from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.tabletop.free_places import rectangle_corners, where_fits
+from tccm_ros.tabletop.round_objects import rectangle_around
 
 MAX_HEIGHT_DIFFERENCE = 0.10
 """Max difference in height of an object's lower side and the surface of the map under it, m;
@@ -193,7 +193,7 @@ def free_places(
         if surface.label == "floor":
             continue
         room = outline_of(surface) - shapely.union_all(occupied.get(surface.id, []))
-        yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))[4]
+        yaw = rectangle_around(surface.boundary)[4]
         rings = where_fits(room, size, yaw)
         if rings:
             found[surface.id] = [_lifted(ring, surface) for ring in rings]

@@ -205,11 +205,44 @@ def unpack_views(arrays: Mapping[str, NDArray[Any]]) -> list[View]:
         If arrays are missing or inconsistent.
     """
     try:
-        return _unpack(arrays)
+        return _unpack(_upgraded(arrays))
     except KeyError as error:
         raise MapError(f"saved views have no array {error}") from None
     except (ValueError, IndexError, TypeError, shapely.errors.GEOSException) as error:
         raise MapError(f"saved views are damaged: {error}") from None
+
+
+def _upgraded(a: Mapping[str, NDArray[Any]]) -> Arrays:
+    """Return the arrays of a map with those that maps of older versions lack."""
+    views, patches = len(a["stamp_ns"]), len(a["count"])
+    added: Arrays = {
+        **{name: np.zeros(views, np.int64) for name in (*REMOVED, "sensors", "objects", "hits_of")},
+        "viewpoints": np.full((views, 3), np.nan),
+        "hits": np.zeros((0, 4), np.float32),
+        **{name: np.full(patches, ABSENT) for name in NUMBERS},
+        "systematic": np.zeros((0, 3)),
+        "systematic_parts": np.zeros(patches, np.int64),
+        "object_counts": np.zeros((0, 4), np.int64),
+        **_prisms(a.get("object_boxes", np.zeros((0, 7)))),
+    }
+    if "cov_plane" not in a:
+        parts = zip(_split(a["points"], a["points_of"]), _split(a["weights"], a["points_of"]))
+        added["cov_plane"] = np.array(
+            [fit_covariance(p.astype(float), w.astype(float)) for p, w in parts]
+        )
+    return added | dict(a)
+
+
+def _prisms(boxes: Float64) -> Arrays:
+    """Return the arrays of prisms for the boxes of objects in maps of older versions."""
+    boxes = boxes.reshape(-1, 7)
+    half = 0.5 * boxes[:, 5]
+    footprints = [box[:2] + rectangle_corners(box[3], box[4], box[6]) for box in boxes]
+    return {
+        "footprints": _joined(footprints, np.float64, 2),
+        "footprints_of": np.full(len(boxes), 4),
+        "object_z": np.column_stack([boxes[:, 2] - half, boxes[:, 2] + half]),
+    }
 
 
 def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
@@ -224,14 +257,16 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             float(a["spacing"][k]),
             cov_plane,
             systematic.T,
-            *(_present(a, name, k) for name in NUMBERS),
+            *(_present(int(a[name][k])) for name in NUMBERS),
         )
-        for k, (points, weights, outline, (cov_plane, systematic)) in enumerate(
+        for k, (points, weights, outline, cov_plane, systematic) in enumerate(
             zip(
                 _split(a["points"], a["points_of"]),
                 _split(a["weights"], a["points_of"]),
                 _split(a["outlines"], a["outline_bytes"]),
-                _unpack_errors(a),
+                a["cov_plane"].reshape(-1, 3, 3),
+                _split(a["systematic"].reshape(-1, 3), a["systematic_parts"]),
+                strict=True,
             )
         )
     ]
@@ -240,7 +275,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
     if first[-1] != len(patches) or len(a["patches"]) != len(a["stamp_ns"]):
         raise ValueError(f"{len(patches)} patches, {first[-1]} expected")
     objects, detections, labels = _unpack_objects(a), _unpack_detections(a), _unpack_corrections(a)
-    hits = _unpack_hits(a)
+    viewpoints, hits = a["viewpoints"].reshape(-1, 3), _unpack_hits(a)
     return [
         View(
             int(a["stamp_ns"][v]),
@@ -248,43 +283,21 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             FreeColumns(float(a["free_cell_size"][v]), *columns),
             float(a["reach"][v]),
             int(a["session"][v]),
-            int(a["forgotten"][v]) if "forgotten" in a else 0,
+            int(a["forgotten"][v]),
             objects[v],
-            int(a["forgotten_objects"][v]) if "forgotten_objects" in a else 0,
+            int(a["forgotten_objects"][v]),
             detections[v],
             labels[v],
-            *_unpack_viewpoint(a, v),
+            viewpoints[v] if np.isfinite(viewpoints[v]).all() else None,
+            SensorKind(int(a["sensors"][v])),
             hits[v],
         )
         for v, columns in enumerate(free)
     ]
 
 
-def _unpack_errors(a: Mapping[str, NDArray[Any]]) -> list[tuple[Float64, Float64]]:
-    """Return covariance and systematic error of each patch's plane.
-
-    Maps of older versions have no such arrays: covariances are computed from points.
-    """
-    if "cov_plane" not in a:
-        clouds = zip(_split(a["points"], a["points_of"]), _split(a["weights"], a["points_of"]))
-        none = np.zeros((0, 3))
-        return [(fit_covariance(p.astype(float), w.astype(float)), none) for p, w in clouds]
-    parts = _split(a["systematic"].reshape(-1, 3), a["systematic_parts"])
-    return list(zip(a["cov_plane"].reshape(-1, 3, 3), parts, strict=True))
-
-
-def _unpack_viewpoint(a: Mapping[str, NDArray[Any]], v: int) -> tuple[Float64 | None, SensorKind]:
-    """Return viewpoint and kind of a view's sensor; defaults for maps of older versions."""
-    if "viewpoints" not in a:
-        return None, SensorKind.LASER
-    viewpoint = a["viewpoints"].reshape(-1, 3)[v]
-    return viewpoint if np.isfinite(viewpoint).all() else None, SensorKind(int(a["sensors"][v]))
-
-
 def _unpack_hits(a: Mapping[str, NDArray[Any]]) -> list[Float32]:
-    """Return the hits of the beams of each view; empty for maps of older versions."""
-    if "hits" not in a:
-        return [np.zeros((0, 4), np.float32)] * len(a["stamp_ns"])
+    """Return the hits of the beams of each view."""
     hits = _split(a["hits"].reshape(-1, 4), a["hits_of"])
     if len(hits) != len(a["stamp_ns"]) or not np.isfinite(a["hits"]).all():
         raise ValueError(f"hits of {len(hits)} views, {len(a['stamp_ns'])} expected, all finite")
@@ -292,11 +305,11 @@ def _unpack_hits(a: Mapping[str, NDArray[Any]]) -> list[Float32]:
 
 
 def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...]]:
-    """Return the objects of each view; empty for maps of older versions."""
-    if "objects" not in a:
-        return [()] * len(a["stamp_ns"])
-    counts = a["object_counts"].reshape(-1, 4)
-    footprints, z = _unpack_prisms(a)
+    """Return the objects of each view."""
+    counts, z = a["object_counts"].reshape(-1, 4), a["object_z"].reshape(-1, 2)
+    footprints = _split(a["footprints"].reshape(-1, 2), a["footprints_of"])
+    if min(map(len, footprints), default=3) < 3:
+        raise ValueError("an object has a footprint of fewer than three corners")
     if not len(footprints) == len(z) == len(counts) or len(a["objects"]) != len(a["stamp_ns"]):
         raise ValueError(f"{len(footprints)} objects, {len(counts)} expected")
     if not (np.isfinite(z).all() and all(np.isfinite(ring).all() for ring in footprints)):
@@ -305,23 +318,12 @@ def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...
     return [tuple(itertools.islice(objects, count)) for count in a["objects"].tolist()]
 
 
-def _unpack_prisms(a: Mapping[str, NDArray[Any]]) -> tuple[list[Float64], Float64]:
-    """Return footprint, lower and upper end of each object; those of boxes of older versions."""
-    if "object_boxes" not in a:
-        footprints = _split(a["footprints"].reshape(-1, 2), a["footprints_of"])
-        if min(map(len, footprints), default=3) < 3:
-            raise ValueError("an object has a footprint of fewer than three corners")
-        return footprints, a["object_z"].reshape(-1, 2)
-    boxes = a["object_boxes"].reshape(-1, 7)
-    half = 0.5 * boxes[:, 5]
-    footprints = [box[:2] + rectangle_corners(box[3], box[4], box[6]) for box in boxes]
-    return footprints, np.column_stack([boxes[:, 2] - half, boxes[:, 2] + half])
-
-
 def _unpack_object(footprint: Float64, z: Float64, numbers: Int64) -> SeenObject:
     points, number, first_seen_ns, views = numbers.tolist()
     low, high = z.tolist()
-    return SeenObject(footprint, low, high, points, _absent(number), _absent(first_seen_ns), views)
+    return SeenObject(
+        footprint, low, high, points, _present(number), _present(first_seen_ns), views
+    )
 
 
 def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetection, ...]]:
@@ -368,14 +370,9 @@ def _unpack_corrections(a: Mapping[str, NDArray[Any]]) -> list[dict[int, str]]:
     return [dict(zip(own.tolist(), given)) for own in numbers]
 
 
-def _absent(value: int) -> int | None:
+def _present(value: int) -> int | None:
+    """Return an optional entry."""
     return None if value == ABSENT else value
-
-
-def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
-    """Return an optional entry; None if the array is missing, as in maps of older versions."""
-    value = int(a[name][k]) if name in a else ABSENT
-    return _absent(value)
 
 
 def _split(rows: NDArray[Any], counts: Int64) -> list[NDArray[Any]]:

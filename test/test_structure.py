@@ -64,7 +64,6 @@ SUBLAYERS = {
         "se2",
         "odometry_model",
         "occupancy",
-        "base_roll_pitch",
         "base_attitude",
         "solution",
         "factors",

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 from tccm_ros.records import LandmarkObservation
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
-from tccm_ros.slam.base_attitude import AttitudeTrack
-from tccm_ros.slam.base_roll_pitch import RollPitchTrack
+from tccm_ros.slam.base_attitude import AttitudeTrack, RollPitchTrack
 from tccm_ros.slam.external_poses import MapOdomTrack
 from tccm_ros.slam.trajectory import OdometryTrack
 

@@ -12,14 +12,29 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.records import LandmarkObservation
+from tccm_ros.signs.hog import PATCH_SHAPE
+from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.matching.level_scan import LevelScan
-from tccm_ros.slam.signs.saved import pack_anchored, pack_signs, unpack_anchored, unpack_signs
 from tccm_ros.slam.signs.views import SignView
 from tccm_ros.slam.walls.lines import Lines
+
+SIGN_NUMBERS: dict[str, tuple[type, tuple[int, ...]]] = {
+    "pixel": (float, (2,)),
+    "bearing": (float, (3,)),
+    "T_base_camera": (float, (4, 4)),
+    "corners": (float, (4, 2)),
+    "plate": (float, (4, 3)),
+    "stamp_ns": (np.int64, ()),
+    "confidence": (float, ()),
+    "focal_length": (float, ()),
+    "patch": (np.uint8, PATCH_SHAPE),
+}
+"""Type and shape of each field of a sign measurement but its texts."""
 
 
 class SavedWalls(NamedTuple):
@@ -78,7 +93,7 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "loop_cov": _rows([p.cov for p in loops], 3, 3),
         "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
         **_pack_landmarks(observations),
-        **pack_signs(sign_views),
+        **_pack_signs(sign_views),
         **({"unjoined_sessions": np.array(sorted(unjoined.items()), np.int64)} if unjoined else {}),
     }
 
@@ -91,10 +106,35 @@ def _pack_landmarks(observations: Sequence[AnchoredObservation]) -> dict[str, ND
         "landmark_kind": np.array([kinds.index(o.kind) for o in seen], np.int64),
         "landmark_id": np.array([o.id for o in seen], np.int64),
         "landmark_stamp_ns": np.array([o.stamp_ns for o in seen], np.int64),
-        **pack_anchored("landmark", [s.anchored for s in observations]),
+        **_pack_anchored("landmark", [s.anchored for s in observations]),
         "landmark_size": np.array([len(o.measurement) for o in seen], np.int64),
         "landmark_measurement": _joined([o.measurement for o in seen]),
         "landmark_cov": _joined([o.covariance.ravel() for o in seen]),
+    }
+
+
+def _pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
+    """Return named arrays with a row per view of a sign."""
+    seen = [v.measurement for v in views]
+    texts = json.dumps([[m.text, m.number] for m in seen]).encode()
+    return {
+        f"sign_{name}": np.array([getattr(m, name) for m in seen], dtype).reshape(-1, *shape)
+        for name, (dtype, shape) in SIGN_NUMBERS.items()
+    } | {
+        "sign_id": np.array([v.sign for v in views], np.int64),
+        **_pack_anchored("sign", [v.anchored for v in views]),
+        "sign_texts": np.frombuffer(texts, np.uint8),
+    }
+
+
+def _pack_anchored(prefix: str, anchored: Sequence[AnchoredPose]) -> dict[str, NDArray[Any]]:
+    """Return anchored poses as arrays with a prefix; no attitudes where all are level."""
+    attitudes = np.array([a.attitude for a in anchored], float).reshape(-1, 3)
+    return {
+        f"{prefix}_keyframe": np.array([a.keyframe for a in anchored], np.int64),
+        f"{prefix}_pose": np.array([a.pose for a in anchored], float).reshape(-1, 3),
+        f"{prefix}_pose_cov": np.array([a.cov for a in anchored], float).reshape(-1, 3, 3),
+        **({f"{prefix}_attitude": attitudes} if attitudes.any() else {}),
     }
 
 
@@ -154,7 +194,7 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     observations = _unpack_landmarks(s, count)
     # Most maps have a single trajectory, and lack this array.
     unjoined = {int(a): int(b) for a, b in s.get("unjoined_sessions", np.zeros((0, 2), np.int64))}
-    signs = unpack_signs(s, count)
+    signs = _unpack_signs(s, count)
     return SavedWalls(keyframes, lines, poses, loops, observations, signs, unjoined)
 
 
@@ -166,7 +206,7 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Anc
     for kind in kinds:
         landmark_class(kind)
     sizes = s["landmark_size"]
-    anchored = unpack_anchored("landmark", s, keyframes)
+    anchored = _unpack_anchored("landmark", s, keyframes)
     rows = zip(
         s["landmark_stamp_ns"].tolist(),
         [kinds[k] for k in s["landmark_kind"].tolist()],
@@ -181,6 +221,41 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Anc
             LandmarkObservation(stamp, kind, number, x, cov.reshape(len(x), -1)), pose
         )
         for stamp, kind, number, x, cov, pose in rows
+    ]
+
+
+def _unpack_anchored(
+    prefix: str, s: Mapping[str, NDArray[Any]], keyframes: int
+) -> list[AnchoredPose]:
+    """Return the anchored poses whose arrays have a prefix."""
+    anchors = s[f"{prefix}_keyframe"].tolist()
+    if not all(0 <= k < keyframes for k in anchors):
+        raise ValueError(f"a {prefix} was seen from a keyframe that the map does not have")
+    attitudes = s.get(f"{prefix}_attitude", np.zeros((len(anchors), 3))).tolist()
+    rows = zip(anchors, s[f"{prefix}_pose"], s[f"{prefix}_pose_cov"], attitudes, strict=True)
+    return [AnchoredPose(k, pose, cov, attitude=(z, a, b)) for k, pose, cov, (z, a, b) in rows]
+
+
+def _unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:
+    """Return the views of signs; maps of earlier versions have none."""
+    if "sign_id" not in s:
+        return []
+    n = len(s["sign_id"])
+    # Maps of earlier versions lack both: use a grey patch, and an unknown size.
+    known = {
+        "sign_patch": np.full((n, *PATCH_SHAPE), 128, np.uint8),
+        "sign_plate": np.full((n, 4, 3), np.nan),
+        **s,
+    }
+    columns = [known[f"sign_{name}"] for name in SIGN_NUMBERS]
+    values = zip(*(x.tolist() if x.ndim == 1 else x for x in columns), strict=True)
+    texts, anchored = json.loads(s["sign_texts"].tobytes()), _unpack_anchored("sign", s, keyframes)
+    rows = zip(texts, values, anchored, s["sign_id"].tolist(), strict=True)
+    return [
+        SignView(
+            SignMeasurement(text=text, number=number, **dict(zip(SIGN_NUMBERS, row))), pose, sign
+        )
+        for (text, number), row, pose, sign in rows
     ]
 
 

@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config.slam import OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
 from tccm_ros.robot.tracks import Track, bracket
-from tccm_ros.slam.base_roll_pitch import UNBOUNDED_NS
+from tccm_ros.slam.base_attitude import UNBOUNDED_NS
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance

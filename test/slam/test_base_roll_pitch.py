@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.config import Config
 from tccm_ros.records import RollPitch
-from tccm_ros.slam.base_roll_pitch import RollPitchTrack
+from tccm_ros.slam.base_attitude import RollPitchTrack
 from tccm_ros.slam.wall_slam import WallSlam
 
 QUANTUM = 0.00025  # rad, step of the usual roll and pitch: 0.75 mm at 3 m

@@ -5,7 +5,7 @@ import pytest
 
 from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.walls.unit_variance import _without_tail, unit_variance
+from tccm_ros.slam.walls.outliers import _without_tail, unit_variance
 
 PRIOR_FREEDOM = 2.0  # degrees of freedom of the prior
 PRIOR_VARIANCE = 0.05  # mean of the prior: covariances of factors are conservative

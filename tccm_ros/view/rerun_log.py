@@ -30,10 +30,10 @@ from tccm_ros.view.rerun_sensors import SensorLog
 from tccm_ros.view.rerun_shapes import (
     BASE,
     ODOM,
-    RADIUS_M,
     STAMP,
     begin,
     blueprint,
+    line_strips,
     log_heading,
     log_part,
     log_planes,
@@ -102,16 +102,14 @@ class RerunLog:
 
     def _log_planes(self, planes: Sequence[PlaneRecord]) -> None:
         known = [plane for plane in planes if len(plane.boundary) > 2]
-        outlines = [with_first_point(plane.boundary) for plane in known]
-        log_planes(self._stream, outlines, [plane.id for plane in known])
+        log_planes(self._stream, {p.id: with_first_point(p.boundary) for p in known})
 
     def _log_parts(self, parts: CycleParts) -> None:
         """Log the coarse part map of each tilt cycle, in the odometry frame."""
+        table = np.array([parts.ix, parts.iy, parts.bottom, parts.top], np.int64)
         for k, stamp_ns in enumerate(parts.stamps_ns.tolist()):
-            of = slice(*parts.offsets[k : k + 2].tolist())
-            boxes = (parts.ix[of], parts.iy[of], parts.bottom[of], parts.top[of])
             self._at(stamp_ns)
-            log_part(self._stream, *boxes, parts.cell_size)
+            log_part(self._stream, table[:, slice(*parts.offsets[k : k + 2])], parts.cell_size)
 
     def add_map(self, solution: SurfaceSolution) -> None:
         """Log surfaces, objects, signs, walls, loops, views and the path of a solution."""
@@ -176,8 +174,7 @@ class RerunLog:
 
     def _lines(self, entity: str, strips: Sequence[Float64], color: str) -> None:
         """Log lines that are visible at all times."""
-        lines = rr.LineStrips3D(strips, colors=rgb(color), radii=RADIUS_M)
-        self._stream.log(entity, lines, static=True)
+        self._stream.log(entity, line_strips(strips, color), static=True)
 
     @property
     def cameras(self) -> list[str]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.outlines.triangulation import FilledOutline
 from tccm_ros.report import palette
 
@@ -45,6 +45,11 @@ def begin(stream: rr.RecordingStream) -> None:
 def log_pose(stream: rr.RecordingStream, entity: str, T: Float64) -> None:
     """Log the pose float64 (4, 4) of a frame in that of its parent."""
     stream.log(entity, rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
+
+
+def line_strips(strips: Sequence[ArrayLike], color: str) -> rr.LineStrips3D:
+    """Return lines, (N, 3) each, m, in a colour ``#rrggbb``."""
+    return rr.LineStrips3D(strips, colors=rgb(color), radii=RADIUS_M)
 
 
 def log_heading(stream: rr.RecordingStream, base: str) -> None:
@@ -85,30 +90,33 @@ def log_surface(
         stream.log(entity, faces)
     ends = np.cumsum(mesh.rings, dtype=int)
     rings = np.split(mesh.points, ends)[: len(ends)]
-    lines = rr.LineStrips3D([with_first_point(r) for r in rings], colors=rgb(color), radii=RADIUS_M)
-    stream.log(f"{entity}/outline", lines)
+    stream.log(f"{entity}/outline", line_strips([with_first_point(r) for r in rings], color))
     if name:
         label = rr.Points3D([at], labels=[name], colors=rgb(color), radii=0.01)
         stream.log(f"{entity}/name", label)
 
 
-def log_planes(stream: rr.RecordingStream, outlines: Sequence[Float64], ids: Sequence[int]) -> None:
-    """Log the outlines (N, 3) of tracked planes in odom, m, with the ids that colour them."""
-    colors = [rgb(palette.color_by_id(i)) for i in ids]
-    stream.log(f"{ODOM}/planes", rr.LineStrips3D(outlines, colors=colors, radii=RADIUS_M))
+def log_planes(stream: rr.RecordingStream, outlines: Mapping[int, Float64]) -> None:
+    """Log the outlines of tracked planes, lines (N, 3) in odom, m, by id."""
+    colors = [rgb(palette.color_by_id(i)) for i in outlines]
+    lines = rr.LineStrips3D([*outlines.values()], colors=colors, radii=RADIUS_M)
+    stream.log(f"{ODOM}/planes", lines)
 
 
-def log_part(
-    stream: rr.RecordingStream,
-    ix: ArrayLike,
-    iy: ArrayLike,
-    bottom: ArrayLike,
-    top: ArrayLike,
-    cell_size: float,
-) -> None:
-    """Log a coarse part map as boxes (N,): cells of an edge length, m, and heights, cm, in odom."""
-    low, high = np.asarray(bottom) * 0.01, np.asarray(top) * 0.01
-    xy = (np.stack([ix, iy], axis=1) + 0.5) * cell_size
+def log_part(stream: rr.RecordingStream, table: Int64, cell_size: float) -> None:
+    """Log a coarse part map as boxes in odom.
+
+    Parameters
+    ----------
+    stream
+        Stream with its time set.
+    table
+        int64 (4, N), rows of `results.cycles_file.coarsen`.
+    cell_size
+        Edge length of its cells, m.
+    """
+    low, high = 0.01 * table[2:]
+    xy = (table[:2].T + 0.5) * cell_size
     half = np.full((len(low), 3), 0.5 * cell_size)
     half[:, 2] = 0.5 * (high - low)
     centers = np.column_stack([xy, 0.5 * (low + high)]).astype(np.float32)

@@ -27,15 +27,14 @@ from tccm_ros.view.rerun_sensors import SensorLog
 from tccm_ros.view.rerun_shapes import (
     BASE,
     ODOM,
-    RADIUS_M,
     begin,
     blueprint,
+    line_strips,
     log_heading,
     log_part,
     log_planes,
     log_pose,
     log_surface,
-    rgb,
     set_stamp,
     sign_arrow,
     wall_face,
@@ -82,7 +81,7 @@ class RerunStream:
         self._url, self._address = url, viewer_address(url)
         self._config = config or Config()
         self._state, self._lock = LiveState(), threading.Lock()
-        self._newest: dict[str, Write] = {}
+        self._newest: dict[str, tuple[int, Write]] = {}
         self._log: SensorLog | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rerun", daemon=True)
@@ -96,38 +95,29 @@ class RerunStream:
     def add(self, event: Event) -> None:
         """Show a posed record, or the odometry frame in map; of each sensor the newest counts."""
         if isinstance(event, Posed):
-            self._put(event.role, lambda log: _log_record(log, event))
+            stamp_ns = int(event.pose_stamps_ns[0])
+            self._put(event.role, stamp_ns, lambda log: _log_record(log, event))
         elif isinstance(event, MapOdom):
-            self._put(ODOM, lambda log: _log_frame(log, event))
+            T = event.T_map_odom
+            self._put(ODOM, event.stamp_ns, lambda log: log_pose(log.stream, ODOM, T))
 
     def show_planes(self, stamp_ns: int, outlines: Mapping[int, Float64]) -> None:
         """Show the tracked planes of a tilt cycle, by id, as lines (N, 3) in odom, m."""
-
-        def write(log: SensorLog) -> None:
-            set_stamp(log.stream, stamp_ns)
-            log_planes(log.stream, list(outlines.values()), list(outlines))
-
-        self._put("planes", write)
+        self._put("planes", stamp_ns, lambda log: log_planes(log.stream, outlines))
 
     def show_part(self, stamp_ns: int, table: Int64, cell_size: float) -> None:
         """Show the part map of a tilt cycle: rows of `results.cycles_file.coarsen`."""
-
-        def write(log: SensorLog) -> None:
-            set_stamp(log.stream, stamp_ns)
-            ix, iy, bottom, top = table
-            log_part(log.stream, ix, iy, bottom, top, cell_size)
-
-        self._put("part_map", write)
+        self._put("part_map", stamp_ns, lambda log: log_part(log.stream, table, cell_size))
 
     def close(self) -> None:
         """Send the newest state and end the thread."""
         self._ended.set()
         self._thread.join()
 
-    def _put(self, name: str, write: Write) -> None:
-        """Replace the unsent record of this name."""
+    def _put(self, name: str, stamp_ns: int, write: Write) -> None:
+        """Replace the unsent record of this name by one at a stamp, ns."""
         with self._lock:
-            self._newest[name] = write
+            self._newest[name] = stamp_ns, write
 
     # --- in the thread ---
 
@@ -165,24 +155,19 @@ class RerunStream:
         return SensorLog(self._config, stream)
 
 
-def _write_all(log: SensorLog, newest: Iterable[Write]) -> None:
-    """Log measurements; a new depth camera gets its place in the layout."""
+def _write_all(log: SensorLog, newest: Iterable[tuple[int, Write]]) -> None:
+    """Log measurements at their stamps, ns; a new depth camera gets its place in the layout."""
     known = len(log.cameras)
-    for write in newest:
+    for stamp_ns, write in newest:
+        set_stamp(log.stream, stamp_ns)
         write(log)
     if len(log.cameras) > known:
         log.stream.send_blueprint(blueprint(log.cameras))
 
 
 def _log_record(log: SensorLog, event: Posed) -> None:
-    set_stamp(log.stream, int(event.pose_stamps_ns[0]))
     log_pose(log.stream, BASE, event.T_odom_base[0])
     log.add(event)
-
-
-def _log_frame(log: SensorLog, event: MapOdom) -> None:
-    set_stamp(log.stream, event.stamp_ns)
-    log_pose(log.stream, ODOM, event.T_map_odom)
 
 
 def viewer_address(url: str) -> tuple[str, int]:
@@ -234,13 +219,11 @@ def _object(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> No
     corners, (low, high) = np.array(value["corners"]), (value["low"], value["high"])
     ends = np.array([with_first_point(np.column_stack([corners, [z] * 4])) for z in (low, high)])
     posts = [ends[:, k] for k in range(4)]
-    lines = rr.LineStrips3D([*ends, *posts], colors=rgb(palette.OBJECT), radii=RADIUS_M)
-    stream.log(entity, lines)
+    stream.log(entity, line_strips([*ends, *posts], palette.OBJECT))
 
 
 def _wall(stream: rr.RecordingStream, entity: str, value: Any, ground: float) -> None:
-    face = wall_face(value["ends"], ground)
-    stream.log(entity, rr.LineStrips3D([face], colors=rgb(palette.WALL), radii=RADIUS_M))
+    stream.log(entity, line_strips([wall_face(value["ends"], ground)], palette.WALL))
 
 
 def _sign(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> None:
@@ -250,7 +233,7 @@ def _sign(stream: rr.RecordingStream, entity: str, value: Any, _: float) -> None
 def _path(stream: rr.RecordingStream, entity: str, value: Any, ground: float) -> None:
     xy = np.reshape(value["xy"], (-1, 2))
     line = np.column_stack([xy, np.full(len(xy), ground)])
-    stream.log(entity, rr.LineStrips3D([line], colors=rgb(palette.PATH), radii=RADIUS_M))
+    stream.log(entity, line_strips([line], palette.PATH))
 
 
 WRITERS = {"surface": _surface, "object": _object, "sign": _sign, "wall": _wall, "path": _path}

@@ -8,7 +8,7 @@ from plane_rig import EYE, part_map
 from scipy.stats import chi2
 
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, CuboidArrays
-from tccm_ros.planes.arrays import plane_map
+from tccm_ros.planes.arrays import PlaneMap, plane_map
 from tccm_ros.planes.inliers import (
     NOTHING,
     add_scaled,
@@ -78,3 +78,23 @@ def test_all_cuboids_of_a_cell_contribute_to_a_steep_plane(slope_deg, is_steep):
     plane = fit_horizontal(arrays, members, deep, (*normal.tolist(), offset, 1e-6), total)
     assert total[0] > 0.9 * len(points)
     assert abs(np.array(plane[:3]) @ normal) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("scatter", "is_used"), [(1.4, True), (1.6, False)])
+def test_cuboid_near_an_edge_is_used_up_to_two_deviations_of_scatter(scatter, is_used):
+    """The sum of 32 squares has a mean of 32 and a sigma of 8: at most 48, 1.5 times the mean."""
+    rng = np.random.default_rng(0)
+    sigma, count = 0.002, 21
+    z = sigma * np.tile([-1.0, 1.0], 16)
+    ix, iy = np.arange(count, dtype=np.int32), np.zeros(count, np.int32)
+    patches = [
+        np.column_stack([0.02 * k + rng.uniform(0.0, 0.02, (32, 2)), z]) for k in range(count)
+    ]
+    patches[-1][:, 2] *= np.sqrt(scatter)
+    M = np.array([moments(patch) for patch in patches])
+    spans = np.full(count, -30, np.int32), np.full(count, 30, np.int32)
+    none = np.zeros(0, np.int32), np.zeros((0, 10))
+    cuboids = PlaneMap(M, ix, iy, *spans, *none, 200.0, 1e-4, np.zeros(3))
+    total, near_edge = np.zeros(10), np.zeros(count, bool)
+    fit_horizontal(cuboids, ix, near_edge, (0.0, 0.0, 1.0, 0.0, sigma**2), total)
+    assert total[0] == 32 * (count if is_used else count - 1)

@@ -44,6 +44,12 @@ def test_coarsening_is_the_union_of_intervals_with_small_gaps_closed(rows):
     assert coarsen(*columns).T.tolist() == [list(e) for e in expected]
 
 
+@pytest.mark.parametrize(("gap_cm", "count"), [(2, 1), (3, 2)])
+def test_gaps_of_more_than_two_centimetres_stay(gap_cm, count):
+    intervals = np.array([(0, 0, 0, 10), (0, 0, 10 + gap_cm, 30)], np.int64)
+    assert coarsen(*intervals.T).shape == (4, count)
+
+
 def test_a_coarse_cuboid_contains_the_cuboids_that_it_is_made_of():
     history = CycleHistory(window=10)
     history.add(0, 5, cuboids([(-1, 2, -101, 99), (5, 3, 6900, 7001)]))

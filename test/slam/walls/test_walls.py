@@ -142,6 +142,15 @@ def test_lines_are_assigned_as_by_plain_python(spread, seed):
         assert (found["low"], found["high"]) == pytest.approx((wall.low, wall.high), abs=1e-6)
 
 
+@pytest.mark.parametrize(("angle", "walls"), [(0.33, 1), (0.37, 2)])
+def test_lines_at_more_than_20_degrees_are_of_different_walls(angle, walls):
+    """However uncertain their directions are."""
+    ends = np.array([[[2.0, -1.0], [2.0, 1.0]], [[2.0, -0.02], [2.0, 0.02]]])
+    variance, origin = np.full(2, 0.5), np.zeros((2, 2))
+    segments = _Segments(np.array([0, 1]), ends, np.array([0.0, angle]), variance, origin)
+    assert len(_associate(segments, GATES, NO_WALLS)[1]) == walls
+
+
 def test_the_examples_have_new_walls_shared_walls_and_dropped_lines():
     dropped = joined = 0
     for seed in range(20):

@@ -77,7 +77,7 @@ class Watch(Node):
         self.create_subscription(PoseWithCovarianceStamped, "/pose", self._on_pose, 200)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 10)
         pairs = [(node, what) for node in NODES for what in SERVICES]
-        self.services = {p: self.create_client(Trigger, f"/{p[0]}/{p[1]}") for p in pairs}
+        self.triggers = {p: self.create_client(Trigger, f"/{p[0]}/{p[1]}") for p in pairs}
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         stamp = message.header.stamp
@@ -102,7 +102,7 @@ class Watch(Node):
     def call(self, node: str, what: str) -> tuple[float, str]:
         """Call a service; return its duration, s, and its message."""
         start_s = time.monotonic()
-        future = self.services[node, what].call_async(Trigger.Request())
+        future = self.triggers[node, what].call_async(Trigger.Request())
         self.spin_until(future.done, f"{node} {what}", 60.0)
         said = future.result().message if future.done() else "no answer"
         return time.monotonic() - start_s, said
@@ -255,7 +255,8 @@ def soak_bag(
         if not compare:
             return
         options = [word for rule in remaps for word in ("--remap", rule)]
-        command = ["tccm", "replay", str(bag), "--out", str(offline), "--no-pictures", "--quiet"]
+        tccm = str(Path(sys.executable).with_name("tccm"))
+        command = [tccm, "replay", str(bag), "--out", str(offline), "--no-pictures", "--quiet"]
         subprocess.run([*command, *options], check=True)
         for name in EQUAL:
             is_equal = (live / name).read_bytes() == (offline / name).read_bytes()
@@ -393,7 +394,7 @@ class Day:
             self._call(name, "save_map")
         self._nodes.stop(name)
         self._nodes.start(name)
-        saver = watch.services[name, "save_map"]
+        saver = watch.triggers[name, "save_map"]
         watch.spin_until(lambda: not saver.service_is_ready(), f"{name} to be gone", 10.0)
         watch.spin_until(saver.service_is_ready, f"{name} again", 120.0)
         watch.hear_again(name)

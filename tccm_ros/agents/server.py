@@ -29,7 +29,7 @@ from tccm_ros.agents.facts import (
 )
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.report.entities import seconds
-from tccm_ros.scene.queries import word_parts
+from tccm_ros.scene.words import word_parts
 
 INSTRUCTIONS = """\
 A map of the horizontal surfaces (tables, counters, shelves, ...) around a mobile manipulator.

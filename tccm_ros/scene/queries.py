@@ -7,7 +7,6 @@ so that a query takes milliseconds on a map of any size.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -28,6 +27,7 @@ from tccm_ros.racks.insertions import (
 )
 from tccm_ros.records import Surface
 from tccm_ros.scene.base_poses import BasePose, FreeFloor
+from tccm_ros.scene.words import word_parts
 from tccm_ros.surfaces.objects.scene_objects import SceneObject, outline_of
 from tccm_ros.tabletop.placements import (
     ApproachDirection,
@@ -406,8 +406,3 @@ def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) ->
         )
         and all(part in text for word in wanted.words for part in word_parts(word))
     )
-
-
-def word_parts(text: str) -> list[str]:
-    """Return the alphanumeric parts of a text in lower case: C7-118 is found as C7 118."""
-    return re.findall(r"[^\W_]+", text.casefold())

@@ -105,7 +105,7 @@ def find(arrays: dict, drive: Drive, start: int, told: Float64 | None = None) ->
         if driven > LONG_M or (told is not None and after_s > 1.0):
             return None
         scan_pose = slam.add_scan(drive.scans[k])
-        if slam.has_place_now:
+        if slam.is_located:
             scans = k - start + 1
             busy_s = (time.process_time() - began) / scans
             return Found(after_s, driven, scans, scan_pose.pose, busy_s)

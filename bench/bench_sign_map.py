@@ -138,10 +138,10 @@ def relocalisation(seeds: int) -> None:
             later = WallSlam.from_saved(Config(), state)
             pose, truth = drive(later, path, 10 + k, what)
             away = float(np.hypot(*(pose - truth)[:2]))
-            refused += not later.has_place_now
-            right += later.has_place_now and away < 0.1
-            wrong += later.has_place_now and away >= 0.1
-            errors += [away] if later.has_place_now else []
+            refused += not later.is_located
+            right += later.is_located and away < 0.1
+            wrong += later.is_located and away >= 0.1
+            errors += [away] if later.is_located else []
         print(
             f"{name:8} {len(starts):6} {right:6} {wrong:6} {refused:8} {100 * max(errors):8.1f}",
             flush=True,

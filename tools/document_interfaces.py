@@ -23,12 +23,13 @@ PAGE = ROOT / "docs" / "reference" / "interfaces.md"
 HEAD = f"""\
 # Messages, services and actions
 
-What the package `{PACKAGE}` defines; `interfaces/README.md` says how it is built. Units are SI; a
-unit of `-` says that there is none, and where none stands, the fields of the type have their own.
-What is not known is nan in a number, -1 in an id, 0 in a stamp, and empty in a text or a list.
+The messages and services of the package `{PACKAGE}`; `interfaces/README.md` says how it is built.
+Units are SI; a unit of `-` says that there is none. A field without a unit has a message type: the
+units are those of its fields. Unknown values are nan in a number, -1 in an id, 0 in a stamp, and
+empty in a text or a list.
 
-Nodes publish and answer what [their page](nodes.md) lists, where the package is installed. The
-covariance of planes is not offered in this version.
+[The page of the nodes](nodes.md) lists who publishes and answers them, where the package is
+installed.
 
 This page is made from the definitions by `python tools/document_interfaces.py`.
 """

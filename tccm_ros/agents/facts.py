@@ -49,10 +49,19 @@ class SurfaceFacts:
     def of(cls, surface: MapSurface) -> SurfaceFacts:
         """Return the facts of a surface of a map."""
         height, length, width, area = rounded([surface.height, *surface.size, surface.area])
-        signs, center = list(surface.near_signs), rounded(surface.T_map_surface[:3, 3])
-        names = surface.label, surface.room, signs
-        seen = seconds(surface.first_seen_ns), seconds(surface.last_seen_ns)
-        return cls(surface.id, *names, height, length, width, area, center, *seen)
+        return cls(
+            id=surface.id,
+            label=surface.label,
+            room=surface.room,
+            near_signs=list(surface.near_signs),
+            height_m=height,
+            length_m=length,
+            width_m=width,
+            area_m2=area,
+            center_m=rounded(surface.T_map_surface[:3, 3]),
+            first_seen_s=seconds(surface.first_seen_ns),
+            last_seen_s=seconds(surface.last_seen_ns),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +93,15 @@ class ObjectFacts:
     @classmethod
     def of(cls, item: MapObject) -> ObjectFacts:
         """Return the facts of an object of a map."""
-        center, size = rounded(item.T_map_object[:3, 3]), rounded(item.size)
-        seen = seconds(item.first_seen_ns), seconds(item.last_seen_ns)
-        return cls(item.id, item.label, item.surface_id, center, size, *seen)
+        return cls(
+            id=item.id,
+            label=item.label,
+            surface_id=item.surface_id,
+            center_m=rounded(item.T_map_object[:3, 3]),
+            size_m=rounded(item.size),
+            first_seen_s=seconds(item.first_seen_ns),
+            last_seen_s=seconds(item.last_seen_ns),
+        )
 
 
 @dataclass(frozen=True, slots=True)

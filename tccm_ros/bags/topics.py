@@ -402,7 +402,7 @@ def tilting_lasers(
 def add_latched(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> None:
     """Give a robot the first description and static transforms of a bag: they hold at any time.
 
-    What is refused is not counted, since all records are given to the robot again.
+    Refusals are not counted, since all records are given to the robot again.
 
     Parameters
     ----------

@@ -29,9 +29,11 @@ class ApproachConfig(Group):
     speed: float = param(0.25, "top speed; half of it up to the edge", unit="m/s", gt=0.0, le=1.0)
     yaw_rate: float = param(0.6, "top rate of turning", unit="rad/s", gt=0.0, le=3.0)
     acceleration: float = param(
-        0.3, "of the base; it brakes twice as hard", unit="m/s2", gt=0.0, le=2.0
+        0.3, "acceleration of the base; its deceleration is twice this", unit="m/s2", gt=0.0, le=2.0
     )
-    yaw_acceleration: float = param(1.0, "as acceleration, of turns", unit="rad/s2", gt=0.0, le=6.0)
+    yaw_acceleration: float = param(
+        1.0, "as acceleration, of rotations", unit="rad/s2", gt=0.0, le=6.0
+    )
     latency: float = param(
         0.1, "between a command and the motion that it makes", unit="s", ge=0.0, le=0.5
     )

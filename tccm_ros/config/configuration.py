@@ -85,8 +85,8 @@ class Config(Group):
     )
     reorder_window: float = param(
         0.05,
-        "after a gap in its stamps a sensor waits so long, in its own time, for a record that was "
-        "overtaken; 0 for none",
+        "after a gap in its stamps, a sensor waits this long, by its stamps, for late records; 0 "
+        "for none",
         unit="s",
         ge=0.0,
         le=1.0,

@@ -32,7 +32,7 @@ class TfConfig(Group):
     publish: bool = param(
         True, "publish map -> odom on /tf where tf2_msgs is installed", read_only=True
     )
-    rate: float = param(20.0, "of map -> odom", unit="Hz", gt=0.0, le=200.0)
+    rate: float = param(20.0, "rate at which map -> odom is published", unit="Hz", gt=0.0, le=200.0)
     transform_tolerance: float = param(
         0.1, "map -> odom is stamped this much after the newest scan", unit="s", ge=0.0, le=10.0
     )

@@ -64,7 +64,7 @@ class RigConfig(Group):
     )
     pan_offset: float = param(
         0.0,
-        "added to the measured angle of the turning joint before the tilt joint: a head's pan",
+        "added to the measured angle of the pan joint of a head, which is before the tilt joint",
         unit="rad",
         ge=-3.2,
         le=3.2,
@@ -169,7 +169,7 @@ class SensorsConfig(Group):
     )
     depth_systematic: Systematic = param(
         (0.002, 0.003, 0.001, 0.005),
-        "standard deviations of what the depths of an image have in common: an offset (m), a "
+        "standard deviations of the common error of the depths of an image: an offset (m), a "
         "scale (1) and a bend (1/m), for an error offset + scale z + bend z^2, and the camera's "
         "direction (rad)",
     )

@@ -486,7 +486,7 @@ class SurfaceSlam:
     @property
     def _is_lost(self) -> bool:
         """Whether this session is not yet localised in the saved walls, or by another program."""
-        is_searched = bool(self.saved_keyframes) and not self.wall_slam.has_place
+        is_searched = bool(self.saved_keyframes) and not self.wall_slam.is_first_session_placed
         return is_searched or self.wall_slam.waits_for_external_pose
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:

@@ -1,4 +1,4 @@
-"""One map of slam_node: the base is tracked, the map solved now and then, and both published.
+"""The map of slam_node: gives events to the tracker and the solver, and publishes their results.
 
 Everything here runs in the node's worker.
 """
@@ -49,7 +49,8 @@ class MapSession:
     solver
         Solves the map in another process.
     live, localisation, outputs, client_api
-        Publish the pose, its state, the topics of a solution, and all that clients ask for.
+        Publishers of the pose, its state and the topics of a solution, and the services and topics
+        for clients.
     on_forget
         Called when the map begins anew.
     is_running
@@ -58,7 +59,7 @@ class MapSession:
     Attributes
     ----------
     tracker
-        Where the base is.
+        Tracks the base.
     newest_ns
         Stamp of the newest event, ns.
     """

@@ -93,7 +93,7 @@ class Growth:
     ) -> None:
         self.used = used
         self._config, self._chain, self._closer, self._lines = config, chain, closer, lines
-        self._localised, self._loops_seen = closer.localised, len(closer.accepted)
+        self._in_map, self._loops_seen = closer.in_map, len(closer.accepted)
         self._changing, keys = {*changing}, chain.keys
         self.poses = self._assigned_at = solution.planar_poses(keys)
         self._walls = GrowingWalls(used.walls, self.poses, lines, config)
@@ -115,7 +115,7 @@ class Growth:
         chain, closer = self._chain, self._closer
         self._first_new = len(self.poses)
         new = range(self._first_new, len(chain.keys))
-        if self._localised != closer.localised or any(map(chain.starts, new)):
+        if self._in_map != closer.in_map or any(map(chain.starts, new)):
             return False
         for k in new:
             pose = compose_se2(self.poses[-1], chain.keyframes[k].delta)

@@ -242,7 +242,7 @@ class WallSlam:
     def _expect(self, level: LevelScan) -> None:
         """Set the expected place of the first scan of a session, from tracking."""
         is_pose_given, self._is_pose_given = self._is_pose_given, False
-        if is_pose_given and self._newest is not None and self.has_place_now:
+        if is_pose_given and self._newest is not None and self.is_located:
             last = self._front.tracked[-1]
             step = compose_se2(last.pose, between_se2(self._newest.odom, level.odom))
             self._closer.set_expected(compose_se2(self._closer.poses[last.keyframe], step))
@@ -306,9 +306,9 @@ class WallSlam:
         return self._front.is_lost or self._is_detached(self._front.session)
 
     @property
-    def has_place_now(self) -> bool:
-        """Whether the newest session has a place in the map."""
-        return self._front.session in self._closer.localised
+    def is_located(self) -> bool:
+        """Whether the newest session is located in the map."""
+        return self._front.session in self._closer.in_map
 
     @property
     def session(self) -> int:
@@ -322,13 +322,13 @@ class WallSlam:
 
     @property
     def waits_for(self) -> str:
-        """Reason why the newest session has no place in the map yet; empty if it has."""
+        """Reason why the newest session is not located in the map yet; empty if it is."""
         return self._closer.waits_for
 
     @property
-    def has_place(self) -> bool:
-        """Whether the first session of this run has a place; always True without a saved map."""
-        return self._first_session in self._closer.placed
+    def is_first_session_placed(self) -> bool:
+        """Whether the first session of this run is on a trajectory; True without a saved map."""
+        return self._first_session in self._closer.on_trajectory
 
     @property
     def is_unjoined(self) -> bool:
@@ -346,8 +346,8 @@ class WallSlam:
         return self._closer.placed_by_sign.get(self._front.session, -1)
 
     def _is_detached(self, session: int) -> bool:
-        """Return whether a session began with a lost robot, and has no place in the map."""
-        return session > self._first_session and session not in self._closer.placed
+        """Return whether a session began with a lost robot, and is on no trajectory yet."""
+        return session > self._first_session and session not in self._closer.on_trajectory
 
     def _is_in_map(self, k: int) -> bool:
         return not self._is_detached(self._chain.keyframes[k].session)
@@ -406,7 +406,7 @@ class WallSlam:
         solution = PoseGraph(graph_factors.values(), starts).optimise()
         covs = np.array([solution.planar_covariance(key) for key in keys]) * used.scale
         covs += systematic_covariances(solution, self._chain)
-        is_in_map = {k.session for k in self._chain.keyframes} <= self._closer.localised
+        is_in_map = {k.session for k in self._chain.keyframes} <= self._closer.in_map
         if not is_final and len(keys) >= MIN_KEYFRAMES and is_in_map:
             self._solved_signs = len(self._measured.signs)
             self._growth = Growth(
@@ -431,18 +431,18 @@ class WallSlam:
         stamps_ns = np.array([p.stamp_ns for p in tracked], np.int64)
         attitudes = self._measured.attitudes.at(stamps_ns)
         return Solution(
-            [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
-            wall_records(used.walls, used.corners, solution, used.scale),
-            used.records,
-            stamps_ns,
-            scan_poses(tracked, keyframes, poses),
-            np.array([solution.pose(key) for key in views]).reshape(-1, 4, 4),
-            np.array([solution.covariance(key) for key in views]).reshape(-1, 6, 6),
-            np.array([v.keyframe for v in views.values()], np.int64),
-            cov_keyframes,
-            used.scale,
-            landmarks,
-            sign_records(used.signs, landmarks, solution, used.walls.whole_numbers()),
+            keyframes=[Keyframe(k.id, k.scan.stamp_ns, p) for k, p in zip(keyframes, poses)],
+            walls=wall_records(used.walls, used.corners, solution, used.scale),
+            loops=used.records,
+            stamps_ns=stamps_ns,
+            poses=scan_poses(tracked, keyframes, poses),
+            T_map_views=np.array([solution.pose(key) for key in views]).reshape(-1, 4, 4),
+            cov_views=np.array([solution.covariance(key) for key in views]).reshape(-1, 6, 6),
+            view_keyframes=np.array([v.keyframe for v in views.values()], np.int64),
+            cov_keyframes=cov_keyframes,
+            unit_variance=used.scale,
+            landmarks=landmarks,
+            signs=sign_records(used.signs, landmarks, solution, used.walls.whole_numbers()),
             refused_signs=tuple(used.refused_signs),
             attitudes=attitudes if attitudes.any() else attitudes[:0],
             is_chain=not (has_others or len(used.walls)),
@@ -559,7 +559,7 @@ class WallSlam:
     ) -> list[Anchored]:
         """Return records of sessions in the map's frame, anchored to their keyframes."""
         poses = self._anchor([x.stamp_ns for x in records]) if self._front.tracked else []
-        keyframes, localised = self._chain.keyframes, self._closer.localised
+        keyframes, localised = self._chain.keyframes, self._closer.in_map
         pairs = zip(records, poses)
         return [anchored(x, a) for x, a in pairs if keyframes[a.keyframe].session in localised]
 
@@ -610,7 +610,7 @@ class WallSlam:
 
     def placed_keyframe(self) -> SolvedKeyframe | None:
         """Return the newest keyframe in the map, before it is solved; None without a place."""
-        if not self._front.keyframes or self._front.session not in self._closer.placed:
+        if not self._front.keyframes or self._front.session not in self._closer.on_trajectory:
             return None
         keyframe = self._front.keyframes[-1]
         near = [p for p in self._closer.accepted if p.b == keyframe.id]

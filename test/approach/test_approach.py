@@ -40,7 +40,7 @@ def assert_is_there(base, gap=0.05):
     assert base.contacts == 0
 
 
-def test_the_side_that_is_asked_for_is_taken_at_the_gap_that_is_asked_for():
+def test_requested_side_and_gap_are_used():
     flat = simple_flat()
     machine, base = approach(flat, gap=0.1, side=math.pi / 2)
     assert run(machine, base).reason == Reason.NONE

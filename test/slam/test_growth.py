@@ -16,7 +16,7 @@ from tccm_ros.slam.walls.growing import GrowingWalls
 RING = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (12, 0), (12, 9), (6, 9)]
 VIEW_STEP, LATE_NS = 40, 30_000_000
 MAX_M, MAX_RAD = 1e-3, np.radians(0.01)
-"""How far a solution may be from the batch: what issue and contract ask."""
+"""Tolerance between a solution and its batch (docs/design/wall_slam.md)."""
 
 
 @pytest.fixture(scope="module")

@@ -92,7 +92,7 @@ def test_a_beacon_is_estimated_drawn_saved_and_used_by_a_later_session(tmp_path)
 
     later = WallSlam.from_saved(Config(), load_map(tmp_path / "one" / "map.mcap").walls)
     drive(later, [(12, 4), (12, 9), (3, 9)], 8, 2 * 10**18)
-    assert later.has_place_now
+    assert later.is_located
     again = later.solve().landmarks
     assert_true(again)
     more = {a.id: b.observations - a.observations for a, b in zip(first, again)}

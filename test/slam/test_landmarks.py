@@ -70,7 +70,7 @@ def test_landmarks_stay_while_the_robot_has_no_place(run):
     slam.add_guess(PoseGuess(stamp, np.array([6.0, 4.5, 0.3]), np.diag([0.04, 0.04, 0.01])))
     hidden = replace(run.scans[30].scan, ranges=np.full_like(run.scans[30].scan.ranges, 0.4))
     slam.add_scan(replace(run.scans[30], record=hidden))
-    assert not slam.has_place_now
+    assert not slam.is_located
     assert [m.observations for m in slam.solve().landmarks] == [len(seen)]
 
 

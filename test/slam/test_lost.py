@@ -148,7 +148,7 @@ def test_wrong_supplied_pose_removes_nothing_of_a_localised_robot(run):
     slam.add_scan(run.scans[at - 1])
     tracker.add(run.scans[at - 1])
     assert tracker.state == LocalisationState.TRACKING
-    assert slam.has_place_now
+    assert slam.is_located
     assert not slam.is_at_given_pose
     tracker.take(solved_map(slam)[1])
     for pose in (slam.solve().poses[-1], tracker.current_pose().pose):
@@ -228,13 +228,13 @@ def test_a_robot_that_stands_is_found_by_its_first_scan_or_waits(saved, place):
     pose = slam.add_scan(standing(place)[0]).pose
     error = between2(np.array(place), pose)
     is_right = np.hypot(*error[:2]) < 0.1 and abs(error[2]) < 0.05
-    assert is_right if slam.has_place_now else slam.waits_for
+    assert is_right if slam.is_located else slam.waits_for
 
 
 def test_stationary_robot_at_a_unique_place_is_found(saved):
     slam = WallSlam.from_saved(Config(), saved)
     pose = slam.add_scan(standing((2.0, 0.3, 0.5))[0]).pose
-    assert slam.has_place_now
+    assert slam.is_located
     assert slam.waits_for == ""
     assert np.hypot(*between2(np.array([2.0, 0.3, 0.5]), pose)[:2]) < 0.1
 
@@ -245,9 +245,9 @@ def test_a_robot_whose_first_scan_is_hidden_is_found_standing(saved):
     ranges = np.full_like(scans[0].scan.ranges, 0.4)
     slam = WallSlam.from_saved(Config(), saved)
     slam.add_scan(replace(scans[0], record=replace(scans[0].scan, ranges=ranges)))
-    assert not slam.has_place_now
+    assert not slam.is_located
     pose = [slam.add_scan(scan).pose for scan in scans[1:]][-1]
-    assert slam.has_place_now
+    assert slam.is_located
     assert np.hypot(*between2(np.array([2.0, 0.3, 0.5]), pose)[:2]) < 0.1
 
 
@@ -258,7 +258,7 @@ def test_pose_supplied_before_the_first_scan_places_a_stationary_robot(saved):
     cov = np.diag([0.25, 0.25, np.radians(15.0) ** 2])
     slam.add_guess(PoseGuess(10**18, place + off, cov))
     pose = slam.add_scan(standing(place)[0]).pose
-    assert slam.has_place_now
+    assert slam.is_located
     assert slam.is_at_given_pose
     assert np.hypot(*between2(place, pose)[:2]) < 0.1
 
@@ -268,7 +268,7 @@ def test_a_robot_in_a_room_that_the_map_does_not_have_is_found_nowhere(saved):
     slam = WallSlam.from_saved(Config(), saved)
     for scan in plan.drive(walls, plan.route([(1, 0.6), (6, 2), (1, 3.5)]), seed=3).scans:
         slam.add_scan(scan)
-        assert not slam.has_place_now
+        assert not slam.is_located
     assert slam.waits_for
 
 
@@ -309,7 +309,7 @@ def drive_on(slam, poses, start_s=0.0, seed=6):
     for k, scan in enumerate(plan.drive(ANNEX, poses, seed=seed, start_ns=start_ns).scans):
         slam.add_scan(scan)
         path = np.hypot(*np.diff(poses[: k + 1, :2], axis=0).T).sum()
-        rows.append((path, slam.has_place_now, slam.is_unjoined))
+        rows.append((path, slam.is_located, slam.is_unjoined))
     return np.array(rows)
 
 
@@ -394,5 +394,5 @@ def test_a_lost_robot_in_a_room_that_no_map_has_goes_on_beside_the_map():
         slam.add_scan(scan)
     assert slam.is_unjoined
     assert not slam.is_lost
-    assert not slam.has_place_now
+    assert not slam.is_located
     assert slam.saved()["unjoined_sessions"].tolist() == [[1, 1]]

@@ -219,9 +219,9 @@ def test_a_session_is_localised_in_a_saved_map_from_an_unknown_start(lap, solved
     later = WallSlam.from_saved(config, slam.saved())
     route = plan.route([(12, 4), (12, 9), (3, 9)])
     run = plan.drive(WALLS, route, seed=8, start_ns=2 * 10**18)
-    assert not later.has_place_now
+    assert not later.is_located
     pose = [later.add_scan(scan).pose for scan in run.scans][-1]
-    assert later.has_place_now
+    assert later.is_located
     assert np.allclose(pose[:2], route[-1, :2], atol=0.1)
     found = later.solve()
     assert len(found.poses) == len(run.scans)

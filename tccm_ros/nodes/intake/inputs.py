@@ -71,6 +71,8 @@ class Input:
         Arrival time of the last message, ns of the node clock; None before the first.
     sequence
         Sequence number of the last message; None before the first or if the middleware has none.
+    instead
+        Topics that may be published in place of this one.
     refused
         Number of messages that could not be used.
     latency_s

@@ -1,4 +1,4 @@
-"""What is under furniture, for Nav2's costmaps, if nav2_msgs is installed.
+"""The area below furniture, for Nav2's costmaps, if nav2_msgs is installed.
 
 The keepout filter takes a mask and its CostmapFilterInfo; the vector object server, which later
 distributions than Jazzy have, takes a polygon per surface.

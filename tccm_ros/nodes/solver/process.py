@@ -141,7 +141,7 @@ class SolverProcess:
     @property
     def _localisation(self) -> tuple[int, bool, bool, str]:
         walls = self._slam.wall_slam
-        return walls.session, walls.has_place_now, walls.is_unjoined, walls.waits_for
+        return walls.session, walls.is_located, walls.is_unjoined, walls.waits_for
 
     def _report_localisation(self) -> None:
         """Report a change of the localisation, or of its wait condition, at once."""

@@ -53,7 +53,7 @@ UNJOINED = (
     "no place of the map fits: a new trajectory has begun beside the map, and is joined to it once "
     "a place fits"
 )
-"""Reasons why a session is not placed in the map yet."""
+"""Reasons why a session is not located in the map yet."""
 
 SEARCH_PERIOD_NS = 500_000_000
 """Time between two searches of the whole map with scans that are no keyframes (chosen): a search of
@@ -156,7 +156,7 @@ class LoopCloser:
         """
         keyframe = self._chain.keyframes[tracked.keyframe]
         is_due = scan.stamp_ns - self._searched_ns >= SEARCH_PERIOD_NS
-        if keyframe.session in self.placed or not self._config.loops.enabled or not is_due:
+        if keyframe.session in self.on_trajectory or not self._config.loops.enabled or not is_due:
             return
         k = keyframe.id
         # Only this scan: surroundings of the keyframe may have changed.
@@ -186,7 +186,7 @@ class LoopCloser:
     def _begin_trajectory(self, k: int, stamp_ns: int) -> None:
         """Begin a trajectory with the session of keyframe k if it has been unplaced for long."""
         session = self._chain.keyframes[k].session
-        if session in self.placed or not self._begins_trajectories:
+        if session in self.on_trajectory or not self._begins_trajectories:
             return
         first = next(x for x in self._chain.keyframes if x.session == session)
         driven = self._lengths.driven[k] - self._lengths.driven[first.id]
@@ -213,12 +213,12 @@ class LoopCloser:
         return [replace(p, reason=LoopReason.UNCONFIRMED) for p in self._pending.values()]
 
     @property
-    def localised(self) -> frozenset[int]:
+    def in_map(self) -> frozenset[int]:
         """The sessions in the map's frame."""
         return frozenset(self._sessions_of(MAP))
 
     @property
-    def placed(self) -> frozenset[int]:
+    def on_trajectory(self) -> frozenset[int]:
         """The sessions in the map's frame, or on a trajectory beside it."""
         return frozenset(self._trajectories)
 
@@ -421,11 +421,11 @@ class LoopCloser:
             max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
             min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
         )
-        found = self._search.match_around(k, window, self.poses, self.localised)
+        found = self._search.match_around(k, window, self.poses, self.in_map)
         known: list[Proposal] = []
         if k == self._guessed and self._expected is not None:
             near = Window(self._expected, MIN_GUESS_M, MIN_GUESS_RAD)
-            known = self._search.match_around(k, near, self.poses, self.localised)
+            known = self._search.match_around(k, near, self.poses, self.in_map)
         if found or known:
             best = max([*found, *known], key=lambda p: p.score)
             if found and is_same_place(best, found[0], self.poses):
@@ -444,7 +444,7 @@ class LoopCloser:
             if is_localised and not is_far(self.poses[k], pose):
                 continue
             around = Window(pose, WINDOW_M, WINDOW_RAD)
-            near = self._search.match_around(k, around, self.poses, self.localised, self._lengths)
+            near = self._search.match_around(k, around, self.poses, self.in_map, self._lengths)
             found += [(proposal, known.sign) for proposal in near]
         if not found:
             return

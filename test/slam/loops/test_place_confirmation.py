@@ -99,10 +99,10 @@ def test_place_whose_walls_the_robot_sees_through_is_refused():
     path = plan.route([(1.5, 2.0), (3.5, 2.4)])
     for scan in plan.drive(np.concatenate([outline, niche]), path, seed=2).scans:
         again.add_scan(scan)
-        assert not again.has_place_now
+        assert not again.is_located
     # In the room itself, it is found.
     again = WallSlam.from_saved(Config(), slam.saved())
     run = plan.drive(np.concatenate([outline, niche, across]), path, seed=3)
     pose = again.add_scan(run.scans[0]).pose
-    assert again.has_place_now
+    assert again.is_located
     assert np.hypot(*between2(between2(lap[0], path[0]), pose)[:2]) < 0.1

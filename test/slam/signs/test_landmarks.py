@@ -252,7 +252,7 @@ def test_a_later_session_recognises_the_signs_of_a_saved_map(mapped, half):
     later.add_guess(PoseGuess(2 * 10**18, np.zeros(3), np.diag([0.2, 0.2, 0.1]) ** 2))
     for scan in run.scans:
         later.add_scan(scan)
-    assert later.has_place_now
+    assert later.is_located
     for sign in Pictures(PLATES, WALLS).along(route, run.stamps_ns, seed=8):
         later.add_sign(sign)
     after = later.solve()

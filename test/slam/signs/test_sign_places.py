@@ -58,7 +58,7 @@ def located(saved, path, plates, **options):
     """Return whether a robot finds its place in the saved map, and how far off it is, m."""
     slam = WallSlam.from_saved(Config(), saved)
     pose, truth = drive(slam, path, plates, **options)
-    return slam.has_place_now, float(np.hypot(*(pose - truth)[:2]))
+    return slam.is_located, float(np.hypot(*(pose - truth)[:2]))
 
 
 @pytest.mark.parametrize("where", DRIVES)
@@ -121,4 +121,4 @@ def test_a_text_does_not_place_a_robot_where_the_walls_are_others(saved):
         slam.add_sign(sign)
     for scan in run.scans:
         slam.add_scan(scan)
-    assert not slam.has_place_now
+    assert not slam.is_located

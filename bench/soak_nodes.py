@@ -251,7 +251,9 @@ def soak_bag(
         live, offline = Path(folder) / "live", Path(folder) / "offline"
         rules = [word for rule in remaps for word in ("-r", rule)]
         modules = {"both": "all_in_one"} if one_process else NODES
-        _drive(bag, rate, [*rules, *saving(live)], modules)
+        # The end of a session is solved as a batch, as a replay is; a save before it may not be.
+        words = [*rules, *saving(live), "-p", "save.on_shutdown:=true"]
+        _drive(bag, rate, words, modules)
         if not compare:
             return
         options = [word for rule in remaps for word in ("--remap", rule)]
